@@ -1,0 +1,117 @@
+//! A pinhole camera with OpenCV axes: x right, y down, z forward.
+
+use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
+
+/// A view of the world and the picture it makes.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    /// Rows are the camera's right, down and forward axes.
+    pub view_from_world: Mat3,
+    /// Where the camera is.
+    pub eye: Vec3,
+    /// Focal length in pixels, the same in x and y.
+    pub focal: f32,
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Depth under which nothing is drawn, in scene units.
+    pub near: f32,
+}
+
+impl Camera {
+    /// From a camera-to-world pose with OpenGL axes, as NeRF camera files hold it, and a horizontal field of view in radians.
+    pub fn from_opengl_pose(
+        world_from_camera: DMat4,
+        fov_x: f64,
+        [width, height]: [usize; 2],
+        near: f32,
+    ) -> Self {
+        let axis = |i: usize| world_from_camera.col(i).truncate().normalize_or_zero();
+        // Columns of this are the camera's axes in the world.
+        let world_from_view = DMat3::from_cols(axis(0), -axis(1), -axis(2));
+        Self {
+            view_from_world: world_from_view.transpose().as_mat3(),
+            eye: world_from_camera.col(3).truncate().as_vec3(),
+            focal: (0.5 * width as f64 / (fov_x / 2.0).tan()) as f32,
+            width,
+            height,
+            near,
+        }
+    }
+
+    /// A camera at `eye` that looks at `target` with `up` upwards in the picture.
+    pub fn look_at(
+        eye: Vec3,
+        target: Vec3,
+        up: Vec3,
+        fov_x: f64,
+        size: [usize; 2],
+        near: f32,
+    ) -> Self {
+        let forward = (target - eye).as_dvec3().normalize_or(DVec3::X);
+        let right = forward.cross(up.as_dvec3());
+        let right = if right.length_squared() > 1e-12 {
+            right.normalize()
+        } else {
+            // Looking along up: any right will do.
+            forward.any_orthonormal_vector()
+        };
+        let pose = DMat4::from_cols(
+            right.extend(0.0),
+            right.cross(forward).extend(0.0),
+            (-forward).extend(0.0),
+            eye.as_dvec3().extend(1.0),
+        );
+        Self::from_opengl_pose(pose, fov_x, size, near)
+    }
+
+    /// The same view with `factor` times the pixels along each edge.
+    pub fn supersampled(&self, factor: usize) -> Self {
+        Self {
+            focal: self.focal * factor as f32,
+            width: self.width * factor,
+            height: self.height * factor,
+            ..*self
+        }
+    }
+
+    /// Where the optical axis meets the picture; pixel centres are at integers.
+    pub fn principal_point(&self) -> [f32; 2] {
+        [
+            (self.width as f32 - 1.0) / 2.0,
+            (self.height as f32 - 1.0) / 2.0,
+        ]
+    }
+
+    /// Unit direction in the world of a pixel's centre.
+    pub fn ray(&self, x: usize, y: usize) -> Vec3 {
+        let [cx, cy] = self.principal_point();
+        let view = Vec3::new(x as f32 - cx, y as f32 - cy, self.focal);
+        (self.view_from_world.transpose() * view).normalize()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_where_it_is_told() {
+        let camera = Camera::look_at(
+            Vec3::new(3.0, 0.0, 0.0),
+            Vec3::ZERO,
+            Vec3::Z,
+            0.7,
+            [101, 51],
+            0.1,
+        );
+        assert!(camera.ray(50, 25).distance(Vec3::NEG_X) < 1e-6);
+        // Looking along -X with Z up, the right of the picture is +Y, and its top is +Z.
+        assert!(camera.ray(100, 25).y > 0.2);
+        assert!(camera.ray(50, 0).z > 0.05);
+        let edge = camera.ray(100, 25);
+        // Half the field of view, less half a pixel.
+        assert!((edge.y.atan2(-edge.x) - 0.35).abs() < 0.01);
+    }
+}

@@ -1,0 +1,327 @@
+//! Transfer curves, tone curves, and SH functions between display-encoded and linear colour. Light is linear everywhere else.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::sh::{self, MAX_COEFFICIENTS, SphereQuadrature, coefficient_count, evaluate_basis};
+
+/// Linear value of a display-encoded (sRGB, IEC 61966-2-1) one; odd-symmetric and unbounded.
+pub fn srgb_decode(encoded: f32) -> f32 {
+    let v = encoded.abs();
+    let linear = if v <= 0.04045 {
+        v / 12.92
+    } else {
+        ((v + 0.055) / 1.055).powf(2.4)
+    };
+    linear.copysign(encoded)
+}
+
+/// Display-encoded value of a linear one: the inverse of [`srgb_decode`].
+pub fn srgb_encode(linear: f32) -> f32 {
+    let v = linear.abs();
+    let encoded = if v <= 0.003_130_8 {
+        v * 12.92
+    } else {
+        1.055 * v.powf(1.0 / 2.4) - 0.055
+    };
+    encoded.copysign(linear)
+}
+
+/// Luminance of linear Rec. 709 colour.
+pub fn luminance(rgb: [f32; 3]) -> f32 {
+    0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+}
+
+/// How linear colour is brought into the display's range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ToneMap {
+    /// The sRGB curve alone, clipped at white: with no exposure, what the trainer rendered.
+    #[default]
+    Srgb,
+    /// Khronos PBR Neutral (2024): colours below 0.8 are left alone, highlights are compressed and desaturated.
+    Neutral,
+    /// AgX (Troy Sobotka, 2022), with the polynomial fit of its contrast curve.
+    Agx,
+    /// ACES filmic, the fit of Narkowicz (2015).
+    Aces,
+    /// Linear values shown as they are, without any curve.
+    None,
+}
+
+/// From linear scene colour to the values that are blended and shown: exposure, then a tone curve and the display's encoding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Display {
+    /// In stops.
+    #[serde(default)]
+    pub exposure: f32,
+    /// The tone curve.
+    #[serde(default)]
+    pub tone_map: ToneMap,
+}
+
+impl Display {
+    /// Whether encoded colour passes through unchanged.
+    pub fn is_identity(&self) -> bool {
+        self.exposure == 0.0 && self.tone_map == ToneMap::Srgb
+    }
+
+    /// Display-encoded colour of linear colour. Not clipped above, except by the curve itself.
+    pub fn encode(&self, linear: [f32; 3]) -> [f32; 3] {
+        let gain = self.exposure.exp2();
+        let c = linear.map(|v| (v * gain).clamp(0.0, MAX_LINEAR));
+        match self.tone_map {
+            ToneMap::Srgb => c.map(srgb_encode),
+            ToneMap::Neutral => neutral(c).map(srgb_encode),
+            ToneMap::Agx => agx(c),
+            ToneMap::Aces => c
+                .map(|x| (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14))
+                .map(|x| srgb_encode(x.clamp(0.0, 1.0))),
+            ToneMap::None => c,
+        }
+    }
+}
+
+/// Linear values are held below this before a curve, so that squares stay finite in f32.
+pub const MAX_LINEAR: f32 = 1e15;
+
+fn neutral([r, g, b]: [f32; 3]) -> [f32; 3] {
+    const START: f32 = 0.8 - 0.04;
+    const DESATURATION: f32 = 0.15;
+    let low = r.min(g).min(b);
+    let offset = if low < 0.08 {
+        low - 6.25 * low * low
+    } else {
+        0.04
+    };
+    let c = [r - offset, g - offset, b - offset];
+    let peak = c[0].max(c[1]).max(c[2]);
+    if peak < START {
+        return c;
+    }
+    let room = 1.0 - START;
+    let new_peak = 1.0 - room * room / (peak + room - START);
+    let white = 1.0 - 1.0 / (DESATURATION * (peak - new_peak) + 1.0);
+    c.map(|v| (v * new_peak / peak) * (1.0 - white) + new_peak * white)
+}
+
+/// Rows of the matrix into AgX's working space, and of the one out of it.
+const AGX_INSET: [[f32; 3]; 3] = [
+    [0.842_479_06, 0.078_433_6, 0.079_223_745],
+    [0.042_328_242, 0.878_468_64, 0.079_166_13],
+    [0.042_375_656, 0.078_433_6, 0.879_142_97],
+];
+const AGX_OUTSET: [[f32; 3]; 3] = [
+    [1.196_879, -0.098_020_88, -0.099_029_74],
+    [-0.052_896_85, 1.151_903_1, -0.098_961_18],
+    [-0.052_971_64, -0.098_043_45, 1.151_073_7],
+];
+
+fn agx(c: [f32; 3]) -> [f32; 3] {
+    const LOW: f32 = -12.473_93;
+    const HIGH: f32 = 4.026_069;
+    let product =
+        |m: &[[f32; 3]; 3], c: [f32; 3]| m.map(|row| row[0] * c[0] + row[1] * c[1] + row[2] * c[2]);
+    let curved = product(&AGX_INSET, c).map(|v| {
+        let x = ((v.max(1e-10).log2() - LOW) / (HIGH - LOW)).clamp(0.0, 1.0);
+        let (x2, x4) = (x * x, x * x * x * x);
+        15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x
+            - 0.002_32
+    });
+    product(&AGX_OUTSET, curved).map(|v| v.clamp(0.0, 1.0))
+}
+
+/// The stored colour's offset: `c(d) = max(0, 1/2 + sum_k sh_k Y_k(d))`.
+pub const STORED_OFFSET: f32 = 0.5;
+
+/// Which colour SH coefficients stand for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// As trained: display-encoded, with the constant 1/2 left out.
+    Stored,
+    /// As trained on linear images: linear, with the constant 1/2 left out.
+    StoredLinear,
+    /// Linear radiance, nothing left out: what the transfer works on.
+    Linear,
+}
+
+/// Turns a whole SH function into another encoding: evaluate it on a quadrature, convert each value, project back.
+///
+/// The curve is not a polynomial, so the result is the projection on a quadrature of degree `2 * degree + 2`.
+#[derive(Clone, Debug)]
+pub struct SphereSampler {
+    coefficients: usize,
+    samples: usize,
+    /// `[samples][K]`
+    evaluate: Vec<f32>,
+    /// `[samples][K]`, the weight of each sample folded in.
+    project: Vec<f32>,
+}
+
+impl SphereSampler {
+    /// The matrices for functions of `degree`.
+    pub fn new(degree: usize) -> Self {
+        let k = coefficient_count(degree);
+        let quadrature = SphereQuadrature::exact(if degree == 0 { 0 } else { 2 * degree + 2 });
+        let (mut evaluate, mut project) = (Vec::new(), Vec::new());
+        for (d, w) in quadrature.nodes() {
+            let mut y = [0f64; MAX_COEFFICIENTS];
+            evaluate_basis(d, degree, &mut y);
+            evaluate.extend(y[..k].iter().map(|&y| y as f32));
+            project.extend(y[..k].iter().map(|&y| (w * y) as f32));
+        }
+        Self {
+            coefficients: k,
+            samples: evaluate.len() / k,
+            evaluate,
+            project,
+        }
+    }
+
+    /// Passes the values of one function `[K][3]` through a curve, in place.
+    fn convert(&self, function: &mut [[f32; 3]], curve: impl Fn([f32; 3]) -> [f32; 3]) {
+        let k = self.coefficients;
+        let mut result = [[0f32; 3]; MAX_COEFFICIENTS];
+        for s in 0..self.samples {
+            let mut value = [0f32; 3];
+            for (y, c) in self.evaluate[s * k..][..k].iter().zip(function.iter()) {
+                for (v, c) in value.iter_mut().zip(c) {
+                    *v += y * c;
+                }
+            }
+            let value = curve(value);
+            for (p, r) in self.project[s * k..][..k].iter().zip(&mut result) {
+                for (r, v) in r.iter_mut().zip(value) {
+                    *r += p * v;
+                }
+            }
+        }
+        function.copy_from_slice(&result[..k]);
+    }
+}
+
+/// Linear radiance `[n][K][3]` of stored colour of the same shape. Negative radiance is clamped as the renderer clamps it.
+pub fn decode_sh(stored: &[[f32; 3]], degree: usize, encoding: Encoding) -> Vec<[f32; 3]> {
+    let mut out = stored.to_vec();
+    let k = coefficient_count(degree);
+    match encoding {
+        Encoding::Linear => {}
+        Encoding::StoredLinear => out.par_chunks_exact_mut(k).for_each(|f| {
+            for c in &mut f[0] {
+                *c += STORED_OFFSET * sh::SQRT_4PI as f32;
+            }
+        }),
+        Encoding::Stored => {
+            let sampler = SphereSampler::new(degree);
+            out.par_chunks_exact_mut(k).for_each(|f| {
+                sampler.convert(f, |v| {
+                    v.map(|v| srgb_decode((v + STORED_OFFSET).clamp(0.0, MAX_STORED)))
+                });
+            });
+        }
+    }
+    out
+}
+
+/// Stored colour above this is held to it before decoding: 2^40 in linear light, and no overflow.
+const MAX_STORED: f32 = 1e5;
+
+/// Stored colour `[n][K][3]` of linear radiance of the same shape, in place: the inverse of [`decode_sh`].
+pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -> Vec<[f32; 3]> {
+    let k = coefficient_count(degree);
+    match encoding {
+        Encoding::Linear => {}
+        Encoding::StoredLinear => linear.par_chunks_exact_mut(k).for_each(|f| {
+            for c in &mut f[0] {
+                *c -= STORED_OFFSET * sh::SQRT_4PI as f32;
+            }
+        }),
+        Encoding::Stored => {
+            let sampler = SphereSampler::new(degree);
+            linear.par_chunks_exact_mut(k).for_each(|f| {
+                sampler.convert(f, |v| {
+                    v.map(|v| srgb_encode(v.clamp(0.0, MAX_LINEAR)) - STORED_OFFSET)
+                });
+            });
+        }
+    }
+    linear
+}
+
+/// Radiance of one surfel towards one direction, in linear light.
+#[inline]
+pub fn radiance(function: &[[f32; 3]], degree: usize, encoding: Encoding, d: [f32; 3]) -> [f32; 3] {
+    let value = sh::evaluate_sh(function, degree, d);
+    match encoding {
+        Encoding::Linear => value.map(|v| v.max(0.0)),
+        Encoding::StoredLinear => value.map(|v| (v + STORED_OFFSET).max(0.0)),
+        Encoding::Stored => value.map(|v| srgb_decode((v + STORED_OFFSET).clamp(0.0, MAX_STORED))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn curves_are_inverse(v in 0f32..100.0) {
+            prop_assert!((srgb_encode(srgb_decode(v)) - v).abs() <= 4e-6 * (1.0 + v));
+        }
+
+        #[test]
+        fn every_curve_is_finite_and_non_negative(r in -1e30f32..1e30, g in 0f32..100.0, b in 0f32..1.0, stops in -20f32..20.0) {
+            for tone_map in [ToneMap::Srgb, ToneMap::Neutral, ToneMap::Agx, ToneMap::Aces, ToneMap::None] {
+                let out = Display { exposure: stops, tone_map }.encode([r, g, b]);
+                prop_assert!(out.iter().all(|v| v.is_finite() && *v >= -1e-6), "{tone_map:?} {out:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn grey_stays_grey_and_rises() {
+        for tone_map in [ToneMap::Srgb, ToneMap::Neutral, ToneMap::Agx, ToneMap::Aces] {
+            let mut last = -1.0;
+            for i in 0..=40 {
+                let [r, g, b] = Display {
+                    exposure: 0.0,
+                    tone_map,
+                }
+                .encode([i as f32 * 0.05; 3]);
+                assert!((r - g).abs() < 2e-3 && (g - b).abs() < 2e-3, "{tone_map:?}");
+                assert!(g >= last - 1e-6, "{tone_map:?} falls at {i}");
+                last = g;
+            }
+        }
+    }
+
+    #[test]
+    fn conversion_there_and_back_returns_a_gentle_function() {
+        // A colour of 0.5 +- 0.1 over the sphere: the curve's own harmonics above degree 3 are all that is lost.
+        let mut function = vec![[0f32; 3]; 16];
+        function[0] = [0.2, 0.1, -0.1];
+        function[2] = [0.12, -0.1, 0.05];
+        function[6] = [0.03, 0.05, -0.02];
+        for encoding in [Encoding::Stored, Encoding::StoredLinear] {
+            let linear = decode_sh(&function, 3, encoding);
+            let back = encode_sh(linear, 3, encoding);
+            for (a, b) in function.iter().zip(&back) {
+                for (a, b) in a.iter().zip(b) {
+                    assert!((a - b).abs() < 2e-3, "{a} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn degree_zero_is_converted_exactly() {
+        let stored = vec![[0.3f32, -0.5, 2.0]];
+        let linear = decode_sh(&stored, 0, Encoding::Stored);
+        let y0 = 1.0 / sh::SQRT_4PI as f32;
+        for (s, l) in stored[0].iter().zip(linear[0]) {
+            assert!((srgb_decode(s * y0 + 0.5) - l * y0).abs() < 1e-6);
+        }
+    }
+}

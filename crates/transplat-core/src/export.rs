@@ -1,0 +1,254 @@
+//! Stage *export*: files out. Everything is written under a temporary name beside its place and renamed when it is whole.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use image::ImageEncoder;
+
+use crate::error::{Error, Result};
+use crate::load::{AssetFile, Format};
+use crate::rasterize::Raster;
+
+/// Writes a file whole or not at all. What is no regular file (a pipe, `/dev/null`) is written straight.
+///
+/// # Errors
+/// The folder does not exist or cannot be written, or the disk is full; a file that was there before is still there then.
+pub fn write_atomically(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> std::io::Result<()>,
+) -> Result<()> {
+    let fail = |source: std::io::Error| Error::Io {
+        path: path.to_owned(),
+        source,
+    };
+    // Through a link, the file it points to is what is replaced.
+    let target: PathBuf = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let existing = std::fs::metadata(&target).ok();
+    if existing.as_ref().is_some_and(std::fs::Metadata::is_dir) {
+        return Err(Error::invalid(
+            path,
+            "is a directory; the name of a file is expected",
+        ));
+    }
+    let through = |file: &mut File| {
+        let mut out = BufWriter::with_capacity(1 << 18, file);
+        write(&mut out)?;
+        out.flush()
+    };
+    if existing.is_some_and(|m| !m.is_file()) {
+        let mut file = File::options().write(true).open(&target).map_err(fail)?;
+        return through(&mut file).map_err(fail);
+    }
+    let folder = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() {
+        return Err(Error::invalid(
+            path,
+            format!("the folder {} does not exist", folder.display()),
+        ));
+    }
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".transplat-").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // As any new file: what the umask allows, not the owner alone.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder).map_err(fail)?;
+    through(file.as_file_mut()).map_err(fail)?;
+    file.as_file().sync_all().map_err(fail)?;
+    file.persist(&target).map_err(|e| fail(e.error))?;
+    Ok(())
+}
+
+/// Writes the asset again with other colour: every property, comment and trailing element that the file had, in its order.
+///
+/// `stored` is the colour `[n][K][3]` as the file stores it. Rows that were left out at loading are made harmless: what was no number is 0, and they are transparent.
+///
+/// # Errors
+/// The source file is gone or has changed since it was loaded, or the output cannot be written.
+pub fn write_relit_ply(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Result<()> {
+    let source = crate::load::open(&asset.path)?;
+    let metadata = source.metadata().map_err(Error::io(&asset.path))?;
+    if (metadata.len(), metadata.modified().ok()) != asset.stamp {
+        return Err(Error::invalid(
+            &asset.path,
+            "has changed since it was loaded; load it again",
+        ));
+    }
+    let columns = ColorColumns::new(asset, stored)?;
+    let mut reader = BufReader::with_capacity(1 << 18, source);
+    write_atomically(path, |out| {
+        let prefix = asset.header.bytes
+            + if asset.header.format == Format::Ascii {
+                0
+            } else {
+                asset.header.skip
+            };
+        std::io::copy(&mut (&mut reader).take(prefix), out)?;
+        if asset.header.format == Format::Ascii {
+            columns.write_ascii(&mut reader, out)?;
+        } else {
+            reader.seek(SeekFrom::Start(prefix))?;
+            columns.write_binary(&mut reader, out)?;
+        }
+        std::io::copy(&mut reader, out)?;
+        Ok(())
+    })
+}
+
+/// For each property of a row the index of the colour that replaces it.
+struct ColorColumns<'a> {
+    asset: &'a AssetFile,
+    /// `[n][K][3]`
+    stored: &'a [[f32; 3]],
+    coefficients: usize,
+    /// Per property: coefficient and channel.
+    replaced: Vec<Option<(usize, usize)>>,
+}
+
+impl<'a> ColorColumns<'a> {
+    fn new(asset: &'a AssetFile, stored: &'a [[f32; 3]]) -> Result<Self> {
+        let properties = &asset.header.properties;
+        let rest = properties
+            .iter()
+            .filter(|p| p.name.starts_with("f_rest_"))
+            .count();
+        let coefficients = rest / 3 + 1;
+        let rows = asset.report.vertices;
+        if stored.len() != rows * coefficients {
+            return Err(Error::Mismatch(format!(
+                "{} colour coefficients do not fit {rows} surfels of {coefficients}",
+                stored.len()
+            )));
+        }
+        let replaced = properties
+            .iter()
+            .map(|p| {
+                let number = |prefix: &str| p.name.strip_prefix(prefix)?.parse::<usize>().ok();
+                if let Some(channel) = number("f_dc_") {
+                    return (channel < 3).then_some((0, channel));
+                }
+                let i = number("f_rest_")?;
+                Some((i % (coefficients - 1) + 1, i / (coefficients - 1)))
+            })
+            .collect();
+        Ok(Self {
+            asset,
+            stored,
+            coefficients,
+            replaced,
+        })
+    }
+
+    /// The value that replaces property `column` of `row`, if any does; `old` is what was there.
+    fn value(&self, row: usize, column: usize, old: impl FnOnce() -> f32) -> Option<f32> {
+        if let Some((coefficient, channel)) = self.replaced[column] {
+            return Some(self.stored[row * self.coefficients + coefficient][channel]);
+        }
+        let property = &self.asset.header.properties[column];
+        if property.scalar.is_float() && self.asset.report.left_out.binary_search(&row).is_ok() {
+            if property.name == "opacity" {
+                return Some(-30.0);
+            }
+            let old = old();
+            // What was left out for being out of range becomes small too.
+            return (!old.is_finite() || old.abs() > 1e6).then_some(0.0);
+        }
+        None
+    }
+
+    fn write_binary(&self, reader: &mut impl Read, out: &mut impl Write) -> std::io::Result<()> {
+        let header = &self.asset.header;
+        let big_endian = header.big_endian();
+        let mut row_bytes = vec![0u8; header.stride];
+        for row in 0..self.asset.report.vertices {
+            reader.read_exact(&mut row_bytes)?;
+            for (column, p) in header.properties.iter().enumerate() {
+                let at = &mut row_bytes[p.offset..];
+                let old = || p.scalar.read(at, big_endian);
+                if let Some(value) = self.value(row, column, old) {
+                    p.scalar.write_float(value, at, big_endian);
+                }
+            }
+            out.write_all(&row_bytes)?;
+        }
+        Ok(())
+    }
+
+    fn write_ascii(&self, reader: &mut impl BufRead, out: &mut impl Write) -> std::io::Result<()> {
+        let mut line = String::new();
+        let (mut skipped, mut row) = (0, 0);
+        while row < self.asset.report.vertices {
+            line.clear();
+            if reader.read_line(&mut line)? == 0 {
+                return Err(std::io::ErrorKind::UnexpectedEof.into());
+            }
+            if line.trim().is_empty() || skipped < self.asset.header.skip {
+                skipped += u64::from(!line.trim().is_empty());
+                out.write_all(line.as_bytes())?;
+                continue;
+            }
+            for (column, word) in line.split_ascii_whitespace().enumerate() {
+                let separator = if column == 0 { "" } else { " " };
+                let old = || word.parse().unwrap_or(f32::NAN);
+                match self.value(row, column, old) {
+                    Some(value) => write!(out, "{separator}{value}")?,
+                    None => write!(out, "{separator}{word}")?,
+                }
+            }
+            out.write_all(b"\n")?;
+            row += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Writes an 8-bit PNG from display-encoded straight colour and alpha, `[height][width]`, values 0 to 1.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_png(path: &Path, width: usize, height: usize, rgba: &[[f32; 4]]) -> Result<()> {
+    let bytes: Vec<u8> = rgba
+        .iter()
+        .flatten()
+        .map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
+        .collect();
+    write_atomically(path, |out| {
+        image::codecs::png::PngEncoder::new(out)
+            .write_image(
+                &bytes,
+                width as u32,
+                height as u32,
+                image::ExtendedColorType::Rgba8,
+            )
+            .map_err(std::io::Error::other)
+    })
+}
+
+/// Writes a float EXR from premultiplied linear colour.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_exr(path: &Path, raster: &Raster) -> Result<()> {
+    use exr::prelude::{Image, SpecificChannels, Vec2, WritableImage};
+    let channels = SpecificChannels::rgba(|at: Vec2<usize>| {
+        let [r, g, b, a] = raster.pixels[at.y() * raster.width + at.x()];
+        (r, g, b, a)
+    });
+    let image = Image::from_channels((raster.width, raster.height), channels);
+    // The encoder seeks, so it writes to memory first.
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image
+        .write()
+        .to_buffered(&mut bytes)
+        .map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
+    write_atomically(path, |out| out.write_all(bytes.get_ref()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,44 @@
+//! Relighting of 2D Gaussian surfels by spherical-harmonic radiance transfer: the mathematics and the files, without GPU or window.
+//!
+//! The folders are the pipeline, and one stage has one name everywhere:
+//!
+//! ```text
+//! load -> project environment -> bake visibility -> transfer -> rasterize -> present / export
+//! ```
+//!
+//! Source: "TranSplat: Instant Object Relighting in Gaussian Splatting via Spherical Harmonic Radiance Transfer"
+//! (Yu, Jin, He, Dave, Ramamoorthi, Balakrishnan); equation numbers in the code are its.
+//!
+//! ```
+//! use transplat_core::{environment, scenes, transfer, visibility};
+//!
+//! // An asset (here a grey sphere; `load::load_asset` reads a PLY), the light it was captured in, and another one.
+//! let cloud = scenes::sphere(500);
+//! let source = environment::IncidentRadiance::even(3);
+//! let sky = environment::EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
+//! let target = environment::project_environment(&sky, 3);
+//!
+//! // Once for the asset, once for asset and source light, and then once for each new light.
+//! let baked = visibility::bake(&cloud, &Default::default(), &visibility::no_progress)?;
+//! let prepared = transfer::PreparedTransfer::new(&cloud, &baked, &source, &Default::default())?;
+//! let relit = prepared.relight(&target);
+//! assert!(relit[0][2] > relit[499][2], "the top of the sphere is the brighter one");
+//! # Ok::<(), transplat_core::Error>(())
+//! ```
+
+pub mod bake_file;
+pub mod camera;
+pub mod color;
+pub mod environment;
+mod error;
+pub mod export;
+pub mod load;
+pub mod oracle;
+pub mod rasterize;
+pub mod scenes;
+pub mod sh;
+pub mod surfels;
+pub mod transfer;
+pub mod visibility;
+
+pub use error::{Error, Result};

@@ -1,0 +1,144 @@
+//! Stage *load*: files in. A file is known by what it begins with, never by its name, and nothing is allocated by a number that a file only claims.
+
+mod cameras;
+mod exr;
+mod hdr;
+mod picture;
+mod ply;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use crate::environment::EnvironmentMap;
+use crate::error::{Error, Result};
+
+pub use cameras::{CameraFile, CameraFrame, load_cameras};
+pub(crate) use ply::Format;
+pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
+
+/// Maps of more pixels than this are refused: 16384 x 8192, 1.6 GB in memory.
+pub const MAX_ENVIRONMENT_PIXELS: usize = 1 << 27;
+
+/// What a file is, by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A splat in PLY.
+    Ply,
+    /// A Radiance .hdr environment.
+    Hdr,
+    /// An OpenEXR environment.
+    Exr,
+    /// A PNG or JPEG picture.
+    Picture,
+    /// A saved bake.
+    Bake,
+    /// A saved look (JSON).
+    Look,
+}
+
+/// Looks at the first bytes of a file.
+///
+/// # Errors
+/// The file cannot be read, is empty, or is of no kind that this program opens.
+pub fn file_kind(path: &Path) -> Result<FileKind> {
+    let mut start = [0u8; 64];
+    let mut file = open(path)?;
+    let mut length = 0;
+    while length < start.len() {
+        match file.read(&mut start[length..]).map_err(Error::io(path))? {
+            0 => break,
+            n => length += n,
+        }
+    }
+    let start = &start[..length];
+    if start.is_empty() {
+        return Err(Error::invalid(path, "the file is empty"));
+    }
+    Ok(match start {
+        _ if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") => FileKind::Ply,
+        _ if start.starts_with(b"#?") => FileKind::Hdr,
+        _ if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) => FileKind::Exr,
+        _ if start.starts_with(b"\x89PNG") || start.starts_with(&[0xff, 0xd8, 0xff]) => {
+            FileKind::Picture
+        }
+        _ if start.starts_with(crate::bake_file::MAGIC) => FileKind::Bake,
+        _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
+        _ => {
+            return Err(Error::invalid(
+                path,
+                "not a file this program knows; it opens splats (.ply), environments (.hdr, .exr, .png, .jpg), bakes and looks",
+            ));
+        }
+    })
+}
+
+/// Opens a file for reading; a directory is an error here, not at the first read.
+pub(crate) fn open(path: &Path) -> Result<File> {
+    let file = File::open(path).map_err(Error::io(path))?;
+    if file.metadata().map_err(Error::io(path))?.is_dir() {
+        return Err(Error::invalid(
+            path,
+            "is a directory where a file is expected",
+        ));
+    }
+    Ok(file)
+}
+
+/// Reads a whole file, which must not be larger than `limit` bytes.
+pub(crate) fn read_all(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    let mut bytes = Vec::new();
+    file.take(limit + 1)
+        .read_to_end(&mut bytes)
+        .map_err(Error::io(path))?;
+    if bytes.len() as u64 > limit {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "larger than {} MB, which no file of this kind is",
+                limit >> 20
+            ),
+        ));
+    }
+    Ok(bytes)
+}
+
+/// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).
+///
+/// # Errors
+/// The file cannot be read, is broken, or is no environment.
+pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
+    match file_kind(path)? {
+        FileKind::Hdr => hdr::load(path),
+        FileKind::Exr => exr::load(path),
+        FileKind::Picture => picture::load(path),
+        FileKind::Ply => Err(Error::invalid(
+            path,
+            "is a splat; an environment (.hdr, .exr, .png, .jpg) is expected here",
+        )),
+        FileKind::Bake | FileKind::Look => Err(Error::invalid(
+            path,
+            "is no environment; .hdr, .exr, .png or .jpg is expected here",
+        )),
+    }
+}
+
+/// Checks the size that a map's header claims.
+pub(crate) fn check_map_size(path: &Path, width: usize, height: usize) -> Result<()> {
+    if width == 0 || height == 0 {
+        return Err(Error::invalid(path, "the map has no pixels"));
+    }
+    if width
+        .checked_mul(height)
+        .is_none_or(|n| n > MAX_ENVIRONMENT_PIXELS)
+    {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "claims {width} x {height} pixels; at most {MAX_ENVIRONMENT_PIXELS} (16384 x 8192) are accepted"
+            ),
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,274 @@
+//! The header of a PLY file: elements, their properties by name, and comments.
+
+use std::io::BufRead;
+
+/// A header longer than this is no header.
+const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// How the rows are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Format {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+/// Type of a scalar property.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ScalarType {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl ScalarType {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    pub(crate) fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// Reads one value from the start of `bytes`, which is long enough.
+    #[inline(always)]
+    pub(crate) fn read(self, bytes: &[u8], big_endian: bool) -> f32 {
+        fn array<const N: usize>(bytes: &[u8], big_endian: bool) -> [u8; N] {
+            let mut a = [0; N];
+            a.copy_from_slice(&bytes[..N]);
+            if big_endian {
+                a.reverse();
+            }
+            a
+        }
+        match self {
+            Self::I8 => f32::from(bytes[0] as i8),
+            Self::U8 => f32::from(bytes[0]),
+            Self::I16 => f32::from(i16::from_le_bytes(array(bytes, big_endian))),
+            Self::U16 => f32::from(u16::from_le_bytes(array(bytes, big_endian))),
+            Self::I32 => i32::from_le_bytes(array(bytes, big_endian)) as f32,
+            Self::U32 => u32::from_le_bytes(array(bytes, big_endian)) as f32,
+            Self::F32 => f32::from_le_bytes(array(bytes, big_endian)),
+            Self::F64 => f64::from_le_bytes(array(bytes, big_endian)) as f32,
+        }
+    }
+
+    /// Writes one value, the inverse of [`ScalarType::read`] for the two float types.
+    pub(crate) fn write_float(self, value: f32, bytes: &mut [u8], big_endian: bool) {
+        let bytes = &mut bytes[..self.size()];
+        if self == Self::F64 {
+            bytes.copy_from_slice(&f64::from(value).to_le_bytes());
+        } else {
+            bytes.copy_from_slice(&value.to_le_bytes());
+        }
+        if big_endian {
+            bytes.reverse();
+        }
+    }
+}
+
+/// A scalar property of a vertex.
+#[derive(Clone, Debug)]
+pub(crate) struct Property {
+    pub name: String,
+    pub scalar: ScalarType,
+    /// Bytes from the start of a binary row.
+    pub offset: usize,
+}
+
+/// What the header says, with the vertex element picked out.
+#[derive(Clone, Debug)]
+pub(crate) struct Header {
+    pub format: Format,
+    pub comments: Vec<String>,
+    /// Length of the header itself.
+    pub bytes: u64,
+    /// Binary bytes, or ascii lines, of the elements that come before the vertices.
+    pub skip: u64,
+    /// Claimed number of vertices; not to be trusted for an allocation.
+    pub vertices: u64,
+    pub properties: Vec<Property>,
+    /// Binary bytes of one vertex.
+    pub stride: usize,
+}
+
+impl Header {
+    /// The vertex property of that name.
+    pub(crate) fn find(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|p| p.name == name)
+    }
+
+    pub(crate) fn big_endian(&self) -> bool {
+        self.format == Format::BigEndian
+    }
+
+    /// Parses a header; the reader is left at the first byte behind it.
+    pub(crate) fn parse(reader: &mut impl BufRead) -> Result<Self, String> {
+        let mut parser = Parser::default();
+        let mut bytes = 0;
+        let mut first = true;
+        loop {
+            let line = read_line(reader, &mut bytes)?;
+            let line = line.trim();
+            if std::mem::take(&mut first) {
+                if line != "ply" {
+                    return Err("does not begin with \"ply\"".into());
+                }
+                continue;
+            }
+            if line == "end_header" {
+                return parser.finish(bytes as u64);
+            }
+            parser.line(line)?;
+        }
+    }
+}
+
+fn read_line(reader: &mut impl BufRead, total: &mut usize) -> Result<String, String> {
+    let mut line = Vec::new();
+    let mut limited = std::io::Read::take(&mut *reader, (MAX_HEADER_BYTES - *total) as u64);
+    limited
+        .read_until(b'\n', &mut line)
+        .map_err(|e| e.to_string())?;
+    *total += line.len();
+    if line.last() != Some(&b'\n') {
+        return Err("the header has no end_header line".into());
+    }
+    String::from_utf8(line).map_err(|_| "the header is not text".into())
+}
+
+struct Element {
+    name: String,
+    count: u64,
+    properties: Vec<Property>,
+    stride: usize,
+    has_list: bool,
+}
+
+#[derive(Default)]
+struct Parser {
+    format: Option<Format>,
+    comments: Vec<String>,
+    elements: Vec<Element>,
+}
+
+impl Parser {
+    fn line(&mut self, line: &str) -> Result<(), String> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["format", format, "1.0"] => {
+                self.format = Some(match format {
+                    "ascii" => Format::Ascii,
+                    "binary_little_endian" => Format::LittleEndian,
+                    "binary_big_endian" => Format::BigEndian,
+                    _ => return Err(format!("format {format} is not known")),
+                });
+            }
+            ["format", ..] => return Err(format!("{line:?} is no format of PLY 1.0")),
+            ["comment" | "obj_info", ..] => {
+                let text = line.split_once(char::is_whitespace).map_or("", |(_, t)| t);
+                self.comments.push(text.trim().to_owned());
+            }
+            ["element", name, count] => {
+                let count = count
+                    .parse()
+                    .map_err(|_| format!("{line:?} does not count its rows"))?;
+                self.elements.push(Element {
+                    name: name.to_owned(),
+                    count,
+                    properties: Vec::new(),
+                    stride: 0,
+                    has_list: false,
+                });
+            }
+            ["property", ..] => {
+                let element = self
+                    .elements
+                    .last_mut()
+                    .ok_or("a property comes before any element")?;
+                match words[1..] {
+                    ["list", ..] => element.has_list = true,
+                    [scalar, name] => {
+                        let scalar = ScalarType::parse(scalar)
+                            .ok_or_else(|| format!("property {name} has unknown type {scalar}"))?;
+                        if element.properties.iter().any(|p| p.name == name) {
+                            return Err(format!("property {name} is there twice"));
+                        }
+                        element.properties.push(Property {
+                            name: name.to_owned(),
+                            scalar,
+                            offset: element.stride,
+                        });
+                        element.stride += scalar.size();
+                    }
+                    _ => return Err(format!("{line:?} is not a property")),
+                }
+            }
+            [] => {}
+            _ => return Err(format!("{line:?} does not belong into a header")),
+        }
+        Ok(())
+    }
+
+    fn finish(self, bytes: u64) -> Result<Header, String> {
+        let format = self.format.ok_or("the header has no format line")?;
+        let mut skip = 0u64;
+        for element in self.elements {
+            if element.name == "vertex" {
+                if element.has_list {
+                    return Err("a vertex has list properties, which no splat has".into());
+                }
+                return Ok(Header {
+                    format,
+                    comments: self.comments,
+                    bytes,
+                    skip,
+                    vertices: element.count,
+                    properties: element.properties,
+                    stride: element.stride,
+                });
+            }
+            if element.has_list && element.count > 0 && format != Format::Ascii {
+                return Err(format!(
+                    "element {} has lists and comes before the vertices; put the vertices first",
+                    element.name
+                ));
+            }
+            let row = if format == Format::Ascii {
+                1
+            } else {
+                element.stride as u64
+            };
+            skip = element
+                .count
+                .checked_mul(row)
+                .and_then(|n| n.checked_add(skip))
+                .ok_or("an element claims more rows than any file holds")?;
+        }
+        Err("there is no vertex element; a splat has one row of that element a surfel".into())
+    }
+}

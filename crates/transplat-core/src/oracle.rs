@@ -1,0 +1,83 @@
+//! The same mathematics in plain f64, one surfel at a time, as the formulas read: slow, and obviously right.
+//! Production code and the GPU passes are held against it.
+
+mod transfer;
+
+use crate::environment::EnvironmentMap;
+use crate::sh::{coefficient_count, evaluate_basis};
+use crate::visibility::{BakeInput, MIN_SLOPE_COSINE, SHARPNESS, TAPS};
+
+pub use transfer::{OracleTransfer, relight_surfel};
+
+/// `L_k = sum over pixels of L(d) Y_k(d) omega`, `[K][3]`.
+pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]> {
+    let k = coefficient_count(degree);
+    let mut sums = vec![[0f64; 3]; k];
+    let mut y = vec![0f64; k];
+    for row in 0..map.height() {
+        let omega = map.pixel_solid_angle(row);
+        for column in 0..map.width() {
+            evaluate_basis(map.direction(column, row), degree, &mut y);
+            let pixel = map.pixels()[row * map.width() + column];
+            for (sum, y) in sums.iter_mut().zip(&y) {
+                for (s, p) in sum.iter_mut().zip(pixel) {
+                    *s += omega * y * f64::from(p);
+                }
+            }
+        }
+    }
+    sums
+}
+
+/// Openness of surfel `i` towards direction `j`: the height map's texels are found by asking every occluder.
+pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
+    let frame = &input.frames[j];
+    let (right, up, towards) = (
+        frame.right.as_dvec3(),
+        frame.up.as_dvec3(),
+        frame.direction.as_dvec3(),
+    );
+    let texel = 2.0 / input.resolution as f64;
+    let height_at = |x: f64, y: f64| {
+        let mut highest = f64::from(crate::visibility::EMPTY);
+        for surfel in &input.surfels {
+            let [a, b] = surfel.axes.map(|v| v.as_dvec3());
+            let p = surfel.position.as_dvec3();
+            let (ax, ay, bx, by) = (a.dot(right), a.dot(up), b.dot(right), b.dot(up));
+            let det = ax * by - ay * bx;
+            if det.abs() <= 1e-4 * a.length() * b.length() {
+                continue;
+            }
+            let (dx, dy) = (x - p.dot(right), y - p.dot(up));
+            let s = (dx * by - dy * bx) / det;
+            let t = (dy * ax - dx * ay) / det;
+            if s * s + t * t <= 1.0 {
+                highest = highest.max((p + a * s + b * t).dot(towards));
+            }
+        }
+        highest
+    };
+    let receiver = &input.surfels[i];
+    let (p, n) = (receiver.position.as_dvec3(), receiver.normal.as_dvec3());
+    let facing = n.dot(towards);
+    let cosine = facing
+        .abs()
+        .max(f64::from(MIN_SLOPE_COSINE))
+        .copysign(facing);
+    let (px, py) = (p.dot(right), p.dot(up));
+    let mut sum = 0.0;
+    for [ox, oy] in TAPS {
+        let column = ((px + 1.0) / texel + f64::from(ox)).floor();
+        let row = ((py + 1.0) / texel + f64::from(oy)).floor();
+        let size = input.resolution as f64;
+        if !(0.0..size).contains(&column) || !(0.0..size).contains(&row) {
+            sum += 1.0;
+            continue;
+        }
+        let (x, y) = ((column + 0.5) * texel - 1.0, (row + 0.5) * texel - 1.0);
+        let plane = p.dot(towards) - (n.dot(right) * (x - px) + n.dot(up) * (y - py)) / cosine;
+        let above = height_at(x, y) - plane - f64::from(receiver.bias);
+        sum += (-f64::from(SHARPNESS) * above.max(0.0)).exp();
+    }
+    sum / TAPS.len() as f64
+}

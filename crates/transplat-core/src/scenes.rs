@@ -1,0 +1,67 @@
+//! Small scenes whose answers are known on paper, for tests here and in other crates.
+
+use glam::{Vec2, Vec3};
+
+use crate::color::Encoding;
+use crate::sh::{SQRT_4PI, fibonacci_sphere};
+use crate::surfels::{SurfelCloud, UpAxis};
+
+/// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
+pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud {
+    let n = points.len();
+    SurfelCloud {
+        positions: points.to_vec(),
+        tangents: normals
+            .iter()
+            .map(|n| {
+                let (u, v) = n.any_orthonormal_pair();
+                [u, v]
+            })
+            .collect(),
+        scales: vec![Vec2::splat(scale); n],
+        opacities: vec![0.95; n],
+        sh: vec![[0.5 * SQRT_4PI as f32; 3]; n],
+        sh_degree: 0,
+        encoding: Encoding::Linear,
+        up: UpAxis::PlusZ,
+    }
+}
+
+/// A unit sphere of `n` surfels with outward normals.
+pub fn sphere(n: usize) -> SurfelCloud {
+    let points: Vec<Vec3> = fibonacci_sphere(n)
+        .iter()
+        .map(|d| Vec3::from_array(d.map(|v| v as f32)))
+        .collect();
+    // Spacing sqrt(4 pi / n); 0.64 of it is what training comes to.
+    let scale = 0.64 * (4.0 * std::f32::consts::PI / n as f32).sqrt();
+    from_points(&points, &points, scale)
+}
+
+/// A square sheet of `n` x `n` surfels in the plane z = 0, of edge 2.
+pub fn sheet(n: usize) -> SurfelCloud {
+    let step = 2.0 / n as f32;
+    let points: Vec<Vec3> = (0..n * n)
+        .map(|i| {
+            Vec3::new(
+                (i % n) as f32 * step - 1.0 + step / 2.0,
+                (i / n) as f32 * step - 1.0 + step / 2.0,
+                0.0,
+            )
+        })
+        .collect();
+    from_points(&points, &vec![Vec3::Z; n * n], 0.64 * step)
+}
+
+/// A sphere of half the plate's width hovering over a plate: a scene with a cast shadow. About `n` surfels each.
+pub fn sphere_over_plate(n: usize) -> SurfelCloud {
+    let mut points = sphere(n).positions;
+    let mut normals = points.clone();
+    for p in &mut points {
+        *p = *p * 0.5 + Vec3::Z * 0.7;
+    }
+    let plate = sheet((n as f32).sqrt() as usize);
+    normals.extend(vec![Vec3::Z; plate.len()]);
+    points.extend(plate.positions);
+    from_points(&points, &normals, plate.scales[0].x)
+}

@@ -1,0 +1,113 @@
+//! Directions on the sphere: an exact product quadrature, and an equal-weight lattice.
+
+use std::f64::consts::PI;
+
+/// Directions `[n]` (unit) with weights that sum to `4 pi`, exact for all spherical polynomials up to a degree.
+#[derive(Clone, Debug)]
+pub struct SphereQuadrature {
+    directions: Vec<[f64; 3]>,
+    weights: Vec<f64>,
+}
+
+impl SphereQuadrature {
+    /// Gauss-Legendre in height times uniform in azimuth: exact for every product of harmonics whose degrees sum to `degree`.
+    pub fn exact(degree: usize) -> Self {
+        let heights = degree / 2 + 1;
+        let azimuths = degree + 1;
+        let (mut directions, mut weights) = (Vec::new(), Vec::new());
+        for (z, w) in gauss_legendre(heights) {
+            let r = (1.0 - z * z).sqrt();
+            for j in 0..azimuths {
+                let (sin, cos) = (2.0 * PI * (j as f64 + 0.5) / azimuths as f64).sin_cos();
+                directions.push([r * cos, r * sin, z]);
+                weights.push(w * 2.0 * PI / azimuths as f64);
+            }
+        }
+        Self {
+            directions,
+            weights,
+        }
+    }
+
+    /// Directions and weights, in pairs.
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = ([f64; 3], f64)> + '_ {
+        self.directions
+            .iter()
+            .copied()
+            .zip(self.weights.iter().copied())
+    }
+}
+
+/// Nodes and weights of Gauss-Legendre quadrature on [-1, 1], by Newton's method on `P_n`.
+fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
+    (0..n)
+        .map(|i| {
+            let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+            let mut slope = 1.0;
+            for _ in 0..100 {
+                let (mut p0, mut p1) = (1.0, x);
+                for k in 2..=n {
+                    let k = k as f64;
+                    (p0, p1) = (p1, ((2.0 * k - 1.0) * x * p1 - (k - 1.0) * p0) / k);
+                }
+                slope = n as f64 * (x * p1 - p0) / (x * x - 1.0);
+                let step = p1 / slope;
+                x -= step;
+                if step.abs() < 1e-15 {
+                    break;
+                }
+            }
+            (x, 2.0 / ((1.0 - x * x) * slope * slope))
+        })
+        .collect()
+}
+
+/// `n` unit vectors in equal areas of the sphere along a golden-angle spiral: each stands for `4 pi / n`.
+pub fn fibonacci_sphere(n: usize) -> Vec<[f64; 3]> {
+    let golden_angle = PI * (3.0 - 5f64.sqrt());
+    (0..n)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+            let r = (1.0 - z * z).sqrt();
+            let (sin, cos) = (golden_angle * i as f64).sin_cos();
+            [r * cos, r * sin, z]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn monomials_are_integrated_exactly() {
+        for degree in 0..=24 {
+            let q = SphereQuadrature::exact(degree);
+            let sum: f64 = q.nodes().map(|(_, w)| w).sum();
+            assert!((sum - 4.0 * PI).abs() < 1e-12);
+            // The integral of z^k is 4 pi / (k + 1) for even k, that of x^k the same by symmetry.
+            let even = degree - degree % 2;
+            let exact = 4.0 * PI / (even + 1) as f64;
+            for axis in 0..3 {
+                let got: f64 = q.nodes().map(|(d, w)| w * d[axis].powi(even as i32)).sum();
+                assert!(
+                    (got - exact).abs() < 1e-12,
+                    "degree {degree} axis {axis}: {got} for {exact}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn lattice_is_balanced() {
+        let n = 256;
+        let mut mean = [0f64; 3];
+        for d in fibonacci_sphere(n) {
+            assert!((d.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-14);
+            for (m, v) in mean.iter_mut().zip(d) {
+                *m += v / n as f64;
+            }
+        }
+        assert!(mean.iter().all(|m| m.abs() < 2e-3), "{mean:?}");
+    }
+}

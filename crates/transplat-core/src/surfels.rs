@@ -1,0 +1,203 @@
+//! The asset: 2D Gaussian surfels with view-dependent colour.
+
+use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+
+use crate::color::Encoding;
+use crate::sh::coefficient_count;
+
+/// A trained splat as flat surfels, structure of arrays: every vector has one entry a surfel, except `sh`.
+#[derive(Clone, Debug)]
+pub struct SurfelCloud {
+    /// Centres, in scene units.
+    pub positions: Vec<Vec3>,
+    /// Unit vectors along the two axes of each surfel; their cross product is the normal, of unknown sign.
+    pub tangents: Vec<[Vec3; 2]>,
+    /// Standard deviations along the tangents, in scene units.
+    pub scales: Vec<Vec2>,
+    /// Peak opacity, 0 to 1.
+    pub opacities: Vec<f32>,
+    /// Colour `[n][K][3]` as [`SurfelCloud::encoding`] says.
+    pub sh: Vec<[f32; 3]>,
+    /// Degree of `sh`.
+    pub sh_degree: usize,
+    /// What the numbers in `sh` stand for.
+    pub encoding: Encoding,
+    /// Direction that is up in the asset's own coordinates.
+    pub up: UpAxis,
+}
+
+impl SurfelCloud {
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there is no surfel at all.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Normal as stored: third axis of the surfel's frame, pointing to either side.
+    pub fn stored_normal(&self, i: usize) -> Vec3 {
+        let [u, v] = self.tangents[i];
+        u.cross(v)
+    }
+
+    /// Colour coefficients of one surfel, `[K][3]`.
+    pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
+        let k = coefficient_count(self.sh_degree);
+        &self.sh[i * k..][..k]
+    }
+
+    /// Whether colour depends on the view at all.
+    pub fn has_view_dependence(&self) -> bool {
+        let k = coefficient_count(self.sh_degree);
+        k > 1
+            && self
+                .sh
+                .chunks_exact(k)
+                .any(|f| f[1..].iter().flatten().any(|v| *v != 0.0))
+    }
+
+    /// Where the object is, robust against floaters far away.
+    pub fn bounds(&self) -> Bounds {
+        Bounds::of(&self.positions)
+    }
+}
+
+/// A sphere around the object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Centre.
+    pub center: Vec3,
+    /// Radius in scene units; positive.
+    pub radius: f32,
+}
+
+impl Bounds {
+    /// Middle of the box that leaves out 0.5 % of the points at either end of each axis, and the radius that holds
+    /// 99.5 % of the points around it; all of them, unless the rest is far away.
+    fn of(points: &[Vec3]) -> Self {
+        if points.is_empty() {
+            return Self {
+                center: Vec3::ZERO,
+                radius: 1.0,
+            };
+        }
+        let last = points.len() - 1;
+        let tail = points.len() / 200;
+        let mut values: Vec<f32> = Vec::with_capacity(points.len());
+        let center = Vec3::from_array(std::array::from_fn(|axis| {
+            values.clear();
+            values.extend(points.iter().map(|p| p[axis]));
+            let low = *values.select_nth_unstable_by(tail, f32::total_cmp).1;
+            let high = *values.select_nth_unstable_by(last - tail, f32::total_cmp).1;
+            low / 2.0 + high / 2.0
+        }));
+        values.clear();
+        values.extend(points.iter().map(|p| p.distance(center)));
+        let most = *values.select_nth_unstable_by(last - tail, f32::total_cmp).1;
+        let all = values.iter().copied().fold(0f32, f32::max);
+        let radius = if all <= 1.5 * most { all } else { most };
+        Self {
+            center,
+            radius: if radius > 0.0 { radius } else { 1.0 },
+        }
+    }
+}
+
+/// An axis that points up, with its sign.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum UpAxis {
+    /// +X
+    #[serde(rename = "+x")]
+    PlusX,
+    /// -X
+    #[serde(rename = "-x")]
+    MinusX,
+    /// +Y
+    #[serde(rename = "+y")]
+    PlusY,
+    /// -Y
+    #[serde(rename = "-y")]
+    MinusY,
+    /// +Z, the world's own up axis.
+    #[default]
+    #[serde(rename = "+z")]
+    PlusZ,
+    /// -Z
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+impl UpAxis {
+    /// All six, with their names.
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("+x", Self::PlusX),
+        ("-x", Self::MinusX),
+        ("+y", Self::PlusY),
+        ("-y", Self::MinusY),
+        ("+z", Self::PlusZ),
+        ("-z", Self::MinusZ),
+    ];
+
+    /// `+x`, `-y` and so on.
+    pub fn name(self) -> &'static str {
+        Self::ALL
+            .iter()
+            .find(|(_, axis)| *axis == self)
+            .map_or("+z", |(name, _)| name)
+    }
+
+    /// The unit vector in the asset's coordinates.
+    pub fn direction(self) -> Vec3 {
+        match self {
+            Self::PlusX => Vec3::X,
+            Self::MinusX => Vec3::NEG_X,
+            Self::PlusY => Vec3::Y,
+            Self::MinusY => Vec3::NEG_Y,
+            Self::PlusZ => Vec3::Z,
+            Self::MinusZ => Vec3::NEG_Z,
+        }
+    }
+
+    /// The rotation that brings the Z-up world of the lights into the asset's coordinates.
+    ///
+    /// Turning the light with it is turning the asset against it, and leaves every number of the asset alone.
+    pub fn asset_from_world(self) -> glam::DMat3 {
+        let up = self.direction().as_dvec3();
+        if up.z < -0.5 {
+            return glam::DMat3::from_rotation_x(std::f64::consts::PI);
+        }
+        glam::DMat3::from_quat(glam::DQuat::from_rotation_arc(glam::DVec3::Z, up))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn floaters_do_not_grow_the_bounds() {
+        let mut points: Vec<Vec3> = (0..1000)
+            .map(|i| Vec3::from_array(crate::sh::fibonacci_sphere(1000)[i].map(|v| v as f32)))
+            .collect();
+        let clean = Bounds::of(&points);
+        assert!((clean.radius - 1.0).abs() < 0.02 && clean.center.length() < 0.02);
+        points[17] = Vec3::splat(1e6);
+        let rough = Bounds::of(&points);
+        assert!((rough.radius - 1.0).abs() < 0.05, "{rough:?}");
+    }
+
+    #[test]
+    fn up_goes_up() {
+        for (name, axis) in UpAxis::ALL {
+            let turn = axis.asset_from_world();
+            let up = (turn * glam::DVec3::Z).as_vec3();
+            assert!(up.distance(axis.direction()) < 1e-6, "{name}");
+            assert!((turn.determinant() - 1.0).abs() < 1e-12);
+            assert_eq!(axis.name(), name);
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! Stage *transfer* (paper 3.3 to 3.5): from the asset's colour under the source light to its radiance under the target light.
+//!
+//! Everything that does not change with the target is prepared once; a new light is then one matrix-vector product,
+//! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks of lanes.
+
+mod lanes;
+mod settings;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::color::decode_sh;
+use crate::environment::IncidentRadiance;
+use crate::error::{Error, Result};
+use crate::sh::{
+    LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count, cosine_kernel,
+    evaluate_basis, light_operator,
+};
+use crate::surfels::SurfelCloud;
+use crate::visibility::Visibility;
+
+pub use lanes::LANES;
+use lanes::{Block, relight_block};
+pub use settings::{Preset, Terms, TransferSettings};
+
+/// A target light stronger than the source by more than this is held to it, so that no result overflows.
+const MAX_RELATIVE_LIGHT: f32 = 1e12;
+
+/// The attenuation when that term is off: a mirror under a source of mean radiance 1, in units of its mean irradiance.
+pub const UNATTENUATED: f32 = std::f32::consts::PI;
+
+/// Radiance beyond this is held to it.
+pub const MAX_RADIANCE: f32 = 1e15;
+
+/// A light in units of the source's mean irradiance, as the operator that shadows it.
+///
+/// With `shadow` off, the visibility is the constant 1, whose only coefficient is the DC: the same operator serves.
+#[derive(Clone, Debug)]
+pub struct TransferLight {
+    /// `M_kq = sum_p G_kpq L_p`, per channel.
+    pub operator: LightOperator,
+}
+
+/// What the GPU pass and the CPU kernel share: everything of asset and source light that a change of target does not touch.
+#[derive(Clone, Debug)]
+pub struct PreparedTransfer {
+    /// Settings it was prepared with.
+    pub settings: TransferSettings,
+    /// Number of surfels.
+    pub surfels: usize,
+    /// Degree of lights and visibility.
+    pub light_degree: usize,
+    /// Degree of the asset's colour, and of the result.
+    pub asset_degree: usize,
+    /// The highest band that the specular term writes; 0 where there is none.
+    pub specular_degree: usize,
+    /// Unit normals, two-sided surfels turned to the side that the source lights more. `[n]`
+    pub normals: Vec<Vec3>,
+    /// Visibility coefficients `[n][K]`; empty where the shadow term is off.
+    pub visibility: Vec<f32>,
+    /// Linear DC of the asset over `E_S + eps`, per channel. `[n][3]`
+    pub dc_over_irradiance: Vec<[f32; 3]>,
+    /// Attenuation `A_l` (paper eq. 9) of bands 1 to `specular_degree`, per channel. `[n][specular_degree][3]`
+    pub attenuation: Vec<[f32; 3]>,
+    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    pub light_gain: f32,
+    /// Whether the source was black, and even light was taken in its place.
+    pub source_was_black: bool,
+    /// Share of surfels whose source irradiance is below epsilon in some channel: their ratio is epsilon's, not the light's.
+    pub dark_share: f32,
+    /// Linear DC of the asset `[n][3]`, to tell the ratio tau.
+    dc: Vec<[f32; 3]>,
+    blocks: Vec<Block>,
+}
+
+impl PreparedTransfer {
+    /// Prepares asset and source light.
+    ///
+    /// # Errors
+    /// The preset does not exist yet, or bake and asset differ in size.
+    pub fn new(
+        cloud: &SurfelCloud,
+        visibility: &Visibility,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<Self> {
+        settings.validate()?;
+        if visibility.normals.len() != cloud.len() {
+            return Err(Error::Mismatch(format!(
+                "the bake is of {} surfels and the asset has {}",
+                visibility.normals.len(),
+                cloud.len()
+            )));
+        }
+        let light_degree = settings.sh_degree;
+        let source_was_black = source.is_black();
+        let source = if source_was_black {
+            IncidentRadiance::even(light_degree)
+        } else {
+            source.clone()
+        };
+        let mean = source.mean_irradiance();
+        let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
+        let source = source.scaled(light_gain);
+        let has_view_dependence = cloud.has_view_dependence();
+        let specular_degree = if settings.terms.specular && has_view_dependence {
+            cloud.sh_degree.min(light_degree)
+        } else {
+            0
+        };
+        let linear = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
+        let v = if settings.terms.shadow {
+            visibility.coefficients(light_degree)
+        } else {
+            Vec::new()
+        };
+        let operator = light_operator(light_degree, &source.coefficients);
+        let per_surfel: Vec<(Vec3, [f32; 3])> = (0..cloud.len())
+            .into_par_iter()
+            .map(|i| {
+                let shadowed = shadowed_light(&operator, &v, i);
+                let (n, two_sided) = (visibility.normals[i], visibility.two_sided[i]);
+                let front = irradiance(&shadowed, light_degree, n);
+                if two_sided {
+                    let back = irradiance(&shadowed, light_degree, -n);
+                    if back.iter().sum::<f32>() > front.iter().sum() {
+                        return (-n, back);
+                    }
+                }
+                (n, front)
+            })
+            .collect();
+        let k = coefficient_count(cloud.sh_degree);
+        let dc: Vec<[f32; 3]> = linear.chunks_exact(k).map(|f| f[0]).collect();
+        let dark = per_surfel
+            .iter()
+            .filter(|(_, e)| e.iter().any(|e| *e < settings.epsilon))
+            .count();
+        let mut prepared = Self {
+            settings: settings.clone(),
+            surfels: cloud.len(),
+            light_degree,
+            asset_degree: cloud.sh_degree,
+            specular_degree,
+            normals: per_surfel.iter().map(|s| s.0).collect(),
+            visibility: v,
+            dc_over_irradiance: per_surfel
+                .iter()
+                .zip(&dc)
+                .map(|((_, e), dc)| {
+                    std::array::from_fn(|c| bounded(dc[c] / (e[c] + settings.epsilon)))
+                })
+                .collect(),
+            attenuation: attenuation(&linear, k, specular_degree, &source, settings),
+            light_gain,
+            source_was_black,
+            dark_share: dark as f32 / cloud.len().max(1) as f32,
+            dc,
+            blocks: Vec::new(),
+        };
+        prepared.blocks = (0..cloud.len().div_ceil(LANES))
+            .into_par_iter()
+            .map(|b| Block::new(&prepared, b * LANES))
+            .collect();
+        Ok(prepared)
+    }
+
+    /// Coefficients of the result, per surfel.
+    pub fn coefficients(&self) -> usize {
+        coefficient_count(self.asset_degree)
+    }
+
+    /// The target light as the kernels want it.
+    pub fn light(&self, target: &IncidentRadiance) -> TransferLight {
+        let relative: Vec<[f32; 3]> = target
+            .coefficients
+            .iter()
+            .map(|c| {
+                c.map(|v| (v * self.light_gain).clamp(-MAX_RELATIVE_LIGHT, MAX_RELATIVE_LIGHT))
+            })
+            .collect();
+        TransferLight {
+            operator: light_operator(self.light_degree, &relative),
+        }
+    }
+
+    /// Relights: linear radiance SH `[n][K][3]` into `out`, which has that size.
+    ///
+    /// # Panics
+    /// If `out` is of another size.
+    pub fn relight_into(&self, light: &TransferLight, out: &mut [[f32; 3]]) {
+        let k = self.coefficients();
+        assert_eq!(out.len(), self.surfels * k);
+        out.par_chunks_mut(LANES * k)
+            .zip(&self.blocks)
+            .for_each(|(out, block)| relight_block(self, &light.operator, block, out));
+    }
+
+    /// Relights into a new vector.
+    pub fn relight(&self, target: &IncidentRadiance) -> Vec<[f32; 3]> {
+        let mut out = vec![[0f32; 3]; self.surfels * self.coefficients()];
+        self.relight_into(&self.light(target), &mut out);
+        out
+    }
+
+    /// The transfer ratio tau (paper eq. 5) of each surfel, from a result of [`PreparedTransfer::relight`]. `[n][3]`
+    pub fn tau(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        relit
+            .chunks_exact(self.coefficients())
+            .zip(&self.dc)
+            .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
+            .collect()
+    }
+
+    /// Bytes that the prepared data occupies.
+    pub fn memory_bytes(&self) -> usize {
+        self.visibility.len() * 4
+            + (self.normals.len() + self.dc.len() + self.dc_over_irradiance.len()) * 12
+            + self.attenuation.len() * 12
+            + self.blocks.iter().map(Block::memory_bytes).sum::<usize>()
+    }
+}
+
+fn bounded(v: f32) -> f32 {
+    v.clamp(-MAX_RADIANCE, MAX_RADIANCE)
+}
+
+/// `L^shad_k = sum_pq G_kpq L_p V_q` (paper eq. 4) of surfel `i`, `[K][3]`; without visibility the light itself.
+fn shadowed_light(operator: &LightOperator, visibility: &[f32], i: usize) -> Vec<[f32; 3]> {
+    let k = coefficient_count(operator.degree);
+    let mut out = vec![[0f32; 3]; k];
+    for (c, matrix) in operator.matrices.iter().enumerate() {
+        for (row, out) in matrix.chunks_exact(k).zip(&mut out) {
+            out[c] = if visibility.is_empty() {
+                row[0] * crate::sh::SQRT_4PI as f32
+            } else {
+                row.iter()
+                    .zip(&visibility[i * k..])
+                    .map(|(m, v)| m * v)
+                    .sum()
+            };
+        }
+    }
+    out
+}
+
+/// `E(n) = sum_l A_l sum_m L_lm Y_lm(n)` (paper eq. 3), clamped below at 0: a truncated series may dip under it.
+fn irradiance(light: &[[f32; 3]], degree: usize, n: Vec3) -> [f32; 3] {
+    let mut y = [0f32; MAX_COEFFICIENTS];
+    evaluate_basis(n.to_array(), degree, &mut y);
+    let mut e = [0f32; 3];
+    for l in 0..=degree {
+        let a = cosine_kernel(l) as f32;
+        for i in band(l) {
+            for (e, light) in e.iter_mut().zip(light[i]) {
+                *e += a * y[i] * light;
+            }
+        }
+    }
+    e.map(|e| e.max(0.0))
+}
+
+/// `A_l = ||c_l|| / (||L_S,l|| + eps)` (paper eq. 9), per channel. `[n][degree][3]`
+fn attenuation(
+    linear: &[[f32; 3]],
+    k: usize,
+    degree: usize,
+    source: &IncidentRadiance,
+    settings: &TransferSettings,
+) -> Vec<[f32; 3]> {
+    if degree == 0 {
+        return Vec::new();
+    }
+    let norm = |f: &[[f32; 3]], l: usize, c: usize| {
+        f[band(l)].iter().map(|v| v[c] * v[c]).sum::<f32>().sqrt()
+    };
+    let source_norms: [[f32; 3]; MAX_DEGREE + 1] = std::array::from_fn(|l| {
+        if (1..=degree).contains(&l) {
+            std::array::from_fn(|c| norm(&source.coefficients, l, c))
+        } else {
+            [0.0; 3]
+        }
+    });
+    linear
+        .par_chunks_exact(k)
+        .flat_map_iter(|f| {
+            (1..=degree).map(move |l| {
+                std::array::from_fn(|c| {
+                    if settings.terms.attenuation {
+                        bounded(norm(f, l, c) / (source_norms[l][c] + settings.epsilon))
+                    } else {
+                        UNATTENUATED
+                    }
+                })
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,529 @@
+//! Stage *bake visibility* (paper 3.2): how open each surfel is towards each of N directions, and which way its normal points.
+//!
+//! For every direction an orthographic map of the object's heights towards it is drawn; each surfel compares its own height with
+//! eight taps of the map, softened exponentially (exponential shadow maps, Annen et al. 2008). Geometry only: no light is needed.
+
+use std::ops::ControlFlow;
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::sh::{
+    MAX_COEFFICIENTS, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere,
+};
+use crate::surfels::SurfelCloud;
+
+/// Told how far a long stage is, 0 to 1; `Break` cancels it.
+pub type Progress<'a> = &'a (dyn Fn(f64) -> ControlFlow<()> + Sync);
+
+/// A [`Progress`] that neither shows nor stops anything.
+pub fn no_progress(_: f64) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// Directions of a bake unless asked otherwise.
+pub const DEFAULT_DIRECTIONS: usize = 256;
+
+/// The range of directions that a bake may have. The upper end bounds its memory: one byte a surfel and direction.
+pub const DIRECTIONS: std::ops::RangeInclusive<usize> = 16..=4096;
+
+/// Directions whose maps are held at once; visibility is stored four to a word on the GPU.
+pub const DIRECTION_BATCH: usize = 8;
+
+/// Taps of a look-up, in texels: a Poisson disk with one tap in the middle.
+pub const TAPS: [[f32; 2]; 8] = [
+    [0.0, 0.0],
+    [1.22, 0.34],
+    [0.52, 1.31],
+    [-0.68, 1.08],
+    [-1.37, 0.12],
+    [-0.81, -1.13],
+    [0.31, -1.34],
+    [1.15, -0.86],
+];
+
+/// An occluder reaches this many standard deviations: where its opacity has fallen to a quarter.
+pub const OCCLUDER_REACH: f32 = 1.7;
+
+/// Surfels fainter than this cast no shadow.
+pub const OCCLUDER_OPACITY: f32 = 0.3;
+
+/// Sharpness of the exponential shadow, per object radius.
+pub const SHARPNESS: f32 = 200.0;
+
+/// A height difference below this many of the receiver's own larger standard deviations is no shadow.
+pub const BIAS_SCALES: f32 = 1.0;
+
+/// The cosine below which a receiver's slope towards the map is not believed any more.
+pub const MIN_SLOPE_COSINE: f32 = 0.2;
+
+/// Difference of the two sides' openness over their sum below which a surfel is two-sided.
+pub const TWO_SIDED_CONTRAST: f32 = 0.25;
+
+/// What a bake can be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BakeSettings {
+    /// Directions of the lattice.
+    pub directions: usize,
+}
+
+impl Default for BakeSettings {
+    fn default() -> Self {
+        Self {
+            directions: DEFAULT_DIRECTIONS,
+        }
+    }
+}
+
+/// One direction with its map's axes, all unit and orthogonal.
+#[derive(Clone, Copy, Debug)]
+pub struct MapFrame {
+    /// Right axis of the map.
+    pub right: Vec3,
+    /// Up axis of the map.
+    pub up: Vec3,
+    /// Towards the light: heights are measured along it.
+    pub direction: Vec3,
+}
+
+/// A surfel as the bake sees it, in units of the object's radius around its centre.
+#[derive(Clone, Copy, Debug)]
+pub struct BakeSurfel {
+    /// Centre.
+    pub position: Vec3,
+    /// Half axes of the disc that casts a shadow; zero where it casts none.
+    pub axes: [Vec3; 2],
+    /// Unit normal, of either sign.
+    pub normal: Vec3,
+    /// Least height difference that is a shadow.
+    pub bias: f32,
+}
+
+/// What CPU, GPU and oracle agree on before a bake: frames, scaled surfels, and the size of the maps.
+#[derive(Clone, Debug)]
+pub struct BakeInput {
+    /// One a direction.
+    pub frames: Vec<MapFrame>,
+    /// One a surfel.
+    pub surfels: Vec<BakeSurfel>,
+    /// Texels along an edge of a map, which covers -1 to 1 in the scaled coordinates.
+    pub resolution: usize,
+}
+
+impl BakeInput {
+    /// Scales the object to the unit ball and chooses the maps' resolution: two texels a median standard deviation, 256 to 1024.
+    pub fn new(cloud: &SurfelCloud, settings: &BakeSettings) -> Self {
+        let bounds = cloud.bounds();
+        let mut scales: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
+        let middle = scales.len() / 2;
+        let median = if scales.is_empty() {
+            bounds.radius
+        } else {
+            *scales.select_nth_unstable_by(middle, f32::total_cmp).1
+        };
+        let radius = 1.01 * bounds.radius + OCCLUDER_REACH * median.min(bounds.radius);
+        let texels = (4.0 * radius / median.max(1e-30)).clamp(256.0, 1024.0);
+        let resolution = (texels as usize).next_power_of_two();
+        let surfels = (0..cloud.len())
+            .map(|i| {
+                let casts = cloud.opacities[i] > OCCLUDER_OPACITY;
+                let scale = cloud.scales[i] / radius;
+                let reach = if casts { OCCLUDER_REACH } else { 0.0 };
+                let [u, v] = cloud.tangents[i];
+                BakeSurfel {
+                    position: (cloud.positions[i] - bounds.center) / radius,
+                    axes: [u * (scale.x * reach), v * (scale.y * reach)],
+                    normal: u.cross(v),
+                    bias: BIAS_SCALES * scale.max_element(),
+                }
+            })
+            .collect();
+        let frames = fibonacci_sphere(settings.directions)
+            .into_iter()
+            .map(|d| {
+                let direction = Vec3::from_array(d.map(|v| v as f32));
+                let (right, up) = direction.any_orthonormal_pair();
+                MapFrame {
+                    right,
+                    up,
+                    direction,
+                }
+            })
+            .collect();
+        Self {
+            frames,
+            surfels,
+            resolution,
+        }
+    }
+}
+
+/// Height of a texel that nothing covers.
+pub const EMPTY: f32 = -1e30;
+
+/// Draws the heights of all occluders along one direction: `map` `[resolution][resolution]`.
+fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
+    map.fill(EMPTY);
+    let resolution = input.resolution as f32;
+    let texel = 2.0 / resolution;
+    let last = input.resolution as i32 - 1;
+    for surfel in &input.surfels {
+        let [a, b] = surfel.axes;
+        let (ax, ay) = (a.dot(frame.right), a.dot(frame.up));
+        let (bx, by) = (b.dot(frame.right), b.dot(frame.up));
+        let det = ax * by - ay * bx;
+        // Seen edge-on (or without area) it covers nothing.
+        if det.abs() <= 1e-4 * a.length() * b.length() {
+            continue;
+        }
+        let (px, py) = (
+            surfel.position.dot(frame.right),
+            surfel.position.dot(frame.up),
+        );
+        let (ex, ey) = (ax.hypot(bx), ay.hypot(by));
+        // First and last texel whose centre may be covered.
+        let first = |low: f32| ((low + 1.0) / texel - 0.5).ceil().max(0.0) as i32;
+        let until = |high: f32| (((high + 1.0) / texel - 0.5).floor() as i32).min(last);
+        let height = surfel.position.dot(frame.direction);
+        let (rise_a, rise_b) = (a.dot(frame.direction), b.dot(frame.direction));
+        let inverse = 1.0 / det;
+        for y in first(py - ey)..=until(py + ey) {
+            let dy = (y as f32 + 0.5) * texel - 1.0 - py;
+            let row = &mut map[y as usize * input.resolution..][..input.resolution];
+            for x in first(px - ex)..=until(px + ex) {
+                let dx = (x as f32 + 0.5) * texel - 1.0 - px;
+                let s = (dx * by - dy * bx) * inverse;
+                let t = (dy * ax - dx * ay) * inverse;
+                if s * s + t * t <= 1.0 {
+                    let h = height + s * rise_a + t * rise_b;
+                    let cell = &mut row[x as usize];
+                    *cell = cell.max(h);
+                }
+            }
+        }
+    }
+}
+
+/// How open a surfel is towards a map's direction, 0 to 1.
+fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel) -> f32 {
+    let texel = 2.0 / input.resolution as f32;
+    let (px, py) = (
+        surfel.position.dot(frame.right),
+        surfel.position.dot(frame.up),
+    );
+    let height = surfel.position.dot(frame.direction);
+    let facing = surfel.normal.dot(frame.direction);
+    let cosine = facing.abs().max(MIN_SLOPE_COSINE).copysign(facing);
+    // The receiver's own plane: a neighbour in it is no occluder.
+    let slope = Vec2::new(
+        -surfel.normal.dot(frame.right) / cosine,
+        -surfel.normal.dot(frame.up) / cosine,
+    );
+    let (u, v) = ((px + 1.0) / texel, (py + 1.0) / texel);
+    let mut sum = 0.0;
+    for [ox, oy] in TAPS {
+        let (x, y) = ((u + ox).floor(), (v + oy).floor());
+        let size = input.resolution as f32;
+        if !(x >= 0.0 && y >= 0.0 && x < size && y < size) {
+            sum += 1.0;
+            continue;
+        }
+        let plane = height
+            + slope.x * ((x + 0.5) * texel - 1.0 - px)
+            + slope.y * ((y + 0.5) * texel - 1.0 - py);
+        let above = map[y as usize * input.resolution + x as usize] - plane - surfel.bias;
+        sum += if above > 0.0 {
+            (-SHARPNESS * above).exp()
+        } else {
+            1.0
+        };
+    }
+    sum / TAPS.len() as f32
+}
+
+/// A share 0 to 1 as a byte, as CPU and GPU both round it.
+pub fn quantize_open(open: f32) -> u8 {
+    (open * 255.0 + 0.5) as u8
+}
+
+/// Bakes on the CPU, a batch of directions at a time: maps in parallel, then surfels in parallel.
+///
+/// Returns openness `[n][N]` in bytes.
+///
+/// # Errors
+/// [`Error::Cancelled`] when `progress` asked for it.
+pub fn bake_visibility(input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
+    let directions = input.frames.len();
+    let texels = input.resolution * input.resolution;
+    let mut open = vec![0u8; input.surfels.len() * directions];
+    let mut maps = vec![0f32; DIRECTION_BATCH.min(directions) * texels];
+    for (batch, frames) in input.frames.chunks(DIRECTION_BATCH).enumerate() {
+        let first = batch * DIRECTION_BATCH;
+        if progress(first as f64 / directions as f64).is_break() {
+            return Err(Error::Cancelled);
+        }
+        maps.par_chunks_exact_mut(texels)
+            .zip(frames)
+            .for_each(|(map, frame)| draw_height_map(input, frame, map));
+        open.par_chunks_exact_mut(directions)
+            .zip(&input.surfels)
+            .for_each(|(row, surfel)| {
+                for (i, frame) in frames.iter().enumerate() {
+                    let map = &maps[i * texels..][..texels];
+                    row[first + i] = quantize_open(look_up(input, frame, map, surfel));
+                }
+            });
+    }
+    Ok(open)
+}
+
+/// The result of a bake: everything that the transfer needs of the geometry.
+#[derive(Clone, Debug)]
+pub struct Visibility {
+    /// Directions N of the lattice [`fibonacci_sphere`].
+    pub directions: usize,
+    /// `[n][N]`, 255 is open.
+    pub open: Vec<u8>,
+    /// Unit normals, turned to the open side. `[n]`
+    pub normals: Vec<Vec3>,
+    /// Surfels whose two sides are about equally open: the light decides which of them counts. `[n]`
+    pub two_sided: Vec<bool>,
+    /// How many stored normals pointed to the closed side.
+    pub flipped: usize,
+    /// Surfels that are closed on both sides.
+    pub buried: usize,
+}
+
+impl Visibility {
+    /// Turns each normal to its open side and counts.
+    ///
+    /// The sign is that of `dot(n, sum_i v_i w_i)`: the difference of the two sides' cosine-weighted openness.
+    pub fn from_open(cloud: &SurfelCloud, directions: usize, open: Vec<u8>) -> Self {
+        let lattice: Vec<Vec3> = fibonacci_sphere(directions)
+            .iter()
+            .map(|d| Vec3::from_array(d.map(|v| v as f32)))
+            .collect();
+        // A fully open side: integral of the cosine over a hemisphere, in units of 255 a direction.
+        let full = 255.0 * directions as f32 / 4.0;
+        let sides: Vec<(Vec3, bool, bool, bool)> = open
+            .par_chunks_exact(directions)
+            .enumerate()
+            .map(|(i, row)| {
+                let normal = cloud.stored_normal(i).normalize_or(Vec3::Z);
+                let (mut front, mut back) = (0f32, 0f32);
+                for (w, v) in lattice.iter().zip(row) {
+                    let amount = w.dot(normal) * f32::from(*v);
+                    front += amount.max(0.0);
+                    back += (-amount).max(0.0);
+                }
+                let flip = back > front;
+                let buried = front + back < 0.02 * full;
+                let two_sided =
+                    !buried && (front - back).abs() < TWO_SIDED_CONTRAST * (front + back);
+                (if flip { -normal } else { normal }, flip, two_sided, buried)
+            })
+            .collect();
+        Self {
+            directions,
+            open,
+            normals: sides.iter().map(|s| s.0).collect(),
+            two_sided: sides.iter().map(|s| s.2).collect(),
+            flipped: sides.iter().filter(|s| s.1).count(),
+            buried: sides.iter().filter(|s| s.3).count(),
+        }
+    }
+
+    /// A bake of nothing but air: every surfel sees everything, normals stay as they are stored.
+    pub fn all_open(cloud: &SurfelCloud) -> Self {
+        let directions = *DIRECTIONS.start();
+        Self {
+            directions,
+            open: vec![255; cloud.len() * directions],
+            normals: (0..cloud.len())
+                .map(|i| cloud.stored_normal(i).normalize_or(Vec3::Z))
+                .collect(),
+            two_sided: vec![false; cloud.len()],
+            flipped: 0,
+            buried: 0,
+        }
+    }
+
+    /// `V_k = (4 pi / N) sum_i v_i Y_k(w_i)`, `[n][K]`: a uniform lattice has equal weights.
+    pub fn coefficients(&self, degree: usize) -> Vec<f32> {
+        self.project(degree, |_, v| v)
+    }
+
+    /// The cosine transfer vector (Sloan et al. 2002), `T_k = (4 pi / N) sum_i v_i max(0, n.w_i) Y_k(w_i)`, `[n][K]`:
+    /// irradiance is `L . T`, truncated once.
+    pub fn cosine_transfer(&self, degree: usize) -> Vec<f32> {
+        self.project(degree, |cosine, v| v * cosine.max(0.0))
+    }
+
+    fn project(&self, degree: usize, weight: impl Fn(f32, f32) -> f32 + Sync) -> Vec<f32> {
+        let k = coefficient_count(degree);
+        let lattice = fibonacci_sphere(self.directions);
+        let scale = 4.0 * std::f64::consts::PI / self.directions as f64 / 255.0;
+        let mut basis = vec![0f32; self.directions * k];
+        let mut directions = Vec::with_capacity(self.directions);
+        for (d, row) in lattice.iter().zip(basis.chunks_exact_mut(k)) {
+            let mut y = [0f64; MAX_COEFFICIENTS];
+            evaluate_basis(*d, degree, &mut y);
+            for (out, y) in row.iter_mut().zip(y) {
+                *out = (scale * y) as f32;
+            }
+            directions.push(Vec3::from_array(d.map(|v| v as f32)));
+        }
+        let mut out = vec![0f32; self.normals.len() * k];
+        out.par_chunks_exact_mut(k)
+            .zip(self.open.par_chunks_exact(self.directions))
+            .zip(&self.normals)
+            .for_each(|((out, open), normal)| {
+                for ((v, d), y) in open.iter().zip(&directions).zip(basis.chunks_exact(k)) {
+                    let w = weight(d.dot(*normal), f32::from(*v));
+                    if w != 0.0 {
+                        for (out, y) in out.iter_mut().zip(y) {
+                            *out += w * y;
+                        }
+                    }
+                }
+            });
+        out
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
+    pub fn openness(&self) -> Vec<f32> {
+        // T_0 = E / L_0 for an even light of radiance 1 / Y_0; fully open it is pi Y_0.
+        let full = (cosine_kernel(0) / crate::sh::SQRT_4PI) as f32;
+        self.cosine_transfer(0)
+            .iter()
+            .map(|t| (t / full).clamp(0.0, 1.0))
+            .collect()
+    }
+}
+
+/// Bakes on the CPU from start to end.
+///
+/// # Errors
+/// [`Error::Cancelled`] when `progress` asked for it.
+pub fn bake(
+    cloud: &SurfelCloud,
+    settings: &BakeSettings,
+    progress: Progress<'_>,
+) -> Result<Visibility> {
+    let input = BakeInput::new(cloud, settings);
+    let open = bake_visibility(&input, progress)?;
+    Ok(Visibility::from_open(cloud, settings.directions, open))
+}
+
+/// Whether the lights and terms chosen need no shadow: then the bake is only asked for the normals.
+pub fn normals_only(without_shadow: bool) -> BakeSettings {
+    BakeSettings {
+        directions: if without_shadow {
+            64
+        } else {
+            DEFAULT_DIRECTIONS
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oracle;
+    use crate::scenes;
+
+    #[test]
+    fn production_follows_the_oracle() {
+        let cloud = scenes::sphere_over_plate(400);
+        let settings = BakeSettings { directions: 16 };
+        let input = BakeInput::new(&cloud, &settings);
+        let open = bake_visibility(&input, &no_progress).expect("not cancelled");
+        let (mut sum, mut far) = (0.0, 0);
+        for i in 0..cloud.len() {
+            for j in 0..16 {
+                let exact = oracle::openness(&input, i, j);
+                let difference = (exact - f64::from(open[i * 16 + j]) / 255.0).abs();
+                sum += difference;
+                far += usize::from(difference > 0.01);
+            }
+        }
+        let count = cloud.len() * 16;
+        // Bytes round by 1/510. A texel's centre on the rim of a disc may round to either side: rare, and then up to a tap's worth.
+        assert!(sum / (count as f64) < 0.002, "mean {}", sum / count as f64);
+        assert!(far * 200 < count, "{far} of {count} differ");
+    }
+
+    #[test]
+    fn a_convex_object_sees_its_upper_half() {
+        let cloud = scenes::sphere(1500);
+        let visibility =
+            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        let lattice = fibonacci_sphere(256);
+        let mut wrong = 0;
+        for (i, n) in visibility.normals.iter().enumerate() {
+            for (j, d) in lattice.iter().enumerate() {
+                let cosine = n.dot(Vec3::from_array(d.map(|v| v as f32)));
+                let open = visibility.open[i * 256 + j] > 127;
+                // Within the tilt of one surfel to the next the horizon may go either way.
+                wrong += usize::from(cosine.abs() > 0.15 && open != (cosine > 0.0));
+            }
+        }
+        assert!(wrong * 500 < cloud.len() * 256, "{wrong}");
+        let openness = visibility.openness();
+        assert!(
+            openness.iter().all(|o| *o > 0.9),
+            "{:?}",
+            openness.iter().copied().fold(1f32, f32::min)
+        );
+    }
+
+    #[test]
+    fn turned_normals_are_turned_back() {
+        let mut cloud = scenes::sphere(1000);
+        for i in (0..1000).step_by(3) {
+            cloud.tangents[i].swap(0, 1);
+            let s = cloud.scales[i];
+            cloud.scales[i] = Vec2::new(s.y, s.x);
+        }
+        let visibility =
+            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        let outward = (0..1000)
+            .filter(|i| visibility.normals[*i].dot(cloud.positions[*i]) > 0.0)
+            .count();
+        assert_eq!(outward, 1000);
+        assert!(
+            (330..=340).contains(&visibility.flipped),
+            "{}",
+            visibility.flipped
+        );
+        assert_eq!(visibility.two_sided.iter().filter(|t| **t).count(), 0);
+    }
+
+    #[test]
+    fn a_lone_sheet_is_two_sided() {
+        let cloud = scenes::sheet(20);
+        let visibility =
+            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        assert!(visibility.two_sided.iter().all(|t| *t));
+    }
+
+    #[test]
+    fn all_open_projects_to_one() {
+        let cloud = scenes::sphere(10);
+        let visibility = Visibility::all_open(&cloud);
+        let v = visibility.coefficients(0);
+        assert!(
+            v.iter()
+                .all(|v| (v - crate::sh::SQRT_4PI as f32).abs() < 1e-5)
+        );
+    }
+
+    #[test]
+    fn cancelling_stops() {
+        let cloud = scenes::sphere(100);
+        let stop = |_: f64| ControlFlow::Break(());
+        let result = bake(&cloud, &BakeSettings::default(), &stop);
+        assert!(matches!(result, Err(Error::Cancelled)));
+    }
+}
