@@ -12,6 +12,7 @@ use std::path::Path;
 
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
+use crate::look::Look;
 
 pub use cameras::{CameraFile, CameraFrame, load_cameras};
 pub(crate) use ply::Format;
@@ -122,6 +123,15 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
             "is no environment; .hdr, .exr, .png or .jpg is expected here",
         )),
     }
+}
+
+/// Loads a saved look.
+///
+/// # Errors
+/// The file cannot be read or is no look.
+pub fn load_look(path: &Path) -> Result<Look> {
+    serde_json::from_slice(&read_all(path, 1 << 24)?)
+        .map_err(|e| Error::invalid(path, format!("not a look: {e}")))
 }
 
 /// Checks the size that a map's header claims.

@@ -1,0 +1,359 @@
+//! The command line: a stable contract.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use transplat_core::color::ToneMap;
+use transplat_core::present::{Background, View};
+use transplat_core::surfels::UpAxis;
+use transplat_core::transfer::Preset;
+use transplat_core::visibility::DIRECTIONS;
+
+/// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Write the asset as it looks under another light.
+    #[command(
+        after_help = "Example:\n  transplat relight knot.ply --source city.hdr --target sunset.hdr -o relit.ply"
+    )]
+    Relight(RelightArgs),
+    /// Draw pictures of an asset, as captured or relit.
+    #[command(
+        after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o pictures\n\nPictures are named NNN.png by frame, from 000; with several targets in a folder for each. PNG is display-encoded with straight alpha; EXR is linear and premultiplied (and blended in linear light)."
+    )]
+    Render(RenderArgs),
+    /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
+    #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
+    Bake(BakeArgs),
+    /// Tell what a splat, environment, bake or look holds, and what is odd about it.
+    #[command(after_help = "Example:\n  transplat info knot.ply")]
+    Info(InfoArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct OutputArgs {
+    /// Show no progress and no summary
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Print one JSON object on stdout: timings, memory, what was left out, warnings
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct AssetArgs {
+    /// The splat: a 2DGS or 3DGS .ply
+    pub asset: PathBuf,
+    /// The asset's up axis; default: what the file says, else +z
+    #[arg(long, value_parser = parse_up, allow_hyphen_values = true)]
+    pub up: Option<UpAxis>,
+    /// The asset's colour is linear already
+    #[arg(long)]
+    pub linear: bool,
+    /// Visibility directions [default: 256]
+    #[arg(long, value_parser = parse_directions)]
+    pub directions: Option<usize>,
+    /// Where to compute
+    #[arg(long, value_enum, default_value_t = DeviceChoice::Auto)]
+    pub device: DeviceChoice,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DeviceChoice {
+    /// The GPU where there is one, else the CPU
+    Auto,
+    /// A GPU; a software Vulkan driver counts
+    Gpu,
+    /// The CPU, without any graphics driver
+    Cpu,
+}
+
+#[derive(Debug, Args)]
+pub struct LightArgs {
+    /// The light the asset was captured under: .hdr, .exr, a picture, or "even" where nobody knows it
+    #[arg(long, value_name = "ENV|even")]
+    pub source: Option<PathBuf>,
+    /// The light to relight by; several, or a folder of them, give one output each
+    #[arg(long, value_name = "ENV|even")]
+    pub target: Vec<PathBuf>,
+    /// Which mathematics [default: paper; best comes with a later version]
+    #[arg(long, value_parser = parse_preset)]
+    pub preset: Option<Preset>,
+    /// Degree of the light used, 0 to 8 [default: 3]
+    #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
+    pub sh_degree: Option<u8>,
+    /// Added to the source's irradiance, relative to its mean [default: 0.02]
+    #[arg(long, value_parser = parse_finite)]
+    pub epsilon: Option<f64>,
+    /// Switch terms off
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "TERM,...")]
+    pub without: Vec<Term>,
+    /// Turn the source light about the up axis
+    #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
+    pub rotate_source: Option<f64>,
+    /// Turn the target light about the up axis
+    #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
+    pub rotate_target: Option<f64>,
+    /// Strength of the target light
+    #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
+    pub strength_target: Option<f64>,
+    /// Use a saved bake
+    #[arg(long, value_name = "FILE")]
+    pub bake: Option<PathBuf>,
+    /// All settings from a saved look (JSON); options given beside it win
+    #[arg(long, value_name = "FILE")]
+    pub look: Option<PathBuf>,
+}
+
+/// Terms of the two presets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Term {
+    /// Self-shadowing
+    Shadow,
+    /// Everything that depends on the view
+    Specular,
+    /// The mirror about the normal
+    Reflection,
+    /// The dampening of each band
+    Attenuation,
+    /// Preset best
+    Suns,
+    /// Preset best
+    Bounce,
+    /// Preset best
+    TwoSided,
+    /// Preset best
+    Lobe,
+    /// Preset best
+    Residual,
+}
+
+#[derive(Debug, Args)]
+pub struct RelightArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    #[command(flatten)]
+    pub light: LightArgs,
+    /// The relit splat; with several targets the folder for them
+    #[arg(short, long, value_name = "OUT.ply|DIR")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    #[command(flatten)]
+    pub light: LightArgs,
+    #[command(flatten)]
+    pub camera: CameraArgs,
+    /// Folder for the pictures, or the one picture's name
+    #[arg(short, long, value_name = "DIR|FILE")]
+    pub output: PathBuf,
+    /// Picture size; default: the camera file's, else 800x800
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<[usize; 2]>,
+    /// File format; default: by the output's name, else png
+    #[arg(long, value_enum)]
+    pub format: Option<PictureFormat>,
+    /// transparent, black, white, #rrggbb or environment [default: transparent]
+    #[arg(long, value_parser = parse_background)]
+    pub background: Option<Background>,
+    /// What to show [default: after]
+    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|difference|diffuse|specular|normals|depth|visibility|tau")]
+    pub view: Option<View>,
+    /// Tone curve [default: srgb]
+    #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]
+    pub tone_map: Option<ToneMap>,
+    /// Exposure of the picture
+    #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
+    pub exposure: Option<f64>,
+    /// Average N x N samples a pixel
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub supersample: u8,
+    /// Only these frames, with their own numbers
+    #[arg(long, value_name = "A-B", value_parser = parse_frames)]
+    pub frames: Option<[usize; 2]>,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct CameraArgs {
+    /// Cameras of a NeRF-synthetic transforms.json
+    #[arg(long, value_name = "TRANSFORMS.json", required_unless_present_any = ["turntable", "eye"], conflicts_with_all = ["turntable", "eye"])]
+    pub cameras: Option<PathBuf>,
+    /// N views around the object
+    #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub turntable: Option<u32>,
+    /// One camera here, in the asset's coordinates
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    pub eye: Option<[f32; 3]>,
+    /// What that camera looks at; default: the object's centre
+    #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = parse_point, allow_hyphen_values = true)]
+    pub look_at: Option<[f32; 3]>,
+    /// Horizontal field of view of --turntable and --eye
+    #[arg(long, value_name = "DEG", default_value_t = 40.0, conflicts_with = "cameras", value_parser = parse_fov)]
+    pub fov: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PictureFormat {
+    Png,
+    Exr,
+}
+
+impl PictureFormat {
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct BakeArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    /// The bake
+    #[arg(short, long, value_name = "OUT.bake")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// A splat, environment, bake or look
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+fn parse_up(text: &str) -> Result<UpAxis, String> {
+    UpAxis::ALL
+        .into_iter()
+        .find(|(name, _)| *name == text || name.strip_prefix('+') == Some(text))
+        .map(|(_, axis)| axis)
+        .ok_or_else(|| "one of +x, -x, +y, -y, +z, -z is expected".into())
+}
+
+fn parse_directions(text: &str) -> Result<usize, String> {
+    text.parse()
+        .ok()
+        .filter(|n| DIRECTIONS.contains(n))
+        .ok_or_else(|| {
+            format!(
+                "a number from {} to {} is expected",
+                DIRECTIONS.start(),
+                DIRECTIONS.end()
+            )
+        })
+}
+
+fn parse_preset(text: &str) -> Result<Preset, String> {
+    parse_named(text)
+}
+
+/// Parses an enum by the name that saved looks use.
+fn parse_named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(serde_json::Value::String(text.to_owned()))
+        .map_err(|e| e.to_string().replace("unknown variant ", "not known: "))
+}
+
+fn parse_finite(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|v: &f64| v.is_finite() && v.abs() < 1e6)
+        .ok_or_else(|| "a number is expected".into())
+}
+
+fn parse_fov(text: &str) -> Result<f64, String> {
+    parse_finite(text)
+        .ok()
+        .filter(|v| (1.0..=170.0).contains(v))
+        .ok_or_else(|| "an angle from 1 to 170 degrees is expected".into())
+}
+
+fn parse_point(text: &str) -> Result<[f32; 3], String> {
+    let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+    values
+        .ok()
+        .and_then(|v| <[f32; 3]>::try_from(v).ok())
+        .filter(|v| v.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| "three numbers X,Y,Z are expected".into())
+}
+
+fn parse_size(text: &str) -> Result<[usize; 2], String> {
+    let size = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    size.filter(|s: &[usize; 2]| s.iter().all(|v| (1..=16384).contains(v)))
+        .ok_or_else(|| "WIDTHxHEIGHT is expected, each from 1 to 16384".into())
+}
+
+fn parse_frames(text: &str) -> Result<[usize; 2], String> {
+    let range = match text.split_once('-') {
+        Some((a, b)) => a.parse().ok().zip(b.parse().ok()),
+        None => text.parse().ok().map(|a| (a, a)),
+    };
+    range
+        .filter(|(a, b)| a <= b)
+        .map(|(a, b)| [a, b])
+        .ok_or_else(|| "A-B is expected, the first and the last frame".into())
+}
+
+fn parse_background(text: &str) -> Result<Background, String> {
+    Ok(match text {
+        "transparent" => Background::Transparent,
+        "environment" => Background::Environment,
+        "black" => Background::Color([0.0; 3]),
+        "white" => Background::Color([1.0; 3]),
+        _ => {
+            let digits = text
+                .strip_prefix('#')
+                .filter(|d| d.len() == 6)
+                .and_then(|d| u32::from_str_radix(d, 16).ok())
+                .ok_or("transparent, black, white, #rrggbb or environment is expected")?;
+            Background::Color([16, 8, 0].map(|shift| (digits >> shift & 255) as f32 / 255.0))
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn values_are_read_as_the_help_says() {
+        assert_eq!(parse_size("640x480"), Ok([640, 480]));
+        assert!(parse_size("640x0").is_err());
+        assert_eq!(parse_frames("3-7"), Ok([3, 7]));
+        assert_eq!(parse_frames("3"), Ok([3, 3]));
+        assert!(parse_frames("7-3").is_err());
+        assert_eq!(
+            parse_background("#ff0000"),
+            Ok(Background::Color([1.0, 0.0, 0.0]))
+        );
+        assert_eq!(parse_up("-y"), Ok(UpAxis::MinusY));
+        assert_eq!(parse_named::<View>("tau"), Ok(View::Tau));
+        assert!(parse_named::<ToneMap>("agx2").is_err());
+        assert_eq!(parse_point("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
+    }
+}

@@ -1,0 +1,28 @@
+//! `transplat bake`: visibility into a file.
+
+use anyhow::Result;
+use transplat_core::bake_file::save_bake;
+
+use crate::cli::BakeArgs;
+use crate::report::Report;
+use crate::scene::{Scene, look_of};
+
+pub fn run(args: &BakeArgs) -> Result<()> {
+    let mut report = Report::new("bake", &args.out);
+    let scene = Scene::load(&args.asset, look_of(&args.asset, None)?, &mut report)?;
+    let visibility = scene.bake(None, &mut report)?;
+    report.time("export", || {
+        save_bake(&args.output, &scene.cloud, &visibility)
+    })?;
+    report.set("output", args.output.display().to_string());
+    let two_sided = visibility.two_sided.iter().filter(|t| **t).count();
+    report.finish(&format!(
+        "wrote {}: {} surfels, {} directions; {} normals turned, {two_sided} two-sided, {} buried",
+        args.output.display(),
+        scene.cloud.len(),
+        visibility.directions,
+        visibility.flipped,
+        visibility.buried
+    ));
+    Ok(())
+}

@@ -1,0 +1,225 @@
+//! `transplat info`: what a file holds, and what is odd about it.
+
+use std::path::Path;
+
+use anyhow::Result;
+use serde_json::json;
+use transplat_core::bake_file::inspect_bake;
+use transplat_core::color::luminance;
+use transplat_core::environment::project_environment;
+use transplat_core::load::{
+    AssetKind, FileKind, file_kind, load_asset, load_environment, load_look,
+};
+
+use crate::cli::InfoArgs;
+use crate::report::Report;
+
+pub fn run(args: &InfoArgs) -> Result<()> {
+    let mut report = Report::new("info", &args.out);
+    let path = &args.file;
+    let mut lines = vec![path.display().to_string()];
+    match file_kind(path)? {
+        FileKind::Ply => asset(path, &mut report, &mut lines)?,
+        FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
+            environment(path, &mut report, &mut lines)?
+        }
+        FileKind::Bake => {
+            let header = inspect_bake(path)?;
+            report.set("kind", "bake");
+            report.set("surfels", header.surfels);
+            report.set("directions", header.directions);
+            report.set("geometry_key", format!("{:016x}", header.geometry_key));
+            lines.push(format!(
+                "bake of {} surfels, {} directions, geometry {:016x}",
+                header.surfels, header.directions, header.geometry_key
+            ));
+        }
+        FileKind::Look => {
+            let look = load_look(path)?;
+            report.set("kind", "look");
+            report.set("look", json!(look));
+            lines.push(format!("look: {}", serde_json::to_string_pretty(&look)?));
+        }
+    }
+    report.finish(&lines.join("\n  "));
+    Ok(())
+}
+
+/// The value that a share of the sorted values lies below.
+fn quantile(values: &mut [f32], share: f64) -> f32 {
+    let index = ((values.len() - 1) as f64 * share) as usize;
+    *values.select_nth_unstable_by(index, f32::total_cmp).1
+}
+
+fn asset(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Result<()> {
+    let (cloud, file) = report.time("load", || load_asset(path))?;
+    let found = &file.report;
+    let kind = match found.kind {
+        AssetKind::Surfels2d => "2DGS",
+        AssetKind::Gaussians3d => "3DGS",
+    };
+    let bounds = cloud.bounds();
+    report.set("kind", kind);
+    report.set("surfels", cloud.len());
+    report.set("sh_degree", cloud.sh_degree);
+    report.set("up", cloud.up.name());
+    report.set("center", bounds.center.to_array().to_vec());
+    report.set("radius", bounds.radius);
+    report.set("left_out", found.left_out.len());
+    report.set("properties", found.properties.clone());
+    report.set("comments", found.comments.clone());
+    lines.push(format!(
+        "{kind} splat, {} surfels, SH degree {}",
+        cloud.len(),
+        cloud.sh_degree
+    ));
+    lines.push(format!(
+        "up {} ({})",
+        cloud.up.name(),
+        if found
+            .comments
+            .iter()
+            .any(|c| c.to_lowercase().starts_with("vertical axis"))
+        {
+            "the file says so"
+        } else {
+            "assumed; the file does not say: see --up"
+        }
+    ));
+    lines.push(format!(
+        "centre {:.3?}, radius {:.3}",
+        bounds.center.to_array(),
+        bounds.radius
+    ));
+    let mut sizes: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
+    let (small, middle, large) = (
+        quantile(&mut sizes, 0.05),
+        quantile(&mut sizes, 0.5),
+        quantile(&mut sizes, 0.95),
+    );
+    lines.push(format!(
+        "larger standard deviation: 5 % {small:.5}, median {middle:.5}, 95 % {large:.5}"
+    ));
+    report.set("median_scale", middle);
+    let mut opacities = cloud.opacities.clone();
+    let faint = opacities.iter().filter(|o| **o < 1.0 / 255.0).count();
+    let median_opacity = quantile(&mut opacities, 0.5);
+    report.set("median_opacity", median_opacity);
+    lines.push(format!(
+        "median opacity {median_opacity:.3}; {faint} surfels too faint to be drawn"
+    ));
+    if let Some(flatness) = found.median_flatness {
+        report.set("median_flatness", flatness);
+        lines.push(format!(
+            "median shortest/second axis {flatness:.3} (0 is flat; the shortest axis is the normal)"
+        ));
+        if flatness > 0.1 {
+            report.warn("the Gaussians are not flat: normals, and so relighting, are only rough");
+        }
+    }
+    if !cloud.has_view_dependence() {
+        lines.push(
+            "colour does not depend on the view: there is no specular part to transfer".into(),
+        );
+    }
+    let far = cloud
+        .positions
+        .iter()
+        .filter(|p| p.distance(bounds.center) > 1.5 * bounds.radius)
+        .count();
+    if far > 0 {
+        report.warn(format!("{far} surfels float far outside of the object"));
+    }
+    if !found.left_out.is_empty() {
+        report.warn(format!(
+            "{} rows hold values that are no numbers (the first is vertex {}) and are left out",
+            found.left_out.len(),
+            found.left_out[0]
+        ));
+    }
+    for comment in &found.comments {
+        lines.push(format!("comment: {comment}"));
+    }
+    lines.push(format!("properties: {}", summary(&found.properties)));
+    Ok(())
+}
+
+/// Property names, with `f_rest_0 .. f_rest_44` told as a range.
+fn summary(names: &[String]) -> String {
+    let rest = names.iter().filter(|n| n.starts_with("f_rest_")).count();
+    let mut out: Vec<String> = Vec::new();
+    let mut told = false;
+    for name in names {
+        if !name.starts_with("f_rest_") {
+            out.push(name.clone());
+        } else if !std::mem::replace(&mut told, true) {
+            out.push(format!("f_rest_0..{}", rest - 1));
+        }
+    }
+    out.join(" ")
+}
+
+fn environment(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Result<()> {
+    let map = report.time("load", || load_environment(path))?;
+    let light = report.time("project", || project_environment(&map, 3));
+    let mean = light.coefficients[0].map(|v| v / transplat_core::sh::SQRT_4PI as f32);
+    let peak = map
+        .pixels()
+        .iter()
+        .map(|p| luminance(*p))
+        .fold(0f32, f32::max);
+    // Share of the light that the brightest thousandth of the sphere sends.
+    let mut by_row: Vec<(f32, f64)> = Vec::with_capacity(map.pixels().len());
+    for (row, pixels) in map.pixels().chunks_exact(map.width()).enumerate() {
+        let omega = map.pixel_solid_angle(row);
+        by_row.extend(pixels.iter().map(|p| (luminance(*p), omega)));
+    }
+    by_row.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+    let total: f64 = by_row.iter().map(|(l, o)| f64::from(*l) * o).sum();
+    let (mut sun, mut angle) = (0.0, 0.0);
+    for (l, omega) in &by_row {
+        if angle > 4.0e-3 * std::f64::consts::PI {
+            break;
+        }
+        sun += f64::from(*l) * omega;
+        angle += omega;
+    }
+    let share = if total > 0.0 { sun / total } else { 0.0 };
+    report.set("kind", "environment");
+    report.set("width", map.width());
+    report.set("height", map.height());
+    report.set("mean_radiance", mean.to_vec());
+    report.set("mean_irradiance", light.mean_irradiance());
+    report.set("peak_luminance", peak);
+    report.set("brightest_thousandth_share", share);
+    report.set("repaired", map.repaired());
+    lines.push(format!(
+        "environment, {} x {} pixels",
+        map.width(),
+        map.height()
+    ));
+    lines.push(format!(
+        "mean radiance {mean:.4?}, mean irradiance {:.4}",
+        light.mean_irradiance()
+    ));
+    lines.push(format!("brightest pixel {peak:.1}; the brightest thousandth of the sphere sends {:.0} % of the light", 100.0 * share));
+    if share > 0.3 {
+        lines.push("most of it comes from one or a few small lamps or a sun: a low SH degree blurs its shadows".into());
+    }
+    if map.width() != 2 * map.height() {
+        report.warn("not twice as wide as high; taken as equirectangular all the same");
+    }
+    if map.repaired() > 0 {
+        report.warn(format!(
+            "{} pixels are negative or no numbers, and count as black",
+            map.repaired()
+        ));
+    }
+    if map.has_clipped_highlights() {
+        report.warn("a low-dynamic-range picture: its highlights are clipped");
+    }
+    if light.is_black() {
+        report.warn("black: it lights nothing");
+    }
+    Ok(())
+}

@@ -1,0 +1,138 @@
+//! What a command tells: stages with their times, what was left out, warnings; as text or as one JSON object.
+
+use std::time::Instant;
+
+use serde_json::{Map, Value, json};
+
+use crate::cli::OutputArgs;
+
+/// Gathers what is told at the end.
+pub struct Report {
+    command: &'static str,
+    quiet: bool,
+    json: bool,
+    fields: Map<String, Value>,
+    stages_ms: Map<String, Value>,
+    skipped: Vec<Value>,
+    warnings: Vec<String>,
+}
+
+impl Report {
+    pub fn new(command: &'static str, out: &OutputArgs) -> Self {
+        Self {
+            command,
+            quiet: out.quiet,
+            json: out.json,
+            fields: Map::new(),
+            stages_ms: Map::new(),
+            skipped: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Whether progress and summary may be shown.
+    pub fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
+    /// Whether timings are wanted precisely.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// Runs a stage and adds its time to what the stage took before.
+    pub fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        self.add_ms(stage, start.elapsed().as_secs_f64() * 1e3);
+        result
+    }
+
+    /// Adds to a stage's time.
+    pub fn add_ms(&mut self, stage: &'static str, ms: f64) {
+        let sum = self.stages_ms.get(stage).and_then(Value::as_f64);
+        self.stages_ms
+            .insert(stage.into(), json!(sum.unwrap_or(0.0) + ms));
+    }
+
+    /// Milliseconds of a stage so far.
+    pub fn ms(&self, stage: &str) -> Option<f64> {
+        self.stages_ms.get(stage).and_then(Value::as_f64)
+    }
+
+    /// Sets a field of the JSON object.
+    pub fn set(&mut self, name: &str, value: impl Into<Value>) {
+        self.fields.insert(name.into(), value.into());
+    }
+
+    /// Notes something that this scene did not need.
+    pub fn skip(&mut self, what: &str, why: &str) {
+        let entry = json!({"what": what, "why": why});
+        if !self.skipped.contains(&entry) {
+            self.skipped.push(entry);
+        }
+    }
+
+    /// Warns: at once for people, and in the JSON object.
+    pub fn warn(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if self.warnings.contains(&text) {
+            return;
+        }
+        if !self.quiet {
+            eprintln!("warning: {text}");
+        }
+        self.warnings.push(text);
+    }
+
+    /// Prints the JSON object, or the line for people.
+    pub fn finish(mut self, summary: &str) {
+        if self.json {
+            let mut object = Map::new();
+            object.insert("command".into(), json!(self.command));
+            object.append(&mut self.fields);
+            object.insert("stages_ms".into(), Value::Object(self.stages_ms));
+            if let Some(bytes) = peak_memory_bytes() {
+                object.insert("peak_memory_bytes".into(), json!(bytes));
+            }
+            object.insert("skipped".into(), Value::Array(self.skipped));
+            object.insert("warnings".into(), json!(self.warnings));
+            println!("{}", Value::Object(object));
+        } else if !self.quiet {
+            for entry in &self.skipped {
+                println!(
+                    "left out: {} ({})",
+                    entry["what"].as_str().unwrap_or_default(),
+                    entry["why"].as_str().unwrap_or_default()
+                );
+            }
+            let stages: Vec<String> = self
+                .stages_ms
+                .iter()
+                .map(|(name, ms)| format!("{name} {}", milliseconds(ms.as_f64().unwrap_or(0.0))))
+                .collect();
+            if !stages.is_empty() {
+                println!("{}", stages.join(", "));
+            }
+            println!("{summary}");
+        }
+    }
+}
+
+fn milliseconds(ms: f64) -> String {
+    if ms >= 1000.0 {
+        format!("{:.1} s", ms / 1000.0)
+    } else if ms >= 10.0 {
+        format!("{ms:.0} ms")
+    } else {
+        format!("{ms:.1} ms")
+    }
+}
+
+/// The most memory this process ever held, where the system tells (Linux).
+fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}
