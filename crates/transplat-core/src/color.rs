@@ -75,6 +75,7 @@ impl Display {
             ToneMap::Neutral => neutral(c).map(srgb_encode),
             ToneMap::Agx => agx(c),
             ToneMap::Aces => c
+                .map(|x| x.min(1e6))
                 .map(|x| (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14))
                 .map(|x| srgb_encode(x.clamp(0.0, 1.0))),
             ToneMap::None => c,
@@ -105,13 +106,14 @@ fn neutral([r, g, b]: [f32; 3]) -> [f32; 3] {
     c.map(|v| (v * new_peak / peak) * (1.0 - white) + new_peak * white)
 }
 
-/// Rows of the matrix into AgX's working space, and of the one out of it.
-const AGX_INSET: [[f32; 3]; 3] = [
+/// Rows of the matrix into AgX's working space.
+pub const AGX_INSET: [[f32; 3]; 3] = [
     [0.842_479_06, 0.078_433_6, 0.079_223_745],
     [0.042_328_242, 0.878_468_64, 0.079_166_13],
     [0.042_375_656, 0.078_433_6, 0.879_142_97],
 ];
-const AGX_OUTSET: [[f32; 3]; 3] = [
+/// Rows of the matrix out of AgX's working space.
+pub const AGX_OUTSET: [[f32; 3]; 3] = [
     [1.196_879, -0.098_020_88, -0.099_029_74],
     [-0.052_896_85, 1.151_903_1, -0.098_961_18],
     [-0.052_971_64, -0.098_043_45, 1.151_073_7],
@@ -225,7 +227,7 @@ pub fn decode_sh(stored: &[[f32; 3]], degree: usize, encoding: Encoding) -> Vec<
 }
 
 /// Stored colour above this is held to it before decoding: 2^40 in linear light, and no overflow.
-const MAX_STORED: f32 = 1e5;
+pub const MAX_STORED: f32 = 1e5;
 
 /// Stored colour `[n][K][3]` of linear radiance of the same shape, in place: the inverse of [`decode_sh`].
 pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -> Vec<[f32; 3]> {

@@ -5,7 +5,9 @@ use std::f64::consts::PI;
 use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 
-use crate::sh::{MAX_DEGREE, SQRT_4PI, basis_constants, coefficient_count, rotate_coefficients};
+use crate::sh::{
+    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
+};
 
 /// An equirectangular map of linear RGB radiance, Z up; row 0 is the zenith, the image centre looks at +X, +Y is a quarter from the left.
 #[derive(Clone, Debug)]
@@ -124,7 +126,7 @@ impl EnvironmentMap {
 }
 
 /// Azimuth `atan2(y, x)` of a column's centre: u = 1/2 - azimuth / 2 pi.
-fn azimuth(column: usize, width: usize) -> f64 {
+pub fn azimuth(column: usize, width: usize) -> f64 {
     PI * (1.0 - (2 * column + 1) as f64 / width as f64)
 }
 
@@ -202,17 +204,11 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> IncidentRadia
             || vec![[0f64; 3]; k],
             |mut sums, (row, pixels)| {
                 let fourier = fourier_sums(pixels, &waves, degree);
-                let legendre = legendre_row(map, row, degree);
-                let weight = map.pixel_solid_angle(row);
-                for l in 0..=degree {
-                    for m in 0..=l {
-                        let q = weight * legendre[l][m];
-                        for c in 0..3 {
-                            sums[l * l + l + m][c] += q * fourier[m][c].0;
-                            if m > 0 {
-                                sums[l * l + l - m][c] += q * fourier[m][c].1;
-                            }
-                        }
+                for (i, weight) in row_weights(map, row, degree).into_iter().enumerate() {
+                    let center = band_of(i) * (band_of(i) + 1);
+                    let wave = &fourier[i.abs_diff(center)];
+                    for (sum, (cos, sin)) in sums[i].iter_mut().zip(wave) {
+                        *sum += weight * if i >= center { cos } else { sin };
                     }
                 }
                 sums
@@ -261,6 +257,18 @@ fn fourier_sums(
         }
     }
     total
+}
+
+/// Solid angle times `q(l,|m|) sin^|m|(theta)` of one row, for each coefficient: what its Fourier sums are multiplied by. `[K]`
+pub fn row_weights(map: &EnvironmentMap, row: usize, degree: usize) -> Vec<f64> {
+    let legendre = legendre_row(map, row, degree);
+    let weight = map.pixel_solid_angle(row);
+    (0..coefficient_count(degree))
+        .map(|i| {
+            let l = band_of(i);
+            weight * legendre[l][i.abs_diff(l * l + l)]
+        })
+        .collect()
 }
 
 /// `q(l,m) sin^m(theta)` at the height of a row, with the basis's normalisation.

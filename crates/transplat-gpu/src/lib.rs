@@ -1,1 +1,17 @@
-//! x
+//! The stages of transplat on wgpu, one pass a file, each with its CPU twin of the same name in `transplat_core`.
+//!
+//! No pass depends on the size of a subgroup or waits across workgroups, and long loops are split over dispatches.
+//! Assets are worked on in chunks of [`CHUNK`] surfels, so that no binding outgrows what every adapter offers.
+
+mod context;
+pub mod environment;
+mod layout;
+pub mod rasterize;
+pub mod shader;
+pub mod transfer;
+pub mod visibility;
+
+pub use context::{Context, GpuError, Result};
+
+/// Surfels in a chunk: degree-8 colour of a chunk (972 bytes a surfel) just fits into the 128 MiB that every adapter can bind.
+pub const CHUNK: usize = 1 << 17;

@@ -2,12 +2,16 @@
 
 use anyhow::Result;
 use transplat_core::camera::Camera;
-use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferLight};
 use transplat_core::visibility::{BakeInput, Progress, bake_visibility};
+use transplat_gpu::rasterize::GpuRasterizer;
+use transplat_gpu::transfer::GpuTransfer;
+use transplat_gpu::{Context, GpuError};
+
+pub use transplat_gpu::rasterize::Paint;
 
 use crate::cli::DeviceChoice;
 use crate::report::Report;
@@ -15,34 +19,78 @@ use crate::report::Report;
 /// The chosen device.
 pub enum Device {
     Cpu,
+    Gpu(Box<Context>),
 }
 
 impl Device {
-    pub fn open(_choice: DeviceChoice, _report: &mut Report) -> Result<Self> {
-        Ok(Self::Cpu)
-    }
-
-    pub fn name(&self) -> String {
-        "cpu".into()
-    }
-
-    pub fn project_environment(&self, map: &EnvironmentMap, degree: usize) -> IncidentRadiance {
-        project_environment(map, degree)
-    }
-
-    pub fn bake_visibility(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
-        Ok(bake_visibility(input, progress)?)
-    }
-
-    pub fn transfer<'a>(&'a self, prepared: &'a PreparedTransfer) -> Result<Transfer<'a>> {
-        Ok(Transfer::Cpu {
-            prepared,
-            relit: vec![[0.0; 3]; prepared.surfels * prepared.coefficients()],
+    /// `auto` takes a real GPU or else the CPU; `gpu` takes any adapter or fails.
+    pub fn open(choice: DeviceChoice) -> Result<Self> {
+        Ok(match choice {
+            DeviceChoice::Cpu => Self::Cpu,
+            DeviceChoice::Gpu => Self::Gpu(Box::new(Context::new(true)?)),
+            DeviceChoice::Auto => match Context::new(false) {
+                Ok(context) => Self::Gpu(Box::new(context)),
+                Err(_) => Self::Cpu,
+            },
         })
     }
 
-    pub fn painter<'a>(&'a self, cloud: &'a SurfelCloud) -> Result<Painter<'a>> {
-        Ok(Painter::Cpu { cloud })
+    pub fn name(&self) -> String {
+        match self {
+            Self::Cpu => "cpu".into(),
+            Self::Gpu(context) => context.name(),
+        }
+    }
+
+    pub fn project_environment(
+        &self,
+        map: &EnvironmentMap,
+        degree: usize,
+    ) -> Result<IncidentRadiance> {
+        Ok(match self {
+            Self::Cpu => project_environment(map, degree),
+            Self::Gpu(context) => {
+                transplat_gpu::environment::project_environment(context, map, degree)?
+            }
+        })
+    }
+
+    pub fn bake_visibility(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
+        Ok(match self {
+            Self::Cpu => bake_visibility(input, progress)?,
+            Self::Gpu(context) => {
+                transplat_gpu::visibility::bake_visibility(context, input, progress)?
+            }
+        })
+    }
+
+    pub fn transfer<'a>(&'a self, prepared: &'a PreparedTransfer) -> Result<Transfer<'a>> {
+        Ok(match self {
+            Self::Cpu => Transfer::Cpu {
+                prepared,
+                relit: vec![[0.0; 3]; prepared.surfels * prepared.coefficients()],
+            },
+            Self::Gpu(context) => Transfer::Gpu(GpuTransfer::new(context, prepared)?),
+        })
+    }
+
+    /// An asset too large for the GPU is drawn on the CPU, with a warning.
+    pub fn painter<'a>(
+        &'a self,
+        cloud: &'a SurfelCloud,
+        report: &mut Report,
+    ) -> Result<Painter<'a>> {
+        let Self::Gpu(context) = self else {
+            return Ok(Painter::Cpu(cloud));
+        };
+        match GpuRasterizer::new(context, cloud) {
+            Ok(rasterizer) => Ok(Painter::Gpu(Box::new(rasterizer))),
+            Err(error @ GpuError::TooLarge { .. }) => {
+                report.warn(format!("drawing on the CPU: {error}"));
+                Ok(Painter::Cpu(cloud))
+            }
+            Err(error) => Err(error.into()),
+        }
     }
 }
 
@@ -52,6 +100,7 @@ pub enum Transfer<'a> {
         prepared: &'a PreparedTransfer,
         relit: Vec<[f32; 3]>,
     },
+    Gpu(GpuTransfer<'a>),
 }
 
 impl Transfer<'_> {
@@ -59,6 +108,7 @@ impl Transfer<'_> {
     pub fn change_light(&mut self, light: &TransferLight) -> Result<()> {
         match self {
             Self::Cpu { prepared, relit } => prepared.relight_into(light, relit),
+            Self::Gpu(transfer) => transfer.relight(light)?,
         }
         Ok(())
     }
@@ -67,47 +117,26 @@ impl Transfer<'_> {
     pub fn finish(self) -> Result<Vec<[f32; 3]>> {
         match self {
             Self::Cpu { relit, .. } => Ok(relit),
+            Self::Gpu(transfer) => Ok(transfer.read()?),
         }
     }
 }
 
-/// What the surfels of a picture are coloured with.
-#[derive(Clone, Copy)]
-pub enum Paint<'a> {
-    /// SH `[n][K][3]`.
-    Sh {
-        sh: &'a [[f32; 3]],
-        encoding: Encoding,
-    },
-    /// One colour a surfel.
-    Colors(&'a [[f32; 3]]),
-}
-
 /// An asset on its device, ready to be drawn.
 pub enum Painter<'a> {
-    Cpu { cloud: &'a SurfelCloud },
+    Cpu(&'a SurfelCloud),
+    Gpu(Box<GpuRasterizer<'a>>),
 }
 
 impl Painter<'_> {
     pub fn draw(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
-        match self {
-            Self::Cpu { cloud } => {
-                let shaded;
-                let colors = match paint {
-                    Paint::Colors(colors) => colors,
-                    Paint::Sh { sh, encoding } => {
-                        shaded = shade(
-                            &cloud.positions,
-                            sh,
-                            cloud.sh_degree,
-                            encoding,
-                            camera.eye,
-                            space,
-                        );
-                        &shaded
-                    }
-                };
-                Ok(rasterize(cloud, camera, colors))
+        match (self, paint) {
+            (Self::Gpu(rasterizer), _) => Ok(rasterizer.draw(camera, paint, space)?),
+            (Self::Cpu(cloud), Paint::Colors(colors)) => Ok(rasterize(cloud, camera, colors)),
+            (Self::Cpu(cloud), Paint::Sh { sh, encoding }) => {
+                let degree = cloud.sh_degree;
+                let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, space);
+                Ok(rasterize(cloud, camera, &colors))
             }
         }
     }

@@ -41,7 +41,7 @@ impl Scene {
         if look.linear {
             cloud.encoding = Encoding::StoredLinear;
         }
-        let device = Device::open(args.device, report)?;
+        let device = report.time("open device", || Device::open(args.device))?;
         report.set("asset", args.asset.display().to_string());
         report.set("surfels", cloud.len());
         report.set("sh_degree", cloud.sh_degree);
@@ -112,7 +112,7 @@ impl Scene {
         report: &mut Report,
     ) -> Result<PreparedTransfer> {
         let map = self.load_light(source, report)?;
-        let light = self.project(map.as_ref(), self.look.rotate_source, report);
+        let light = self.project(map.as_ref(), self.look.rotate_source, report)?;
         let prepared = report.time("prepare", || {
             PreparedTransfer::new(&self.cloud, visibility, &light, &self.look.transfer)
         })?;
@@ -155,7 +155,7 @@ impl Scene {
         report: &mut Report,
     ) -> Result<(IncidentRadiance, Option<EnvironmentMap>)> {
         let map = self.load_light(path, report)?;
-        let light = self.project(map.as_ref(), self.look.rotate_target, report);
+        let light = self.project(map.as_ref(), self.look.rotate_target, report)?;
         Ok((light.scaled(self.target_gain()), map))
     }
 
@@ -203,17 +203,16 @@ impl Scene {
         map: Option<&EnvironmentMap>,
         degrees: f64,
         report: &mut Report,
-    ) -> IncidentRadiance {
+    ) -> Result<IncidentRadiance> {
         let degree = self.look.transfer.sh_degree;
         match map {
             None => {
                 report.skip("projection of an environment", "even light");
-                IncidentRadiance::even(degree)
+                Ok(IncidentRadiance::even(degree))
             }
             Some(map) => report.time("project", || {
-                self.device
-                    .project_environment(map, degree)
-                    .rotated(self.asset_from_light(degrees))
+                let light = self.device.project_environment(map, degree)?;
+                Ok(light.rotated(self.asset_from_light(degrees)))
             }),
         }
     }

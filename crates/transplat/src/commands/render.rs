@@ -63,7 +63,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             PictureFormat::Png => ColorSpace::Display(scene.look.display),
             PictureFormat::Exr => ColorSpace::Linear,
         },
-        painter: scene.device.painter(&scene.cloud)?,
+        painter: scene.device.painter(&scene.cloud, &mut report)?,
         scene: &scene,
         visibility: visibility.as_ref(),
     };

@@ -1,0 +1,342 @@
+//! The adapter, its limits, and what every pass does with it: pipelines, buffers, submission, readback, errors.
+
+use std::sync::{Arc, Mutex};
+
+use wgpu::util::DeviceExt;
+
+/// What can go wrong on the GPU.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum GpuError {
+    /// There is no usable adapter.
+    #[error("no usable graphics adapter: {0}")]
+    NoAdapter(String),
+    /// The asset or picture does not fit what the adapter can bind.
+    #[error(
+        "{what} needs {needed} bytes in one buffer and {adapter} offers {available}; the CPU can do it (--device cpu)"
+    )]
+    TooLarge {
+        /// What is too large.
+        what: &'static str,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes that the adapter binds.
+        available: u64,
+        /// Its name.
+        adapter: String,
+    },
+    /// The driver reported an error or was lost.
+    #[error("the graphics driver failed: {0}")]
+    Driver(String),
+    /// The caller's progress callback asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// `Result` with [`GpuError`].
+pub type Result<T, E = GpuError> = std::result::Result<T, E>;
+
+/// A compute pipeline of one entry point.
+#[derive(Debug)]
+pub(crate) struct ComputePass {
+    pipeline: wgpu::ComputePipeline,
+}
+
+/// A device with its queue and limits.
+#[derive(Debug)]
+pub struct Context {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    info: wgpu::AdapterInfo,
+    limits: wgpu::Limits,
+    /// Format of colour targets: f32 where it can be blended.
+    pub(crate) color_format: wgpu::TextureFormat,
+    /// Format of the depth channel's target.
+    pub(crate) depth_format: wgpu::TextureFormat,
+    errors: Arc<Mutex<Option<String>>>,
+}
+
+/// How much we want an adapter; `None` where it does not qualify.
+fn rank(info: &wgpu::AdapterInfo, allow_software: bool) -> Option<(u8, u8)> {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 4,
+        wgpu::DeviceType::IntegratedGpu => 3,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 1,
+        wgpu::DeviceType::Cpu if allow_software => 0,
+        wgpu::DeviceType::Cpu => return None,
+    };
+    Some((kind, u8::from(info.backend != wgpu::Backend::Gl)))
+}
+
+impl Context {
+    /// Opens the best adapter: a discrete GPU before an integrated one, and a software driver last, if it may count at all.
+    ///
+    /// # Errors
+    /// There is none, or it cannot blend floats or run compute shaders.
+    pub fn new(allow_software: bool) -> Result<Self> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.flags = wgpu::InstanceFlags::empty();
+        let instance = wgpu::Instance::new(descriptor);
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let adapter = adapters
+            .into_iter()
+            .filter_map(|a| {
+                let rank = rank(&a.get_info(), allow_software)?;
+                is_capable(&a).then_some((rank, a))
+            })
+            .max_by_key(|(rank, _)| *rank)
+            .map(|(_, adapter)| adapter)
+            .ok_or_else(|| {
+                GpuError::NoAdapter(if allow_software {
+                    "install a Vulkan driver (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers), or use --device cpu".into()
+                } else {
+                    "there is no GPU".into()
+                })
+            })?;
+        Self::open(&adapter)
+    }
+
+    fn open(adapter: &wgpu::Adapter) -> Result<Self> {
+        let limits = adapter.limits();
+        let blendable = wgpu::Features::FLOAT32_BLENDABLE;
+        let features = adapter.features() & blendable;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("transplat"),
+            required_features: features,
+            required_limits: limits.clone(),
+            ..Default::default()
+        }))
+        .map_err(|e| GpuError::NoAdapter(e.to_string()))?;
+        let errors = Arc::new(Mutex::new(None));
+        let note = {
+            let errors = errors.clone();
+            move |text: String| {
+                if let Ok(mut first) = errors.lock() {
+                    first.get_or_insert(text);
+                }
+            }
+        };
+        let note_lost = note.clone();
+        device.on_uncaptured_error(Arc::new(move |e| note(e.to_string())));
+        device.set_device_lost_callback(move |reason, text| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note_lost(format!("the device was lost: {text}"));
+            }
+        });
+        let wide = features.contains(blendable);
+        Ok(Self {
+            device,
+            queue,
+            info: adapter.get_info(),
+            limits,
+            color_format: if wide {
+                wgpu::TextureFormat::Rgba32Float
+            } else {
+                wgpu::TextureFormat::Rgba16Float
+            },
+            depth_format: if wide {
+                wgpu::TextureFormat::R32Float
+            } else {
+                wgpu::TextureFormat::R16Float
+            },
+            errors,
+        })
+    }
+
+    /// Name of the adapter with its backend.
+    pub fn name(&self) -> String {
+        format!("{} ({})", self.info.name, self.info.backend)
+    }
+
+    /// Whether the adapter is a driver that computes on the CPU.
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// The longest edge of a texture.
+    pub(crate) fn max_texture(&self) -> usize {
+        self.limits.max_texture_dimension_2d as usize
+    }
+
+    /// Checks that a storage buffer fits into one binding.
+    pub(crate) fn check_fits(&self, what: &'static str, bytes: usize) -> Result<()> {
+        let available = self
+            .limits
+            .max_storage_buffer_binding_size
+            .min(self.limits.max_buffer_size);
+        if bytes as u64 > available {
+            return Err(GpuError::TooLarge {
+                what,
+                needed: bytes as u64,
+                available,
+                adapter: self.name(),
+            });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn compute_pass(&self, source: &str, entry: &str) -> ComputePass {
+        let module = self.shader(source);
+        let pipeline = self
+            .device
+            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: None,
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: Default::default(),
+                cache: None,
+            });
+        ComputePass { pipeline }
+    }
+
+    pub(crate) fn shader(&self, source: &str) -> wgpu::ShaderModule {
+        self.device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: None,
+                source: wgpu::ShaderSource::Wgsl(source.into()),
+            })
+    }
+
+    /// A buffer with data; an empty slice makes a small buffer, since none may be empty.
+    pub(crate) fn upload<T: bytemuck::NoUninit>(
+        &self,
+        data: &[T],
+        usage: wgpu::BufferUsages,
+    ) -> wgpu::Buffer {
+        let bytes = bytemuck::cast_slice(data);
+        let contents = if bytes.is_empty() { &[0u8; 16] } else { bytes };
+        self.device
+            .create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: None,
+                contents,
+                usage: usage | wgpu::BufferUsages::COPY_DST,
+            })
+    }
+
+    /// A storage buffer to be written by a pass and read back.
+    pub(crate) fn storage(&self, bytes: usize) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.max(16).next_multiple_of(4) as u64,
+            usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::COPY_SRC
+                | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Buffers bound in the order of their binding numbers.
+    pub(crate) fn bind(
+        &self,
+        pass: &ComputePass,
+        buffers: &[(u32, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        self.bind_layout(&pass.pipeline.get_bind_group_layout(0), buffers)
+    }
+
+    pub(crate) fn bind_layout(
+        &self,
+        layout: &wgpu::BindGroupLayout,
+        buffers: &[(u32, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+            .iter()
+            .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout,
+            entries: &entries,
+        })
+    }
+
+    pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
+        self.device.create_command_encoder(&Default::default())
+    }
+
+    pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) {
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// Waits until everything submitted is done, and tells what went wrong with it.
+    pub(crate) fn wait(&self) -> Result<()> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|e| GpuError::Driver(e.to_string()))?;
+        match self.errors.lock() {
+            Ok(mut error) => error.take().map_or(Ok(()), |e| Err(GpuError::Driver(e))),
+            Err(_) => Err(GpuError::Driver("an error could not be told".into())),
+        }
+    }
+
+    /// Copies the start of a buffer back.
+    pub(crate) fn read<T: bytemuck::Pod>(
+        &self,
+        buffer: &wgpu::Buffer,
+        count: usize,
+    ) -> Result<Vec<T>> {
+        let bytes = (count * size_of::<T>()) as u64;
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.next_multiple_of(4),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.encoder();
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
+        self.submit(encoder);
+        self.read_mapped(&staging, |view| {
+            bytemuck::pod_collect_to_vec(&view[..bytes as usize])
+        })
+    }
+
+    /// Maps a staging buffer once everything submitted is done.
+    pub(crate) fn read_mapped<R>(
+        &self,
+        staging: &wgpu::Buffer,
+        take: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R> {
+        staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let view = staging
+            .get_mapped_range(..)
+            .map_err(|e| GpuError::Driver(e.to_string()))?;
+        Ok(take(&view))
+    }
+}
+
+impl ComputePass {
+    /// Runs `groups` workgroups.
+    pub(crate) fn dispatch(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        bind_group: &wgpu::BindGroup,
+        groups: [usize; 3],
+    ) {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, bind_group, &[]);
+        pass.dispatch_workgroups(groups[0] as u32, groups[1] as u32, groups[2] as u32);
+    }
+}
+
+/// Compute shaders, enough bindings, and float targets that blend.
+fn is_capable(adapter: &wgpu::Adapter) -> bool {
+    let limits = adapter.limits();
+    let blends = |format: wgpu::TextureFormat| {
+        adapter
+            .get_texture_format_features(format)
+            .flags
+            .contains(wgpu::TextureFormatFeatureFlags::BLENDABLE)
+    };
+    limits.max_storage_buffers_per_shader_stage >= 4
+        && limits.max_compute_invocations_per_workgroup >= 64
+        && limits.max_storage_buffer_binding_size >= 128 << 20
+        && blends(wgpu::TextureFormat::Rgba16Float)
+        && blends(wgpu::TextureFormat::R16Float)
+}

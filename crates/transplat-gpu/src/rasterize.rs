@@ -1,0 +1,473 @@
+//! Stage *rasterize* on the GPU. CPU twin: [`transplat_core::rasterize::rasterize`].
+//!
+//! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order comes from
+//! the CPU's sort, which on a software driver is far faster than one in a compute shader.
+
+use transplat_core::camera::Camera;
+use transplat_core::color::Encoding;
+use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
+use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::SurfelCloud;
+use wgpu::BufferUsages;
+
+use crate::CHUNK;
+use crate::context::{ComputePass, Context, Result};
+use crate::layout::gpu_struct;
+use crate::shader;
+
+/// Longest edge of one draw; larger pictures are drawn in tiles.
+const MAX_TILE: usize = 4096;
+
+/// Quads in one submission.
+const DRAW_AT_ONCE: usize = 1 << 18;
+
+gpu_struct! {
+    /// Camera and tile, and which surfels a dispatch projects.
+    struct View {
+        right: [f32; 4],
+        down: [f32; 4],
+        forward: [f32; 4],
+        focal: f32,
+        near: f32,
+        principal: [f32; 2],
+        size: [f32; 2],
+        origin: [f32; 2],
+        tile: [f32; 2],
+        first: u32,
+        count: u32,
+    }
+}
+
+gpu_struct! {
+    /// Geometry of a surfel.
+    struct Surfel {
+        position: [f32; 4],
+        axis_a: [f32; 4],
+        axis_b: [f32; 4],
+    }
+}
+
+gpu_struct! {
+    /// A surfel on the screen.
+    struct ProjectedSurfel {
+        t_u: [f32; 4],
+        t_v: [f32; 4],
+        t_w: [f32; 4],
+        bounds: [f32; 4],
+    }
+}
+
+gpu_struct! {
+    /// Uniforms of the shading pass.
+    struct ShadeParameters {
+        eye: [f32; 4],
+        first: u32,
+        count: u32,
+        encoding: u32,
+        linear: u32,
+        tone_map: u32,
+        identity: u32,
+        unused_a: u32,
+        unused_b: u32,
+    }
+}
+
+/// What surfels are coloured with.
+#[derive(Clone, Copy, Debug)]
+pub enum Paint<'a> {
+    /// SH `[n][K][3]` of the asset's degree, in some encoding.
+    Sh {
+        /// Coefficients.
+        sh: &'a [[f32; 3]],
+        /// What they stand for.
+        encoding: Encoding,
+    },
+    /// One colour a surfel, `[n][3]`.
+    Colors(&'a [[f32; 3]]),
+}
+
+/// An asset on the GPU, ready to be drawn.
+pub struct GpuRasterizer<'a> {
+    context: &'a Context,
+    cloud: &'a SurfelCloud,
+    project: ComputePass,
+    shade: ComputePass,
+    draw: wgpu::RenderPipeline,
+    /// Surfels, and their positions for shading, by chunk.
+    chunks: Vec<(wgpu::Buffer, wgpu::Buffer)>,
+    projected: wgpu::Buffer,
+    colors: wgpu::Buffer,
+}
+
+impl<'a> GpuRasterizer<'a> {
+    /// Uploads an asset.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &'a Context, cloud: &'a SurfelCloud) -> Result<Self> {
+        let n = cloud.len();
+        context.check_fits("the projected asset", n * size_of::<ProjectedSurfel>())?;
+        let surfels: Vec<Surfel> = (0..n)
+            .map(|i| {
+                let [u, v] = cloud.tangents[i];
+                Surfel {
+                    position: cloud.positions[i].extend(cloud.opacities[i]).to_array(),
+                    axis_a: (u * cloud.scales[i].x).extend(0.0).to_array(),
+                    axis_b: (v * cloud.scales[i].y).extend(0.0).to_array(),
+                }
+            })
+            .collect();
+        let chunks = surfels
+            .chunks(CHUNK)
+            .map(|chunk| {
+                let positions: Vec<[f32; 4]> = chunk.iter().map(|s| s.position).collect();
+                (
+                    context.upload(chunk, BufferUsages::STORAGE),
+                    context.upload(&positions, BufferUsages::STORAGE),
+                )
+            })
+            .collect();
+        let rasterizer = Self {
+            context,
+            cloud,
+            project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
+            shade: context.compute_pass(&shader::rasterize_shade(cloud.sh_degree), "shade"),
+            draw: draw_pipeline(context),
+            chunks,
+            projected: context.storage(n * size_of::<ProjectedSurfel>()),
+            colors: context.storage(n * 16),
+        };
+        context.wait()?;
+        Ok(rasterizer)
+    }
+
+    /// Draws a view.
+    ///
+    /// # Errors
+    /// The driver failed.
+    ///
+    /// # Panics
+    /// If `paint` is not of the asset's size.
+    pub fn draw(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
+        self.shade(camera, paint, space)?;
+        let mut order = depth_order(&self.cloud.positions, camera);
+        order.reverse();
+        let drawn = order.len();
+        let order = self.context.upload(&order, BufferUsages::STORAGE);
+        let mut raster = Raster {
+            width: camera.width,
+            height: camera.height,
+            pixels: vec![[0.0; 4]; camera.width * camera.height],
+            depth: vec![0.0; camera.width * camera.height],
+        };
+        self.project(camera);
+        let edge = MAX_TILE.min(self.context.max_texture());
+        for y in (0..camera.height).step_by(edge) {
+            for x in (0..camera.width).step_by(edge) {
+                let size = [edge.min(camera.width - x), edge.min(camera.height - y)];
+                self.draw_tile(camera, [x, y], size, &order, drawn, &mut raster)?;
+            }
+        }
+        Ok(raster)
+    }
+
+    fn view(
+        &self,
+        camera: &Camera,
+        origin: [usize; 2],
+        tile: [usize; 2],
+        first: usize,
+        count: usize,
+    ) -> wgpu::Buffer {
+        let rows = camera.view_from_world.transpose();
+        let pair = |v: [usize; 2]| v.map(|v| v as f32);
+        let view = View {
+            right: rows.x_axis.extend(camera.eye.x).to_array(),
+            down: rows.y_axis.extend(camera.eye.y).to_array(),
+            forward: rows.z_axis.extend(camera.eye.z).to_array(),
+            focal: camera.focal,
+            near: camera.near,
+            principal: camera.principal_point(),
+            size: pair([camera.width, camera.height]),
+            origin: pair(origin),
+            tile: pair(tile),
+            first: first as u32,
+            count: count as u32,
+        };
+        self.context.upload(&[view], BufferUsages::UNIFORM)
+    }
+
+    fn project(&self, camera: &Camera) {
+        for (i, (surfels, _)) in self.chunks.iter().enumerate() {
+            let first = i * CHUNK;
+            let count = CHUNK.min(self.cloud.len() - first);
+            let view = self.view(camera, [0, 0], [camera.width, camera.height], first, count);
+            let bindings = [(0, &view), (1, surfels), (2, &self.projected)];
+            let group = self.context.bind(&self.project, &bindings);
+            let mut encoder = self.context.encoder();
+            self.project
+                .dispatch(&mut encoder, &group, [count.div_ceil(64), 1, 1]);
+            self.context.submit(encoder);
+        }
+    }
+
+    fn shade(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<()> {
+        let (sh, encoding) = match paint {
+            Paint::Colors(colors) => {
+                assert_eq!(colors.len(), self.cloud.len());
+                let wide: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+                self.context
+                    .queue
+                    .write_buffer(&self.colors, 0, bytemuck::cast_slice(&wide));
+                return Ok(());
+            }
+            Paint::Sh { sh, encoding } => (sh, encoding),
+        };
+        let k = coefficient_count(self.cloud.sh_degree);
+        assert_eq!(sh.len(), k * self.cloud.len());
+        let display = match space {
+            ColorSpace::Display(display) => Some(display),
+            ColorSpace::Linear => None,
+        };
+        for (i, ((_, positions), sh)) in self.chunks.iter().zip(sh.chunks(CHUNK * k)).enumerate() {
+            let count = sh.len() / k;
+            let parameters = ShadeParameters {
+                eye: camera
+                    .eye
+                    .extend(display.map_or(1.0, |d| d.exposure.exp2()))
+                    .to_array(),
+                first: (i * CHUNK) as u32,
+                count: count as u32,
+                encoding: shader::encoding_number(encoding),
+                linear: u32::from(display.is_none()),
+                tone_map: display.map_or(0, |d| shader::tone_number(d.tone_map)),
+                identity: u32::from(
+                    encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
+                ),
+                ..Default::default()
+            };
+            let parameters = self.context.upload(&[parameters], BufferUsages::UNIFORM);
+            let sh = self.context.upload(sh, BufferUsages::STORAGE);
+            let bindings = [
+                (0, &parameters),
+                (1, positions),
+                (2, &sh),
+                (3, &self.colors),
+            ];
+            let group = self.context.bind(&self.shade, &bindings);
+            let mut encoder = self.context.encoder();
+            self.shade
+                .dispatch(&mut encoder, &group, [count.div_ceil(64), 1, 1]);
+            self.context.submit(encoder);
+        }
+        Ok(())
+    }
+
+    fn draw_tile(
+        &self,
+        camera: &Camera,
+        origin: [usize; 2],
+        size: [usize; 2],
+        order: &wgpu::Buffer,
+        drawn: usize,
+        raster: &mut Raster,
+    ) -> Result<()> {
+        let target = |format| {
+            self.context
+                .device
+                .create_texture(&wgpu::TextureDescriptor {
+                    label: None,
+                    size: extent(size),
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+                    view_formats: &[],
+                })
+        };
+        let color = target(self.context.color_format);
+        let depth = target(self.context.depth_format);
+        let view = self.view(camera, origin, size, 0, 0);
+        let group = self.context.bind_layout(
+            &self.draw.get_bind_group_layout(0),
+            &[
+                (0, &view),
+                (1, &self.projected),
+                (2, &self.colors),
+                (3, order),
+            ],
+        );
+        for first in (0..drawn.max(1)).step_by(DRAW_AT_ONCE) {
+            let load = if first == 0 {
+                wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
+            } else {
+                wgpu::LoadOp::Load
+            };
+            let color_view = color.create_view(&Default::default());
+            let depth_view = depth.create_view(&Default::default());
+            let attachment = |view| {
+                Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })
+            };
+            let mut encoder = self.context.encoder();
+            {
+                let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                    color_attachments: &[attachment(&color_view), attachment(&depth_view)],
+                    ..Default::default()
+                });
+                pass.set_pipeline(&self.draw);
+                pass.set_bind_group(0, &group, &[]);
+                let last = drawn.min(first + DRAW_AT_ONCE);
+                pass.draw(0..4, first as u32..last as u32);
+            }
+            self.context.submit(encoder);
+        }
+        let pixels = self.read_texture(&color, size, 4)?;
+        let depths = self.read_texture(&depth, size, 1)?;
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let from = y * size[0] + x;
+                let to = (origin[1] + y) * raster.width + origin[0] + x;
+                raster.pixels[to].copy_from_slice(&pixels[4 * from..][..4]);
+                let alpha = pixels[4 * from + 3];
+                raster.depth[to] = if alpha > 0.0 {
+                    depths[from] / alpha
+                } else {
+                    0.0
+                };
+            }
+        }
+        Ok(())
+    }
+
+    /// A target's values `[height][width][channels]` as f32.
+    fn read_texture(
+        &self,
+        texture: &wgpu::Texture,
+        size: [usize; 2],
+        channels: usize,
+    ) -> Result<Vec<f32>> {
+        let half = matches!(
+            texture.format(),
+            wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float
+        );
+        let row_bytes = size[0] * channels * if half { 2 } else { 4 };
+        let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+        let staging = self.context.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: (padded * size[1]) as u64,
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.context.encoder();
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &staging,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded as u32),
+                    rows_per_image: None,
+                },
+            },
+            extent(size),
+        );
+        self.context.submit(encoder);
+        self.context.read_mapped(&staging, |bytes| {
+            bytes
+                .chunks_exact(padded)
+                .flat_map(|row| {
+                    let row = &row[..row_bytes];
+                    if half {
+                        let values: Vec<u16> = bytemuck::pod_collect_to_vec(row);
+                        values.into_iter().map(half_to_f32).collect()
+                    } else {
+                        bytemuck::pod_collect_to_vec::<u8, f32>(row)
+                    }
+                })
+                .collect()
+        })
+    }
+}
+
+fn half_to_f32(bits: u16) -> f32 {
+    half::f16::from_bits(bits).to_f32()
+}
+
+fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
+    wgpu::Extent3d {
+        width: width as u32,
+        height: height as u32,
+        depth_or_array_layers: 1,
+    }
+}
+
+fn draw_pipeline(context: &Context) -> wgpu::RenderPipeline {
+    let module = context.shader(&shader::rasterize_draw());
+    let blended = |format| {
+        Some(wgpu::ColorTargetState {
+            format,
+            blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
+            write_mask: wgpu::ColorWrites::ALL,
+        })
+    };
+    context
+        .device
+        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("rasterize_draw"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("corner"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState {
+                topology: wgpu::PrimitiveTopology::TriangleStrip,
+                ..Default::default()
+            },
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("shade_pixel"),
+                compilation_options: Default::default(),
+                targets: &[blended(context.color_format), blended(context.depth_format)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn structs_match_the_shaders() {
+        let project = shader::rasterize_project();
+        crate::layout::check(&project, "View", View::FIELDS, size_of::<View>());
+        crate::layout::check(
+            &project,
+            "ProjectedSurfel",
+            ProjectedSurfel::FIELDS,
+            size_of::<ProjectedSurfel>(),
+        );
+        crate::layout::check(&project, "Surfel", Surfel::FIELDS, size_of::<Surfel>());
+        let shade = shader::rasterize_shade(3);
+        crate::layout::check(
+            &shade,
+            "ShadeParameters",
+            ShadeParameters::FIELDS,
+            size_of::<ShadeParameters>(),
+        );
+    }
+}
