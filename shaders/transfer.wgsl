@@ -1,6 +1,6 @@
 // Stage transfer. CPU twin: transplat_core::transfer::lanes::relight_block.
 // One thread a surfel. What depends on the degrees is written out straight by the host in front of this file (straight lines
-// run far faster than loops over tables on a software driver): sh_basis, and prepare, shadow_light, irradiance and
+// run far faster than loops over tables on a software driver): sh_basis, and prepare, shadow_light_*, irradiance and
 // write_specular, which keep the surfel's visibility and shadowed light in private variables.
 
 struct TransferParameters {
@@ -32,6 +32,12 @@ fn store(i: u32, k: u32, channel: u32, value: f32) {
     relit[(i * ASSET_K + k) * 3u + channel] = clamp(value, -MAX_RADIANCE, MAX_RADIANCE);
 }
 
+// One channel, from its shadowed light.
+fn finish(i: u32, channel: u32, dc: f32, basis: array<f32, LIGHT_K>) {
+    store(i, 0u, channel, dc * max(irradiance(basis), 0.0));
+    write_specular(i, channel);
+}
+
 @compute @workgroup_size(64)
 fn relight(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
@@ -43,10 +49,11 @@ fn relight(@builtin(global_invocation_id) id: vec3u) {
     let basis = sh_basis(n);
     let dc = surfel.dc_over_irradiance;
     prepare(i, n);
-    for (var channel = 0u; channel < 3u; channel++) {
-        shadow_light(channel);
-        let e = max(irradiance(basis), 0.0);
-        store(i, 0u, channel, dc[channel] * e);
-        write_specular(i, channel);
-    }
+    // Straight out too: a loop over channels would make their operators' indices variable.
+    shadow_light_0();
+    finish(i, 0u, dc.x, basis);
+    shadow_light_1();
+    finish(i, 1u, dc.y, basis);
+    shadow_light_2();
+    finish(i, 2u, dc.z, basis);
 }

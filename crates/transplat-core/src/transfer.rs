@@ -21,7 +21,7 @@ use crate::visibility::Visibility;
 
 pub use lanes::LANES;
 use lanes::{Block, relight_block};
-pub use settings::{Preset, Terms, TransferSettings};
+pub use settings::{EPSILON, Preset, Terms, TransferSettings};
 
 /// A target light stronger than the source by more than this is held to it, so that no result overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;

@@ -57,16 +57,15 @@ pub struct Context {
 }
 
 /// How much we want an adapter; `None` where it does not qualify.
-fn rank(info: &wgpu::AdapterInfo, allow_software: bool) -> Option<(u8, u8)> {
-    let kind = match info.device_type {
+fn rank(info: &wgpu::AdapterInfo, allow_software: bool) -> Option<u8> {
+    Some(match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 4,
         wgpu::DeviceType::IntegratedGpu => 3,
         wgpu::DeviceType::VirtualGpu => 2,
         wgpu::DeviceType::Other => 1,
         wgpu::DeviceType::Cpu if allow_software => 0,
         wgpu::DeviceType::Cpu => return None,
-    };
-    Some((kind, u8::from(info.backend != wgpu::Backend::Gl)))
+    })
 }
 
 impl Context {
@@ -75,18 +74,23 @@ impl Context {
     /// # Errors
     /// There is none, or it cannot blend floats or run compute shaders.
     pub fn new(allow_software: bool) -> Result<Self> {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.flags = wgpu::InstanceFlags::empty();
-        let instance = wgpu::Instance::new(descriptor);
-        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-        let adapter = adapters
-            .into_iter()
-            .filter_map(|a| {
-                let rank = rank(&a.get_info(), allow_software)?;
-                is_capable(&a).then_some((rank, a))
-            })
-            .max_by_key(|(rank, _)| *rank)
-            .map(|(_, adapter)| adapter)
+        let best = |backends| {
+            let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+            descriptor.flags = wgpu::InstanceFlags::empty();
+            descriptor.backends = backends;
+            let instance = wgpu::Instance::new(descriptor);
+            pollster::block_on(instance.enumerate_adapters(backends))
+                .into_iter()
+                .filter_map(|a| {
+                    let rank = rank(&a.get_info(), allow_software)?;
+                    is_capable(&a).then_some((rank, a))
+                })
+                .max_by_key(|(rank, _)| *rank)
+                .map(|(_, adapter)| adapter)
+        };
+        // GL only where nothing better is there: its libraries write to stderr when they are asked without a display.
+        let adapter = best(wgpu::Backends::PRIMARY)
+            .or_else(|| best(wgpu::Backends::GL))
             .ok_or_else(|| {
                 GpuError::NoAdapter(if allow_software {
                     "install a Vulkan driver (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers), or use --device cpu".into()

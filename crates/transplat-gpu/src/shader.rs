@@ -238,6 +238,7 @@ impl TransferShape {
 pub fn transfer(shape: TransferShape) -> String {
     let k = coefficient_count(shape.light_degree);
     let mut out = sh_basis(shape.light_degree);
+    line!(out, "const LIGHT_K = {k}u;");
     line!(
         out,
         "const ASSET_K = {}u;",
@@ -272,44 +273,46 @@ pub fn transfer(shape: TransferShape) -> String {
     out + include_str!("../../../shaders/transfer.wgsl")
 }
 
+/// Up to this many coefficients the operator's product is written out, once a channel: constant indices are many times
+/// faster on a software driver. Of a higher degree, its compiler would take minutes.
+const MAX_STRAIGHT_COEFFICIENTS: usize = 25;
+
 fn shadow_light(shape: TransferShape, k: usize) -> String {
-    let mut out = String::from(
-        "fn operator_at(i: u32) -> f32 {\n    return operator_of_light[i / 4u][i % 4u];\n}\n",
-    );
-    line!(
-        out,
-        "fn shadow_light(channel: u32) {{\n    let start = channel * {}u;",
-        k * k
-    );
-    if !shape.shadow {
-        for i in 0..k {
+    let at = |i: usize| format!("operator_of_light[{}][{}]", i / 4, i % 4);
+    let mut out = String::new();
+    for channel in 0..3 {
+        line!(out, "fn shadow_light_{channel}() {{");
+        if shape.shadow && k > MAX_STRAIGHT_COEFFICIENTS {
             line!(
                 out,
-                "    s[{i}] = operator_at(start + {}u) * {};",
-                i * k,
-                literal(SQRT_4PI)
+                "    for (var k = 0u; k < {k}u; k++) {{\n        var sum = 0.0;"
             );
+            line!(out, "        for (var q = 0u; q < {k}u; q++) {{");
+            line!(
+                out,
+                "            let at = ({channel}u * {k}u + k) * {k}u + q;"
+            );
+            line!(
+                out,
+                "            sum += operator_of_light[at / 4u][at % 4u] * v[q];\n        }}"
+            );
+            line!(out, "        s[k] = sum;\n    }}");
+        } else {
+            for i in 0..k {
+                let row = (channel * k + i) * k;
+                let sum = if shape.shadow {
+                    let terms: Vec<String> = (0..k)
+                        .map(|q| format!("{} * v[{q}]", at(row + q)))
+                        .collect();
+                    terms.join(" + ")
+                } else {
+                    format!("{} * {}", at(row), literal(SQRT_4PI))
+                };
+                line!(out, "    s[{i}] = {sum};");
+            }
         }
-    } else if k <= 25 {
-        for i in 0..k {
-            let terms: Vec<String> = (0..k)
-                .map(|q| format!("operator_at(start + {}u) * v[{q}]", i * k + q))
-                .collect();
-            line!(out, "    s[{i}] = {};", terms.join(" + "));
-        }
-    } else {
-        // Written out, a high degree takes the driver's compiler minutes.
-        line!(
-            out,
-            "    for (var k = 0u; k < {k}u; k++) {{\n        var sum = 0.0;"
-        );
-        line!(
-            out,
-            "        for (var q = 0u; q < {k}u; q++) {{\n            sum += operator_at(start + k * {k}u + q) * v[q];\n        }}"
-        );
-        line!(out, "        s[k] = sum;\n    }}");
+        line!(out, "}}");
     }
-    line!(out, "}}");
     out
 }
 

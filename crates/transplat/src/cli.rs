@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
-use transplat_core::transfer::Preset;
+use transplat_core::transfer::{EPSILON, Preset};
 use transplat_core::visibility::DIRECTIONS;
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
@@ -90,7 +90,7 @@ pub struct LightArgs {
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
     pub sh_degree: Option<u8>,
     /// Added to the source's irradiance, relative to its mean [default: 0.02]
-    #[arg(long, value_parser = parse_finite)]
+    #[arg(long, value_name = "X", value_parser = parse_epsilon, allow_hyphen_values = true)]
     pub epsilon: Option<f64>,
     /// Switch terms off
     #[arg(long, value_enum, value_delimiter = ',', value_name = "TERM,...")]
@@ -276,6 +276,13 @@ fn parse_finite(text: &str) -> Result<f64, String> {
         .ok()
         .filter(|v: &f64| v.is_finite() && v.abs() < 1e6)
         .ok_or_else(|| "a number is expected".into())
+}
+
+fn parse_epsilon(text: &str) -> Result<f64, String> {
+    parse_finite(text)
+        .ok()
+        .filter(|v| EPSILON.contains(&(*v as f32)))
+        .ok_or_else(|| "a number from 1e-6 to 1000 is expected".into())
 }
 
 fn parse_fov(text: &str) -> Result<f64, String> {

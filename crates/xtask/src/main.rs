@@ -1,2 +1,136 @@
-//! x
-fn main() {}
+//! `cargo xtask run` and `cargo xtask test`: each does all set-up on a fresh Debian machine that has only Rust.
+
+mod checks;
+mod setup;
+
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments, relight the bundled scene and write pictures
+cargo xtask test              format, lints, docs, unit, parity and picture tests, the program on the bundled scene
+cargo xtask setup             only install what is missing";
+
+/// What a task yields: success, or a message.
+type Outcome = Result<(), String>;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let outcome = match arguments.first().map(String::as_str) {
+        Some("run") => run(&arguments[1..]),
+        Some("test") => checks::test(),
+        Some("setup") => setup::setup(),
+        _ => Err(HELP.into()),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("{message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The repository's root.
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .ancestors()
+        .nth(2)
+        .unwrap_or(Path::new("."))
+}
+
+/// A command in the root. Graphics libraries complain where there is no session's folder for sockets; any folder quiets them.
+fn command(program: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new(program);
+    command.args(arguments).current_dir(root());
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
+    }
+    command
+}
+
+/// Runs a command that must succeed.
+fn must(program: &str, arguments: &[&str]) -> Outcome {
+    println!("> {program} {}", arguments.join(" "));
+    match command(program, arguments).status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(format!(
+            "{program} {} failed: {status}",
+            arguments.join(" ")
+        )),
+        Err(error) => Err(format!("{program} could not be started: {error}")),
+    }
+}
+
+fn run(arguments: &[String]) -> Outcome {
+    // The program works without a driver too, on the CPU.
+    if let Err(message) = setup::setup() {
+        eprintln!("{message}\nGoing on without it, on the CPU.");
+    }
+    let cargo = [
+        "run",
+        "--release",
+        "--quiet",
+        "--package",
+        "transplat",
+        "--",
+    ];
+    let given: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    if !given.is_empty() {
+        return must("cargo", &[&cargo[..], &given].concat());
+    }
+    println!("building the program (a few minutes the first time)");
+    let out = "target/bundled";
+    relight_bundled(&cargo, out, &[])?;
+    let full = root().join(out);
+    println!(
+        "\nThe teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   pictures, before and after\nMore: cargo xtask run --help",
+        full.display()
+    );
+    show(&full.join("after/sunset/000.png"));
+    Ok(())
+}
+
+/// The program's own commands on the bundled scene; `cargo` is how it is started, `more` goes to each command.
+fn relight_bundled(cargo: &[&str], out: &str, more: &[&str]) -> Outcome {
+    let (asset, bake) = ("assets/teapot.ply", format!("{out}/teapot.bake"));
+    let lights = [
+        "--source",
+        "assets/city.hdr",
+        "--target",
+        "assets/sunset.hdr",
+        "--target",
+        "assets/interior.hdr",
+        "--bake",
+        &bake,
+    ];
+    let (before, after) = (format!("{out}/before"), format!("{out}/after"));
+    std::fs::create_dir_all(root().join(out)).map_err(|e| format!("{out}: {e}"))?;
+    let view = ["--turntable", "4", "--supersample", "2"];
+    for arguments in [
+        &[&["info", asset][..]].concat(),
+        &[&["bake", asset, "-o", &bake], more].concat(),
+        &[&["relight", asset, "-o", out], &lights[..], more].concat(),
+        &[&["render", asset, "-o", &before], &view[..], more].concat(),
+        &[
+            &["render", asset, "-o", &after, "--background", "environment"],
+            &lights[..],
+            &view[..],
+            more,
+        ]
+        .concat(),
+    ] {
+        must("cargo", &[cargo, arguments].concat())?;
+    }
+    Ok(())
+}
+
+/// Opens a picture where there is a display and something to open it with.
+fn show(picture: &Path) {
+    let display = ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()));
+    if display {
+        // Where no viewer is installed, the printed path has to do.
+        let _ = Command::new("xdg-open").arg(picture).spawn();
+    }
+}

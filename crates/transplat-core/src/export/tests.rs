@@ -84,7 +84,7 @@ fn a_changed_source_is_noticed() {
     let from = folder.path().join("a.ply");
     std::fs::write(&from, binary(false)).expect("room for it");
     let (cloud, asset) = load_asset(&from).expect("a good file");
-    std::fs::write(&from, binary(false)[..300].to_vec()).expect("room for it");
+    std::fs::write(&from, &binary(false)[..300]).expect("room for it");
     let to = folder.path().join("b.ply");
     assert!(write_relit_ply(&asset, &cloud.sh, &to).is_err());
     assert!(!to.exists());

@@ -41,6 +41,9 @@ impl Default for Terms {
     }
 }
 
+/// Range of epsilon: below a millionth, f32 irradiance is rounding.
+pub const EPSILON: std::ops::RangeInclusive<f32> = 1e-6..=1e3;
+
 /// Settings of the transfer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -83,8 +86,7 @@ impl TransferSettings {
                 self.sh_degree
             )));
         }
-        // Below a millionth, f32 irradiance is rounding.
-        if !(1e-6..=1e3).contains(&self.epsilon) {
+        if !EPSILON.contains(&self.epsilon) {
             return Err(Error::Mismatch(format!(
                 "epsilon {} is out of range 1e-6 to 1000 (relative to the source's mean irradiance)",
                 self.epsilon

@@ -1,0 +1,354 @@
+//! Every GPU pass against its CPU twin and against the plain f64 oracle.
+
+use glam::{Vec2, Vec3};
+use transplat_core::camera::Camera;
+use transplat_core::color::{Display, Encoding, ToneMap};
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
+use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
+use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
+use transplat_core::scenes;
+use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{PreparedTransfer, TransferSettings};
+use transplat_core::visibility::{
+    BakeInput, BakeSettings, Visibility, bake_visibility, no_progress,
+};
+use transplat_gpu::rasterize::{GpuRasterizer, Paint};
+use transplat_gpu::transfer::GpuTransfer;
+use transplat_tests::gpu;
+
+fn sky(width: usize, height: usize) -> EnvironmentMap {
+    let pixels = (0..width * height)
+        .map(|i| {
+            let v = ((i * 7919) % 1013) as f32 / 1013.0;
+            let sun = if i == width * height / 3 { 2000.0 } else { 0.0 };
+            [v + sun, v * v + 0.8 * sun, 0.3 + 0.5 * sun]
+        })
+        .collect();
+    EnvironmentMap::new(width, height, pixels)
+}
+
+/// A sphere over a plate, with view dependence of some degree.
+fn glossy_scene(n: usize, degree: usize) -> SurfelCloud {
+    let mut cloud = scenes::sphere_over_plate(n);
+    let k = coefficient_count(degree);
+    cloud.sh_degree = degree;
+    cloud.sh = (0..cloud.len())
+        .flat_map(|i| {
+            (0..k).map(move |j| {
+                let v = ((i * 31 + j * 17) % 29) as f32 / 29.0 - 0.5;
+                if j == 0 {
+                    [1.0 + v, 1.2, 0.7 - v]
+                } else {
+                    [0.2 * v, -0.1 * v, 0.05]
+                }
+            })
+        })
+        .collect();
+    cloud
+}
+
+#[test]
+fn projection() {
+    let gpu = gpu();
+    for (width, height, degree) in [(64, 32, 8), (1000, 7, 3), (3, 5, 0), (512, 256, 4)] {
+        let map = sky(width, height);
+        let exact = oracle::project_environment(&map, degree);
+        let got = transplat_gpu::environment::project_environment(&gpu, &map, degree)
+            .expect("the driver works");
+        // A lane adds width / 32 values in f32, and m-fold angles come of m products: (width / 32 + degree) 2^-24 of the
+        // light's total, |Y| <= 2; rows are added in f64.
+        let total = exact[0].iter().fold(0f64, |a, b| a.max(*b));
+        let bound = (width as f64 / 32.0 + 8.0) * 2.4e-7 * total;
+        let mut worst = 0f64;
+        for (e, g) in exact
+            .iter()
+            .flatten()
+            .zip(got.coefficients.iter().flatten())
+        {
+            worst = worst.max((e - f64::from(*g)).abs());
+        }
+        println!(
+            "projection {width} x {height}, degree {degree}: largest error {:.2e} of the light",
+            worst / total
+        );
+        assert!(worst <= bound, "{worst} > {bound}");
+    }
+}
+
+#[test]
+fn bake() {
+    let gpu = gpu();
+    let mut cloud = scenes::sphere_over_plate(300);
+    // One surfel that covers the whole map takes the path for large ones.
+    cloud.positions[0] = Vec3::new(0.0, 0.0, -0.3);
+    cloud.scales[0] = Vec2::splat(0.8);
+    cloud.tangents[0] = [Vec3::X, Vec3::Y];
+    // Not a multiple of the batch.
+    for directions in [16, 21] {
+        let input = BakeInput::new(&cloud, &BakeSettings { directions });
+        let cpu = bake_visibility(&input, &no_progress).expect("not cancelled");
+        let got = transplat_gpu::visibility::bake_visibility(&gpu, &input, &no_progress)
+            .expect("the driver works");
+        assert_eq!(cpu.len(), got.len());
+        let (mut differ, mut sum) = (0, 0.0);
+        let mut exact_sum = 0.0;
+        for (i, (c, g)) in cpu.iter().zip(&got).enumerate() {
+            differ += usize::from(c.abs_diff(*g) > 1);
+            sum += f64::from(c.abs_diff(*g)) / 255.0;
+            let exact = oracle::openness(&input, i / directions, i % directions);
+            exact_sum += (exact - f64::from(*g) / 255.0).abs();
+        }
+        let count = cpu.len() as f64;
+        println!(
+            "bake, {directions} directions: {differ} of {count} differ from the CPU, mean {:.1e}; mean error to f64 {:.1e}",
+            sum / count,
+            exact_sum / count
+        );
+        // A texel's centre on the rim of a disc, or a tap on the rim of a texel, may round to either side: rare.
+        assert!((differ as f64) < 0.005 * count, "{differ} of {count}");
+        assert!(sum / count < 5e-4);
+        // Bytes round by 1/510 at most, 1/1020 in the mean.
+        assert!(exact_sum / count < 2e-3);
+    }
+}
+
+#[test]
+fn bake_with_more_directions_than_one_read_back() {
+    let gpu = gpu();
+    let cloud = scenes::sphere(40);
+    let input = BakeInput::new(&cloud, &BakeSettings { directions: 1037 });
+    let cpu = bake_visibility(&input, &no_progress).expect("not cancelled");
+    let got = transplat_gpu::visibility::bake_visibility(&gpu, &input, &no_progress)
+        .expect("the driver works");
+    let differ = cpu
+        .iter()
+        .zip(&got)
+        .filter(|(c, g)| c.abs_diff(**g) > 1)
+        .count();
+    assert!(differ * 200 < cpu.len(), "{differ} of {}", cpu.len());
+}
+
+#[test]
+fn transfer() {
+    let gpu = gpu();
+    for (light_degree, asset_degree) in [(3, 3), (0, 1), (2, 4), (5, 3), (6, 0)] {
+        let cloud = glossy_scene(150, asset_degree);
+        let input = BakeInput::new(&cloud, &BakeSettings { directions: 64 });
+        let open = bake_visibility(&input, &no_progress).expect("not cancelled");
+        let visibility = Visibility::from_open(&cloud, 64, open);
+        let source = project_environment(&sky(64, 32), light_degree);
+        let target = project_environment(&sky(30, 20), light_degree);
+        let v = visibility.coefficients(light_degree);
+        for off in ["", "shadow", "specular", "reflection", "attenuation"] {
+            let mut settings = TransferSettings {
+                sh_degree: light_degree,
+                ..Default::default()
+            };
+            match off {
+                "shadow" => settings.terms.shadow = false,
+                "specular" => settings.terms.specular = false,
+                "reflection" => settings.terms.reflection = false,
+                "attenuation" => settings.terms.attenuation = false,
+                _ => {}
+            }
+            let prepared =
+                PreparedTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+            let on_gpu = GpuTransfer::new(&gpu, &prepared).expect("the driver works");
+            // Twice, to see that nothing is left of the light before.
+            on_gpu
+                .relight(&prepared.light(&source))
+                .expect("the driver works");
+            on_gpu
+                .relight(&prepared.light(&target))
+                .expect("the driver works");
+            let got = on_gpu.read().expect("the driver works");
+            let cpu = prepared.relight(&target);
+            let oracle = OracleTransfer::new(&source, &target, &settings);
+            let (ka, kl) = (
+                coefficient_count(asset_degree),
+                coefficient_count(light_degree),
+            );
+            let (mut to_cpu, mut to_exact) = (0f64, 0f64);
+            for i in 0..cloud.len() {
+                let color: Vec<[f64; 3]> =
+                    cloud.sh_of(i).iter().map(|c| c.map(f64::from)).collect();
+                let v: Vec<f64> = v[i * kl..][..kl].iter().map(|v| f64::from(*v)).collect();
+                let exact = relight_surfel(
+                    &oracle,
+                    &color,
+                    prepared.normals[i].to_array().map(f64::from),
+                    &v,
+                );
+                for (j, exact) in exact.iter().enumerate() {
+                    for c in 0..3 {
+                        let (g, p) = (f64::from(got[i * ka + j][c]), f64::from(cpu[i * ka + j][c]));
+                        let size = 1.0 + exact[c].abs();
+                        to_cpu = to_cpu.max((g - p).abs() / size);
+                        to_exact = to_exact.max((g - exact[c]).abs() / size);
+                    }
+                }
+            }
+            println!(
+                "transfer {light_degree}/{asset_degree} without {off:?}: {to_cpu:.1e} to the CPU, {to_exact:.1e} to f64"
+            );
+            // K roundings of the light (2^-24 each), over a source irradiance that the clamp leaves as small as epsilon (2 %): 50 K 2^-24.
+            assert!(to_cpu < 1e-4 && to_exact < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn transfer_over_more_than_one_chunk() {
+    let gpu = gpu();
+    let n = transplat_gpu::CHUNK + 77;
+    let normals: Vec<Vec3> = scenes::sphere(n).positions;
+    let cloud = scenes::from_points(&normals, &normals, 0.01);
+    let mut settings = TransferSettings {
+        sh_degree: 1,
+        ..Default::default()
+    };
+    settings.terms.shadow = false;
+    let prepared = PreparedTransfer::new(
+        &cloud,
+        &Visibility::all_open(&cloud),
+        &IncidentRadiance::even(1),
+        &settings,
+    )
+    .expect("good input");
+    let target = project_environment(&sky(16, 8), 1);
+    let on_gpu = GpuTransfer::new(&gpu, &prepared).expect("the driver works");
+    on_gpu
+        .relight(&prepared.light(&target))
+        .expect("the driver works");
+    let (got, cpu) = (
+        on_gpu.read().expect("the driver works"),
+        prepared.relight(&target),
+    );
+    assert_eq!(got.len(), n);
+    for (g, c) in got.iter().flatten().zip(cpu.iter().flatten()) {
+        assert!((g - c).abs() <= 1e-4 * (1.0 + c.abs()), "{g} {c}");
+    }
+}
+
+fn camera(size: [usize; 2]) -> Camera {
+    Camera::look_at(
+        Vec3::new(3.0, 1.0, 1.5),
+        Vec3::new(0.0, 0.0, 0.3),
+        Vec3::Z,
+        0.7,
+        size,
+        0.02,
+    )
+}
+
+/// Over all four channels; the peak is 1.
+fn raster_psnr(a: &Raster, b: &Raster) -> f64 {
+    let sum: f64 = a
+        .pixels
+        .iter()
+        .flatten()
+        .zip(b.pixels.iter().flatten())
+        .map(|(a, b)| f64::from(a.min(1.0) - b.min(1.0)).powi(2))
+        .sum();
+    -10.0 * (sum / (4 * a.pixels.len()) as f64).max(1e-12).log10()
+}
+
+#[test]
+fn rasterize_every_encoding_degree_and_curve() {
+    let gpu = gpu();
+    for degree in [0, 3, 8] {
+        let cloud = glossy_scene(300, degree);
+        let on_gpu = GpuRasterizer::new(&gpu, &cloud).expect("it fits");
+        let camera = camera([96, 64]);
+        for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
+            let mut spaces = vec![ColorSpace::Linear];
+            for tone_map in [
+                ToneMap::Srgb,
+                ToneMap::Neutral,
+                ToneMap::Agx,
+                ToneMap::Aces,
+                ToneMap::None,
+            ] {
+                spaces.push(ColorSpace::Display(Display {
+                    exposure: 0.7,
+                    tone_map,
+                }));
+            }
+            spaces.push(ColorSpace::Display(Display::default()));
+            for space in spaces {
+                let colors = shade(
+                    &cloud.positions,
+                    &cloud.sh,
+                    degree,
+                    encoding,
+                    camera.eye,
+                    space,
+                );
+                let cpu = rasterize(&cloud, &camera, &colors);
+                let paint = Paint::Sh {
+                    sh: &cloud.sh,
+                    encoding,
+                };
+                let got = on_gpu
+                    .draw(&camera, paint, space)
+                    .expect("the driver works");
+                let psnr = raster_psnr(&cpu, &got);
+                // 55 dB is half a step of 8 bits; where a target has half floats, blending alone costs that much.
+                assert!(
+                    psnr > 55.0,
+                    "degree {degree} {encoding:?} {space:?}: {psnr}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn rasterize_depth_and_pictures_larger_than_a_tile() {
+    let gpu = gpu();
+    let cloud = scenes::sphere_over_plate(300);
+    let on_gpu = GpuRasterizer::new(&gpu, &cloud).expect("it fits");
+    let colors = vec![[1.0, 0.5, 0.25]; cloud.len()];
+    // Wider than one draw: the seam must not show.
+    let mut wide = camera([4200, 24]);
+    wide.focal = 60.0;
+    for camera in [camera([64, 64]), wide] {
+        let cpu = rasterize(&cloud, &camera, &colors);
+        let got = on_gpu
+            .draw(&camera, Paint::Colors(&colors), ColorSpace::Linear)
+            .expect("the driver works");
+        let psnr = raster_psnr(&cpu, &got);
+        assert!(psnr > 55.0, "{} wide: {psnr}", camera.width);
+        for (i, (c, g)) in cpu.depth.iter().zip(&got.depth).enumerate() {
+            if cpu.pixels[i][3] > 0.5 {
+                assert!((c - g).abs() < 0.01, "depth {c} {g}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rasterize_extreme_surfels() {
+    let gpu = gpu();
+    let mut cloud = scenes::sphere(200);
+    for (i, scale) in cloud.scales.iter_mut().enumerate() {
+        *scale = match i % 4 {
+            0 => Vec2::splat(1e6),
+            1 => Vec2::new(1e-9, 0.1),
+            2 => Vec2::splat(0.0),
+            _ => *scale,
+        };
+    }
+    cloud.positions[1] = Vec3::splat(1e12);
+    let colors = vec![[1.0; 3]; cloud.len()];
+    for eye in [Vec3::new(3.0, 1.0, 0.5), Vec3::ZERO] {
+        let camera = Camera::look_at(eye, Vec3::X * 0.1, Vec3::Z, 1.2, [48, 48], 0.02);
+        let got = GpuRasterizer::new(&gpu, &cloud)
+            .and_then(|r| r.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear))
+            .expect("the driver works");
+        assert!(got.pixels.iter().flatten().all(|v| v.is_finite()));
+        let cpu = rasterize(&cloud, &camera, &colors);
+        assert!(cpu.pixels.iter().flatten().all(|v| v.is_finite()));
+    }
+}

@@ -1,0 +1,104 @@
+//! The bundled scene against pictures that were made otherwise: by an independent renderer of surfels, and by a path tracer.
+
+use std::path::Path;
+
+use transplat_tests::{asset, picture, psnr, root, run_json};
+
+fn render(folder: &Path, device: &str, frame: &str, more: &[&str]) -> Vec<[f32; 3]> {
+    let (teapot, cameras, out) = (
+        asset("teapot.ply"),
+        asset("teapot_cameras.json"),
+        folder.display().to_string(),
+    );
+    let common = [
+        "render",
+        &teapot,
+        "--cameras",
+        &cameras,
+        "--frames",
+        frame,
+        "--size",
+        "200x200",
+        "--device",
+        device,
+        "-o",
+        &out,
+    ];
+    run_json(&[&common[..], more].concat());
+    picture(&folder.join(format!("00{frame}.png")))
+}
+
+fn reference(name: &str) -> Vec<[f32; 3]> {
+    picture(&root().join("tests/pictures").join(name))
+}
+
+#[test]
+fn the_asset_is_drawn_as_an_independent_renderer_draws_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for device in ["cpu", "gpu"] {
+        for frame in ["0", "3"] {
+            let got = render(folder.path(), device, frame, &["--background", "black"]);
+            let psnr = psnr(
+                &got,
+                &reference(&format!("teapot_city_00{frame}_surfels.png")),
+            );
+            // Both are rounded to 8 bits (58.9 dB between two roundings); an error of geometry or order falls far below 50.
+            assert!(psnr > 52.0, "{device} {frame}: {psnr}");
+        }
+    }
+}
+
+#[test]
+fn relighting_comes_nearer_to_the_path_traced_truth_than_doing_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (city, sunset) = (asset("city.hdr"), asset("sunset.hdr"));
+    for frame in ["0", "3"] {
+        let truth = reference(&format!("teapot_sunset_00{frame}_truth.png"));
+        let before = render(
+            folder.path(),
+            "cpu",
+            frame,
+            &["--background", "black", "--supersample", "2"],
+        );
+        let relit = render(
+            folder.path(),
+            "cpu",
+            frame,
+            &[
+                "--background",
+                "black",
+                "--source",
+                &city,
+                "--target",
+                &sunset,
+                "--supersample",
+                "2",
+            ],
+        );
+        let (before, after) = (psnr(&before, &truth), psnr(&relit, &truth));
+        println!("frame {frame}: nothing {before:.1} dB, relit {after:.1} dB");
+        // The truth is averaged from 400 x 400. There the paper's equations reach 29.6 and 28.3 dB for these two views,
+        // and a light turned or mirrored by mistake loses more than 3.
+        assert!(after > 28.0 && after > before + 4.0, "{before} {after}");
+    }
+}
+
+#[test]
+fn cpu_and_gpu_relight_alike() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (city, sunset) = (asset("city.hdr"), asset("sunset.hdr"));
+    let light = [
+        "--source",
+        &city,
+        "--target",
+        &sunset,
+        "--directions",
+        "64",
+        "--background",
+        "environment",
+    ];
+    let cpu = render(folder.path(), "cpu", "3", &light);
+    let gpu = render(folder.path(), "gpu", "3", &light);
+    let psnr = psnr(&cpu, &gpu);
+    assert!(psnr > 52.0, "{psnr}");
+}
