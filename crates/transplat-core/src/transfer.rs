@@ -102,9 +102,8 @@ impl PreparedTransfer {
         let mean = source.mean_irradiance();
         let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
         let source = source.scaled(light_gain);
-        let has_view_dependence = cloud.has_view_dependence();
-        let specular_degree = if settings.terms.specular && has_view_dependence {
-            cloud.sh_degree.min(light_degree)
+        let specular_degree = if settings.terms.specular && cloud.has_view_dependence() {
+            explained_degree(&source, settings).min(cloud.sh_degree)
         } else {
             0
         };
@@ -260,6 +259,21 @@ fn irradiance(light: &[[f32; 3]], degree: usize, n: Vec3) -> [f32; 3] {
     e.map(|e| e.max(0.0))
 }
 
+/// `||f_l||` of one channel.
+fn band_norm(f: &[[f32; 3]], l: usize, c: usize) -> f32 {
+    f[band(l)].iter().map(|v| v[c] * v[c]).sum::<f32>().sqrt()
+}
+
+/// The highest band in which the source (in units of its mean irradiance) has more light than epsilon.
+///
+/// What an even light shows of gloss is nothing: eq. 9 would divide the asset's view dependence by epsilon alone, and turn it into chrome.
+fn explained_degree(source: &IncidentRadiance, settings: &TransferSettings) -> usize {
+    (1..=source.degree)
+        .rev()
+        .find(|l| (0..3).any(|c| band_norm(&source.coefficients, *l, c) > settings.epsilon))
+        .unwrap_or(0)
+}
+
 /// `A_l = ||c_l|| / (||L_S,l|| + eps)` (paper eq. 9), per channel. `[n][degree][3]`
 fn attenuation(
     linear: &[[f32; 3]],
@@ -271,12 +285,9 @@ fn attenuation(
     if degree == 0 {
         return Vec::new();
     }
-    let norm = |f: &[[f32; 3]], l: usize, c: usize| {
-        f[band(l)].iter().map(|v| v[c] * v[c]).sum::<f32>().sqrt()
-    };
     let source_norms: [[f32; 3]; MAX_DEGREE + 1] = std::array::from_fn(|l| {
         if (1..=degree).contains(&l) {
-            std::array::from_fn(|c| norm(&source.coefficients, l, c))
+            std::array::from_fn(|c| band_norm(&source.coefficients, l, c))
         } else {
             [0.0; 3]
         }
@@ -287,7 +298,7 @@ fn attenuation(
             (1..=degree).map(move |l| {
                 std::array::from_fn(|c| {
                     if settings.terms.attenuation {
-                        bounded(norm(f, l, c) / (source_norms[l][c] + settings.epsilon))
+                        bounded(band_norm(f, l, c) / (source_norms[l][c] + settings.epsilon))
                     } else {
                         UNATTENUATED
                     }

@@ -140,8 +140,10 @@ impl Scene {
                 "specular transfer",
                 if self.look.transfer.sh_degree == 0 {
                     "the light has degree 0"
-                } else {
+                } else if !self.cloud.has_view_dependence() {
                     "the asset's colour does not depend on the view"
+                } else {
+                    "the source light is even: it tells nothing of gloss"
                 },
             );
         }

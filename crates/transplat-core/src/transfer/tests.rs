@@ -356,6 +356,25 @@ fn what_a_scene_lacks_is_left_out() {
 }
 
 #[test]
+fn an_even_source_tells_nothing_of_gloss() {
+    let cloud = glossy_scene(3);
+    let prepared = PreparedTransfer::new(
+        &cloud,
+        &baked(&cloud),
+        &IncidentRadiance::even(3),
+        &settings(3),
+    )
+    .expect("good input");
+    assert_eq!(prepared.specular_degree, 0);
+    let relit = prepared.relight(&light(2, 3));
+    assert!(
+        relit
+            .chunks_exact(16)
+            .all(|f| f[1..].iter().flatten().all(|v| *v == 0.0))
+    );
+}
+
+#[test]
 fn a_preset_that_is_not_there_is_refused() {
     let cloud = scenes::sphere(10);
     let settings = TransferSettings {

@@ -153,23 +153,49 @@ fn cameras(
         return Ok(vec![camera]);
     }
     let count = args.turntable.unwrap_or(1);
-    // Far enough that the ball around the object touches no edge of the picture.
-    let narrow = ((fov_x / 2.0).tan() * (size[1] as f64 / size[0] as f64).min(1.0)).atan();
-    let distance = f64::from(bounds.radius) * 1.05 / narrow.sin();
     let elevation = 20f64.to_radians();
     let asset_from_world = cloud.up.asset_from_world();
-    Ok((0..count)
+    let towards: Vec<Vec3> = (0..count)
         .map(|i| {
             let azimuth = TAU * f64::from(i) / f64::from(count);
-            let offset = glam::DVec3::new(
+            let from_center = glam::DVec3::new(
                 azimuth.cos() * elevation.cos(),
                 azimuth.sin() * elevation.cos(),
                 elevation.sin(),
             );
-            let eye = bounds.center.as_dvec3() + asset_from_world * offset * distance;
-            Camera::look_at(eye.as_vec3(), bounds.center, up, fov_x, size, near)
+            (asset_from_world * from_center).as_vec3()
         })
-        .collect())
+        .collect();
+    let camera = |towards: Vec3, distance: f32| {
+        let eye = bounds.center + towards * distance;
+        Camera::look_at(eye, bounds.center, up, fov_x, size, near)
+    };
+    // One distance for the whole turn; a few of its views decide.
+    let distance = towards
+        .iter()
+        .step_by(towards.len().div_ceil(16))
+        .map(|t| fitting_distance(cloud, &camera(*t, 1.0), *t))
+        .fold(0f32, f32::max);
+    Ok(towards.iter().map(|t| camera(*t, distance)).collect())
+}
+
+/// How far from the object's centre a camera in direction `towards` must be for the object to fill most of the picture; floaters do not count.
+fn fitting_distance(cloud: &SurfelCloud, camera: &Camera, towards: Vec3) -> f32 {
+    let bounds = cloud.bounds();
+    let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;
+    let (across, down) = (slope(camera.width), slope(camera.height));
+    let needed = cloud
+        .positions
+        .iter()
+        .map(|p| *p - bounds.center)
+        .filter(|p| p.length() <= bounds.radius)
+        .map(|p| {
+            let view = camera.view_from_world * p;
+            p.dot(towards) + (view.x.abs() / across).max(view.y.abs() / down)
+        })
+        .fold(0f32, f32::max);
+    // Where everything lies in one point, any distance will do but none.
+    needed.max(0.1 * bounds.radius)
 }
 
 /// Where pictures go.
