@@ -6,6 +6,7 @@
 use std::ops::ControlFlow;
 
 use glam::{Vec2, Vec3};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -163,11 +164,17 @@ impl BakeInput {
 pub const EMPTY: f32 = -1e30;
 
 /// Draws the heights of all occluders along one direction: `map` `[resolution][resolution]`.
+///
+/// The GPU asks each texel whether `s^2 + t^2 <= 1`; here the same ellipse is cut into rows, of which the ends are known.
+#[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
 fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
     map.fill(EMPTY);
-    let resolution = input.resolution as f32;
-    let texel = 2.0 / resolution;
+    let texel = 2.0 / input.resolution as f32;
     let last = input.resolution as i32 - 1;
+    // First and last texel whose centre is between two coordinates.
+    let first = |low: f32| ((low + 1.0) / texel - 0.5).ceil().max(0.0) as i32;
+    let until = |high: f32| (((high + 1.0) / texel - 0.5).floor() as i32).min(last);
+    let center = |i: i32| (i as f32 + 0.5) * texel - 1.0;
     for surfel in &input.surfels {
         let [a, b] = surfel.axes;
         let (ax, ay) = (a.dot(frame.right), a.dot(frame.up));
@@ -181,31 +188,36 @@ fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
             surfel.position.dot(frame.right),
             surfel.position.dot(frame.up),
         );
-        let (ex, ey) = (ax.hypot(bx), ay.hypot(by));
-        // First and last texel whose centre may be covered.
-        let first = |low: f32| ((low + 1.0) / texel - 0.5).ceil().max(0.0) as i32;
-        let until = |high: f32| (((high + 1.0) / texel - 0.5).floor() as i32).min(last);
         let height = surfel.position.dot(frame.direction);
         let (rise_a, rise_b) = (a.dot(frame.direction), b.dot(frame.direction));
-        let inverse = 1.0 / det;
-        for y in first(py - ey)..=until(py + ey) {
-            let dy = (y as f32 + 0.5) * texel - 1.0 - py;
-            let row = &mut map[y as usize * input.resolution..][..input.resolution];
-            for x in first(px - ex)..=until(px + ex) {
-                let dx = (x as f32 + 0.5) * texel - 1.0 - px;
-                let s = (dx * by - dy * bx) * inverse;
-                let t = (dy * ax - dx * ay) * inverse;
-                if s * s + t * t <= 1.0 {
-                    let h = height + s * rise_a + t * rise_b;
-                    let cell = &mut row[x as usize];
-                    *cell = cell.max(h);
-                }
+        // Height over the map: height + dx * rise_x + dy * rise_y.
+        let rise_x = (by * rise_a - ay * rise_b) / det;
+        let rise_y = (ax * rise_b - bx * rise_a) / det;
+        let extent_2 = ay * ay + by * by;
+        let shear = (ax * ay + bx * by) / extent_2;
+        let width = det.abs() / extent_2;
+        let extent = extent_2.sqrt();
+        for y in first(py - extent)..=until(py + extent) {
+            let dy = center(y) - py;
+            let half = width * (extent_2 - dy * dy).max(0.0).sqrt();
+            let middle = px + dy * shear;
+            let (x0, x1) = (first(middle - half), until(middle + half));
+            if x0 > x1 {
+                continue;
+            }
+            let start = height + dy * rise_y + (center(x0) - px) * rise_x;
+            let row = y as usize * input.resolution;
+            let cells = &mut map[row + x0 as usize..=row + x1 as usize];
+            for (i, cell) in cells.iter_mut().enumerate() {
+                let h = start + i as f32 * (texel * rise_x);
+                *cell = if h > *cell { h } else { *cell };
             }
         }
     }
 }
 
 /// How open a surfel is towards a map's direction, 0 to 1.
+#[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
 fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel) -> f32 {
     let texel = 2.0 / input.resolution as f32;
     let (px, py) = (
@@ -233,11 +245,12 @@ fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel
             + slope.x * ((x + 0.5) * texel - 1.0 - px)
             + slope.y * ((y + 0.5) * texel - 1.0 - py);
         let above = map[y as usize * input.resolution + x as usize] - plane - surfel.bias;
-        sum += if above > 0.0 {
-            (-SHARPNESS * above).exp()
-        } else {
-            1.0
-        };
+        // Beyond 20 e-foldings nothing is left of a byte.
+        if above <= 0.0 {
+            sum += 1.0;
+        } else if SHARPNESS * above < 20.0 {
+            sum += (-SHARPNESS * above).exp();
+        }
     }
     sum / TAPS.len() as f32
 }
