@@ -14,7 +14,7 @@ use crate::sh::{MAX_COEFFICIENTS, MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 pub(crate) use header::Format;
-use header::Header;
+use header::{Header, ScalarType};
 
 /// What kind of splat a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,10 +148,19 @@ fn read_binary(
         reader.read_exact(block).map_err(RowError::Io)?;
         let properties = &header.properties;
         let big_endian = header.big_endian();
-        cloud.push_rows(rows, |row, property| {
-            let p = &properties[property];
-            p.scalar
-                .read(&block[row * header.stride + p.offset..], big_endian)
+        // As trainers write it; everything else is read property by property.
+        let plain = !big_endian && properties.iter().all(|p| p.scalar == ScalarType::F32);
+        cloud.push_rows(rows, |row, values| {
+            let bytes = &block[row * header.stride..][..header.stride];
+            if plain {
+                for (value, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
+                    *value = f32::from_le_bytes(*bytes);
+                }
+            } else {
+                for (value, p) in values.iter_mut().zip(properties) {
+                    *value = p.scalar.read(&bytes[p.offset..], big_endian);
+                }
+            }
         });
         left -= rows;
     }
@@ -197,8 +206,8 @@ fn read_ascii(
         }
         rows += 1;
         if values.len() >= BLOCK_ROWS * columns || rows == header.vertices {
-            cloud.push_rows(values.len() / columns, |row, property| {
-                values[row * columns + property]
+            cloud.push_rows(values.len() / columns, |row, out| {
+                out.copy_from_slice(&values[row * columns..][..columns]);
             });
             values.clear();
         }
@@ -215,6 +224,8 @@ struct Layout {
     /// `[K][3]`: in the file, all of red's higher coefficients come first, then green's, then blue's.
     sh: Vec<[usize; 3]>,
     degree: usize,
+    /// Properties of a row.
+    columns: usize,
 }
 
 impl Layout {
@@ -257,6 +268,7 @@ impl Layout {
             opacity: need("opacity")?,
             sh,
             degree,
+            columns: header.properties.len(),
         };
         // Integers cannot hold logits, logarithms and SH: such a file is packed in a way of its own.
         let used = layout.sh.iter().flatten().chain(&layout.scales);
@@ -279,6 +291,7 @@ struct Row {
     tangents: [Vec3; 2],
     scale: Vec2,
     opacity: f32,
+    /// Shortest over second axis of a 3D Gaussian: 0 is flat.
     flatness: f32,
     valid: bool,
 }
@@ -288,9 +301,10 @@ const MAX_POSITION: f32 = 1e15;
 const MAX_SH: f32 = 1e6;
 
 impl Row {
-    fn read(layout: &Layout, get: impl Fn(usize) -> f32) -> Self {
-        let position = Vec3::from_array(layout.position.map(&get));
-        let [w, x, y, z] = layout.rotation.map(&get);
+    fn read(layout: &Layout, values: &[f32]) -> Self {
+        let get = |index: usize| values[index];
+        let position = Vec3::from_array(layout.position.map(get));
+        let [w, x, y, z] = layout.rotation.map(get);
         let logit = get(layout.opacity);
         let mut logs = [0f32; 3];
         for (log, index) in logs.iter_mut().zip(&layout.scales) {
@@ -305,14 +319,14 @@ impl Row {
             // Flattened to nothing (log 0) or opaque (logit infinity) is fine.
             && !logit.is_nan()
             && logs.iter().all(|v| *v < 80.0)
-            && layout.sh.iter().flatten().all(|i| in_range(get(*i), MAX_SH));
+            && layout.sh.iter().flatten().fold(true, |ok, i| ok & in_range(get(*i), MAX_SH));
         if !valid {
             return Self {
                 position: Vec3::ZERO,
                 tangents: [Vec3::X, Vec3::Y],
                 scale: Vec2::splat(1e-12),
                 opacity: 0.0,
-                flatness: 0.0,
+                flatness: f32::NAN,
                 valid,
             };
         }
@@ -340,9 +354,11 @@ impl Row {
     }
 }
 
+/// Fills the cloud block by block. All of it is allocated at once, zeroed by the system, so that its pages are first touched in parallel.
 struct Builder<'a> {
     layout: &'a Layout,
     cloud: SurfelCloud,
+    filled: usize,
     flatness: Vec<f32>,
     left_out: Vec<usize>,
 }
@@ -350,11 +366,11 @@ struct Builder<'a> {
 impl<'a> Builder<'a> {
     fn new(layout: &'a Layout, rows: usize) -> Self {
         let cloud = SurfelCloud {
-            positions: Vec::with_capacity(rows),
-            tangents: Vec::with_capacity(rows),
-            scales: Vec::with_capacity(rows),
-            opacities: Vec::with_capacity(rows),
-            sh: Vec::with_capacity(rows * layout.sh.len()),
+            positions: bytemuck::zeroed_vec(rows),
+            tangents: bytemuck::zeroed_vec(rows),
+            scales: bytemuck::zeroed_vec(rows),
+            opacities: bytemuck::zeroed_vec(rows),
+            sh: bytemuck::zeroed_vec(rows * layout.sh.len()),
             sh_degree: layout.degree,
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,
@@ -362,53 +378,62 @@ impl<'a> Builder<'a> {
         Self {
             layout,
             cloud,
-            flatness: Vec::new(),
+            filled: 0,
+            flatness: bytemuck::zeroed_vec(rows),
             left_out: Vec::new(),
         }
     }
 
-    /// Converts a block of rows in parallel; `get` yields a value by row and property.
-    fn push_rows(&mut self, rows: usize, get: impl Fn(usize, usize) -> f32 + Sync) {
+    /// Converts a block of rows in parallel; `decode` writes a row's values in the order of its properties.
+    fn push_rows(&mut self, rows: usize, decode: impl Fn(usize, &mut [f32]) + Sync) {
         const PIECE: usize = 512;
-        let first = self.cloud.len();
-        let k = self.layout.sh.len();
-        let layout = self.layout;
-        let start = self.cloud.sh.len();
-        self.cloud.sh.resize(start + rows * k, [0.0; 3]);
-        let sh = &mut self.cloud.sh[start..];
-        let converted: Vec<Row> = sh
-            .par_chunks_mut(PIECE * k)
+        let (layout, k) = (self.layout, self.layout.sh.len());
+        let block = self.filled..self.filled + rows;
+        let cloud = &mut self.cloud;
+        let left_out: Vec<usize> = cloud.positions[block.clone()]
+            .par_chunks_mut(PIECE)
+            .zip(cloud.tangents[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.scales[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.opacities[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.sh[block.start * k..block.end * k].par_chunks_mut(PIECE * k))
+            .zip(self.flatness[block.clone()].par_chunks_mut(PIECE))
             .enumerate()
-            .flat_map_iter(|(piece, sh)| {
-                let get = &get;
-                sh.chunks_exact_mut(k).enumerate().map(move |(i, sh)| {
-                    let row = piece * PIECE + i;
-                    let converted = Row::read(layout, |property| get(row, property));
-                    if converted.valid {
-                        for (out, indices) in sh.iter_mut().zip(&layout.sh) {
-                            *out = indices.map(|index| get(row, index));
+            .flat_map_iter(
+                |(piece, (((((positions, tangents), scales), opacities), sh), flatness))| {
+                    let mut left_out = Vec::new();
+                    let mut values = vec![0f32; layout.columns];
+                    for i in 0..positions.len() {
+                        let row = piece * PIECE + i;
+                        decode(row, &mut values);
+                        let converted = Row::read(layout, &values);
+                        positions[i] = converted.position;
+                        tangents[i] = converted.tangents;
+                        scales[i] = converted.scale;
+                        opacities[i] = converted.opacity;
+                        flatness[i] = converted.flatness;
+                        if !converted.valid {
+                            left_out.push(block.start + row);
+                            continue;
+                        }
+                        for (out, indices) in sh[i * k..][..k].iter_mut().zip(&layout.sh) {
+                            *out = indices.map(|index| values[index]);
                         }
                     }
-                    converted
-                })
-            })
+                    left_out
+                },
+            )
             .collect();
-        let three = self.layout.scales.len() == 3;
-        for (i, row) in converted.into_iter().enumerate() {
-            self.cloud.positions.push(row.position);
-            self.cloud.tangents.push(row.tangents);
-            self.cloud.scales.push(row.scale);
-            self.cloud.opacities.push(row.opacity);
-            if !row.valid {
-                self.left_out.push(first + i);
-            } else if three {
-                self.flatness.push(row.flatness);
-            }
-        }
+        self.left_out.extend(left_out);
+        self.filled += rows;
     }
 
     fn finish(self, header: &Header) -> Result<(SurfelCloud, AssetReport), String> {
         let (mut cloud, mut flatness) = (self.cloud, self.flatness);
+        // Two axes of no length at all (log 0), or a row left out, have no ratio.
+        flatness.retain(|f| f.is_finite());
+        if self.layout.scales.len() < 3 {
+            flatness.clear();
+        }
         debug_assert!(coefficient_count(cloud.sh_degree) <= MAX_COEFFICIENTS);
         if self.left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
