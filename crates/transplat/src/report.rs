@@ -13,6 +13,7 @@ pub struct Report {
     json: bool,
     fields: Map<String, Value>,
     stages_ms: Map<String, Value>,
+    targets: Vec<(String, f32)>,
     skipped: Vec<Value>,
     warnings: Vec<String>,
 }
@@ -25,6 +26,7 @@ impl Report {
             json: out.json,
             fields: Map::new(),
             stages_ms: Map::new(),
+            targets: Vec::new(),
             skipped: Vec::new(),
             warnings: Vec::new(),
         }
@@ -65,6 +67,11 @@ impl Report {
         self.fields.insert(name.into(), value.into());
     }
 
+    /// Notes a target light and how many stops its mean irradiance lies above the source's: strength is not exposure.
+    pub fn target(&mut self, name: &str, stops_over_source: f32) {
+        self.targets.push((name.to_owned(), stops_over_source));
+    }
+
     /// Notes something that this scene did not need.
     pub fn skip(&mut self, what: &str, why: &str) {
         let entry = json!({"what": what, "why": why});
@@ -95,10 +102,22 @@ impl Report {
             if let Some(bytes) = peak_memory_bytes() {
                 object.insert("peak_memory_bytes".into(), json!(bytes));
             }
+            if !self.targets.is_empty() {
+                let told = |(name, stops): &(String, f32)| json!({"name": name, "stops_over_source": stops});
+                let targets = self.targets.iter().map(told).collect();
+                object.insert("targets".into(), Value::Array(targets));
+            }
             object.insert("skipped".into(), Value::Array(self.skipped));
             object.insert("warnings".into(), json!(self.warnings));
             println!("{}", Value::Object(object));
         } else if !self.quiet {
+            for (name, stops) in &self.targets {
+                let word = if *stops < 0.0 { "darker" } else { "brighter" };
+                println!(
+                    "{name}: {:.1} stops {word} than the source light",
+                    stops.abs()
+                );
+            }
             for entry in &self.skipped {
                 println!(
                     "left out: {} ({})",

@@ -223,9 +223,20 @@ impl Scene {
     pub fn relight(
         &self,
         prepared: &PreparedTransfer,
+        name: &str,
         target: &IncidentRadiance,
         report: &mut Report,
     ) -> Result<Vec<[f32; 3]>> {
+        if target.is_black() {
+            report.warn(format!(
+                "{name}: the target light is black, and so is the result"
+            ));
+        } else {
+            report.target(
+                name,
+                (target.mean_irradiance() * prepared.light_gain).log2(),
+            );
+        }
         let mut transfer = self.device.transfer(prepared)?;
         let mut times = Vec::new();
         for _ in 0..if report.is_json() { 3 } else { 1 } {

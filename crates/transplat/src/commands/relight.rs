@@ -39,7 +39,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             args.output.clone()
         };
         let (light, _) = scene.target(path, &mut report)?;
-        let relit = scene.relight(&prepared, &light, &mut report)?;
+        let relit = scene.relight(&prepared, name, &light, &mut report)?;
         report.time("export", || {
             let stored = encode_sh(relit, scene.cloud.sh_degree, scene.cloud.encoding);
             write_relit_ply(&scene.file, &stored, &output)

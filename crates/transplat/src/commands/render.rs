@@ -302,7 +302,7 @@ impl Shots<'_> {
                 ..Relit::default()
             };
             if let Some(prepared) = &prepared {
-                let sh = self.scene.relight(prepared, &light, report)?;
+                let sh = self.scene.relight(prepared, name, &light, report)?;
                 match self.view {
                     View::Tau => relit.colors = present::tau_colors(&prepared.tau(&sh)),
                     View::Diffuse | View::Specular => {
