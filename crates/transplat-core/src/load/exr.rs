@@ -90,3 +90,113 @@ fn pick_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&FlatSamples; 3
         .or_else(|| prefixes.into_iter().find_map(|prefix| group(&prefix)))
         .or_else(|| named("", "Y").map(|y| [y; 3]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::prelude::*;
+
+    fn write(
+        channels: Vec<(&str, FlatSamples)>,
+        compression: Compression,
+    ) -> tempfile::NamedTempFile {
+        let file = tempfile::NamedTempFile::new().expect("a temporary file");
+        let list = channels
+            .into_iter()
+            .map(|(name, samples)| AnyChannel::new(name, samples))
+            .collect();
+        let encoding = Encoding {
+            compression,
+            ..Encoding::default()
+        };
+        let layer = Layer::new(
+            (4, 2),
+            LayerAttributes::named("test"),
+            encoding,
+            AnyChannels::sort(list),
+        );
+        Image::from_layer(layer)
+            .write()
+            .to_file(file.path())
+            .expect("room for it");
+        file
+    }
+
+    fn ramp(start: f32) -> Vec<f32> {
+        (0..8).map(|i| start + i as f32).collect()
+    }
+
+    #[test]
+    fn every_sample_type_compression_and_naming() {
+        let half = |start| FlatSamples::F16(ramp(start).into_iter().map(f16::from_f32).collect());
+        let full = |start| FlatSamples::F32(ramp(start));
+        let integer = |start: f32| FlatSamples::U32((0..8).map(|i| start as u32 + i).collect());
+        for compression in [
+            Compression::Uncompressed,
+            Compression::RLE,
+            Compression::ZIP1,
+            Compression::ZIP16,
+            Compression::PIZ,
+        ] {
+            for prefix in ["", "ViewLayer.Combined."] {
+                let name = |letter: &str| format!("{prefix}{letter}");
+                let (r, g, b, a) = (name("R"), name("G"), name("B"), name("A"));
+                for samples in [
+                    [half(0.0), full(10.0), integer(20.0)],
+                    [full(0.0), half(10.0), full(20.0)],
+                ] {
+                    let [red, green, blue] = samples;
+                    let file = write(
+                        vec![
+                            (&r, red),
+                            (&g, green),
+                            (&b, blue),
+                            (&a, full(0.0)),
+                            ("Depth.Z", full(99.0)),
+                        ],
+                        compression,
+                    );
+                    let map = load(file.path()).expect("a good file");
+                    assert_eq!((map.width(), map.height()), (4, 2));
+                    assert_eq!(
+                        map.pixels()[5],
+                        [5.0, 15.0, 25.0],
+                        "{compression:?} {prefix}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn grey_is_grey_and_no_colour_is_an_error() {
+        let grey = write(vec![("Y", FlatSamples::F32(ramp(3.0)))], Compression::ZIP16);
+        assert_eq!(
+            load(grey.path()).expect("a good file").pixels()[0],
+            [3.0; 3]
+        );
+        let depth = write(vec![("Z", FlatSamples::F32(ramp(3.0)))], Compression::ZIP16);
+        let message = load(depth.path()).expect_err("no colour").to_string();
+        assert!(
+            message.contains("no R, G and B") && message.contains('Z'),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn broken_files_are_errors() {
+        let file = write(vec![("Y", FlatSamples::F32(ramp(0.0)))], Compression::PIZ);
+        let good = std::fs::read(file.path()).expect("it is there");
+        for i in 0..good.len() {
+            let mut broken = good.clone();
+            broken[i] ^= 0x55;
+            std::fs::write(file.path(), &broken).expect("room for it");
+            // An error or a map, but neither a panic nor a claim that is believed.
+            if let Ok(map) = load(file.path()) {
+                assert!(map.pixels().len() <= 1 << 20);
+            }
+            std::fs::write(file.path(), &good[..i]).expect("room for it");
+            assert!(load(file.path()).is_err(), "cut to {i} bytes");
+        }
+    }
+}
