@@ -18,10 +18,9 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> std::io::Result<()>,
 ) -> Result<()> {
-    let fail = |source: std::io::Error| Error::Io {
-        path: path.to_owned(),
-        source,
-    };
+    let fail = Error::io;
+    // An error of the temporary file names that file, which nobody asked for.
+    let plain = |e: std::io::Error| std::io::Error::from(e.kind());
     // Through a link, the file it points to is what is replaced.
     let target: PathBuf = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let existing = std::fs::metadata(&target).ok();
@@ -37,8 +36,11 @@ pub fn write_atomically(
         out.flush()
     };
     if existing.is_some_and(|m| !m.is_file()) {
-        let mut file = File::options().write(true).open(&target).map_err(fail)?;
-        return through(&mut file).map_err(fail);
+        let mut file = File::options()
+            .write(true)
+            .open(&target)
+            .map_err(fail(path))?;
+        return through(&mut file).map_err(fail(path));
     }
     let folder = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -58,10 +60,12 @@ pub fn write_atomically(
         // As any new file: what the umask allows, not the owner alone.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder).map_err(fail)?;
-    through(file.as_file_mut()).map_err(fail)?;
-    file.as_file().sync_all().map_err(fail)?;
-    file.persist(&target).map_err(|e| fail(e.error))?;
+    let mut file = builder
+        .tempfile_in(folder)
+        .map_err(|e| fail(path)(plain(e)))?;
+    through(file.as_file_mut()).map_err(fail(path))?;
+    file.as_file().sync_all().map_err(fail(path))?;
+    file.persist(&target).map_err(|e| fail(path)(e.error))?;
     Ok(())
 }
 

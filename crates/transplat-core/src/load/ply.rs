@@ -111,9 +111,9 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
         read_binary(&mut reader, &header, &mut cloud)
     }
     .map_err(|problem| match problem {
-        RowError::Io(source) => Error::Io {
+        RowError::Io(reason) => Error::Io {
             path: path.to_owned(),
-            source,
+            reason,
         },
         RowError::Text(message) => invalid(message),
     })?;
