@@ -72,7 +72,7 @@ fn footprint(surfel: BakeSurfel, frame: MapFrame) -> Footprint {
     f.low = vec2i(0);
     f.high = vec2i(0);
     // Seen edge-on (or without area) it covers nothing.
-    if abs(det) <= 1e-4 * length(a) * length(b) {
+    if abs(det) <= EDGE_ON * length(a) * length(b) {
         return f;
     }
     let p = surfel.position.xyz;
@@ -102,7 +102,7 @@ fn draw_texel(f: Footprint, x: i32, y: i32, map: u32) {
 }
 
 // A thread a surfel; for surfels of SMALL_TEXELS at most.
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn draw_small(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= parameters.count {
         return;
@@ -116,11 +116,11 @@ fn draw_small(@builtin(global_invocation_id) id: vec3u) {
 }
 
 // A workgroup a surfel.
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn draw_large(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lane: u32) {
     let f = footprint(surfels[group.x], frames[group.y]);
     let size = vec2u(f.high - f.low);
-    for (var i = lane; i < size.x * size.y; i += 64u) {
+    for (var i = lane; i < size.x * size.y; i += WORKGROUP) {
         draw_texel(f, f.low.x + i32(i % size.x), f.low.y + i32(i / size.x), group.y);
     }
 }
@@ -152,7 +152,7 @@ fn openness(surfel: BakeSurfel, frame: MapFrame, map: u32) -> f32 {
     return sum / f32(TAP_COUNT);
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn look_up(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= parameters.count {
         return;

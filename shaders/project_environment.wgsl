@@ -18,17 +18,19 @@ struct ProjectParameters {
 // [height][K][3]
 @group(0) @binding(4) var<storage, read_write> row_sums: array<f32>;
 
+// Lanes that share a row; their sums fit the workgroup's memory at any degree.
+const LANES = 32u;
 const WAVES = 2u * (DEGREE + 1u);
-var<workgroup> partial: array<vec3f, 32u * WAVES>;
+var<workgroup> partial: array<vec3f, LANES * WAVES>;
 
-@compute @workgroup_size(32)
+@compute @workgroup_size(LANES)
 fn project_rows(
     @builtin(workgroup_id) group: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
     let row = group.x;
     var sums: array<vec3f, WAVES>;
-    for (var column = lane; column < parameters.width; column += 32u) {
+    for (var column = lane; column < parameters.width; column += LANES) {
         let at = 3u * (row * parameters.width + column);
         let radiance = vec3f(pixels[at], pixels[at + 1u], pixels[at + 2u]);
         let base = azimuths[column];
@@ -45,7 +47,7 @@ fn project_rows(
     workgroupBarrier();
     if lane < WAVES {
         var sum = vec3f(0.0);
-        for (var other = 0u; other < 32u; other++) {
+        for (var other = 0u; other < LANES; other++) {
             sum += partial[other * WAVES + lane];
         }
         // Slot `lane` of the first lane's part is read by this lane alone.
@@ -53,7 +55,7 @@ fn project_rows(
     }
     workgroupBarrier();
     let map_row = parameters.first_row + row;
-    for (var k = lane; k < K; k += 32u) {
+    for (var k = lane; k < K; k += LANES) {
         let l = u32(sqrt(f32(k) + 0.5));
         let m = i32(k) - i32(l * l + l);
         let wave = 2u * u32(abs(m)) + select(0u, 1u, m < 0);

@@ -1,5 +1,5 @@
 // Stage rasterize: blends surfels back to front. CPU twin: transplat_core::rasterize::hit.
-// View and ProjectedSurfel come from rasterize_project.wgsl; MIN_ALPHA and MAX_ALPHA are written in front of this file.
+// View and ProjectedSurfel come from rasterize_project.wgsl; MIN_ALPHA, MAX_ALPHA and MAX_COLOR (what the target holds) are written in front of this file.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> projected: array<ProjectedSurfel>;
@@ -68,5 +68,6 @@ fn shade_pixel(in: Corner) -> Blended {
     if depth <= view.near || alpha < MIN_ALPHA {
         discard;
     }
-    return Blended(vec4f(in.color * alpha, alpha), vec4f(depth * alpha, 0.0, 0.0, alpha));
+    let color = min(in.color, vec3f(MAX_COLOR));
+    return Blended(vec4f(color * alpha, alpha), vec4f(depth / view.depth_unit * alpha, 0.0, 0.0, alpha));
 }

@@ -1,5 +1,5 @@
 // Stage rasterize: surfels to the screen. CPU twin: transplat_core::rasterize::project_surfel.
-// MIN_ALPHA is written in front of this file.
+// MIN_ALPHA and WORKGROUP are written in front of this file.
 
 struct View {
     // Rows of the rotation from world to view: right, down, forward; in w the eye's position.
@@ -10,8 +10,9 @@ struct View {
     focal: f32,
     near: f32,
     principal: vec2f,
-    // Size of the picture, and origin of the tile that is drawn.
-    size: vec2f,
+    // What depth is divided by, so that half floats hold it; and the origin of the tile that is drawn.
+    depth_unit: f32,
+    unused: f32,
     origin: vec2f,
     // Size of the tile; first surfel and count of this dispatch.
     tile: vec2f,
@@ -60,7 +61,7 @@ fn ellipse_box(t_u: vec3f, t_v: vec3f, t_w: vec3f, r2: f32) -> EllipseBox {
     return out;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn project_surfels(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= view.count {
         return;

@@ -24,7 +24,7 @@ struct ShadeParameters {
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
 @group(0) @binding(3) var<storage, read_write> colors: array<vec4f>;
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= parameters.count {
         return;

@@ -38,7 +38,7 @@ fn finish(i: u32, channel: u32, dc: f32, basis: array<f32, LIGHT_K>) {
     write_specular(i, channel);
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn relight(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
     if i >= parameters.count {

@@ -28,7 +28,10 @@ pub fn asset(name: &str) -> String {
 }
 
 /// The program, built with this profile.
-fn program() -> &'static Path {
+///
+/// # Panics
+/// If it does not build.
+pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
         let mut folder = std::env::current_exe().unwrap_or_default();

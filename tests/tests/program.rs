@@ -155,6 +155,90 @@ fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
 }
 
 #[test]
+fn targets_of_one_name_do_not_write_over_each_other() {
+    let folder = Folder::new();
+    let splat = folder.write("a.ply", small_splat(20));
+    let city = fs::read(asset("city.hdr")).expect("an environment");
+    let mut arguments = vec![
+        "relight".to_owned(),
+        splat,
+        "--source".into(),
+        "even".into(),
+    ];
+    for name in ["x", "y", "z"] {
+        fs::create_dir(folder.path(name)).expect("room for it");
+        arguments.extend([
+            "--target".into(),
+            folder.write(&format!("{name}/sky.1k.hdr"), &city),
+        ]);
+    }
+    arguments.extend(["--target".into(), folder.write("x/sky.2k.hdr", &city)]);
+    arguments.extend([
+        "-o".into(),
+        folder.name("out"),
+        "--device".into(),
+        "cpu".into(),
+    ]);
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let told = run_json(&arguments);
+    assert_eq!(told["outputs"].as_array().map(Vec::len), Some(4));
+    for name in ["sky.1k.ply", "sky.1k-2.ply", "sky.1k-3.ply", "sky.2k.ply"] {
+        assert!(folder.path("out").join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_full_disk_and_a_full_output_are_told() {
+    let folder = Folder::new();
+    let splat = folder.write("a.ply", small_splat(3000));
+    let before = folder.files();
+    let shell = |script: String| {
+        std::process::Command::new("sh")
+            .args(["-c", &script])
+            .output()
+            .expect("a shell")
+    };
+    let program = transplat_tests::program().display().to_string();
+    // A limit of 8 KiB a file stands for the disk's end; the signal that comes with it is ignored.
+    for (command, out) in [
+        (
+            format!("relight {splat} --source even --target even"),
+            "out.ply",
+        ),
+        (format!("bake {splat}"), "out.bake"),
+        (
+            format!("render {splat} --eye 50,150,300 --size 300x300 --format exr"),
+            "out.exr",
+        ),
+    ] {
+        let out = folder.name(out);
+        let output = shell(format!(
+            "trap '' XFSZ; ulimit -f 8; exec {program} {command} --device cpu -o {out}"
+        ));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{command}: {message}");
+        assert!(
+            message.contains(&out) && !message.contains("panicked"),
+            "{message}"
+        );
+        assert_eq!(folder.files(), before, "{command} left something");
+    }
+    #[cfg(target_os = "linux")]
+    {
+        let output = shell(format!("{program} info {splat} > /dev/full"));
+        assert_eq!(
+            output.status.code(),
+            Some(1),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let output = shell(format!("{program} info {splat} | true"));
+        assert!(output.status.success() && output.stderr.is_empty());
+    }
+}
+
+#[test]
 fn even_light_to_even_light_changes_little() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(100));
@@ -248,7 +332,7 @@ fn every_view_and_format_is_written_by_both_devices() {
                     "--directions",
                     "16",
                     "--background",
-                    "environment",
+                    "#2a4b8c",
                     "--tone-map",
                     "agx",
                     "--device",
@@ -261,10 +345,14 @@ fn every_view_and_format_is_written_by_both_devices() {
                     assert_eq!(picture.dimensions(), (40, 30));
                     assert!(
                         picture.pixels().all(|p| p.0[3] == 255),
-                        "the environment fills the background"
+                        "the background is filled"
                     );
                     assert!(
-                        picture.pixels().any(|p| p.0 != picture.get_pixel(0, 0).0),
+                        picture
+                            .pixels()
+                            .filter(|p| p.0 != [0x2a, 0x4b, 0x8c, 255])
+                            .count()
+                            > 50,
                         "{view} shows nothing"
                     );
                 } else {

@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
 
+use crate::surfels::{Bounds, SurfelCloud};
+
 /// A view of the world and the picture it makes.
 #[derive(Clone, Copy, Debug)]
 pub struct Camera {
@@ -92,6 +94,62 @@ impl Camera {
     }
 }
 
+/// How high a turntable's cameras stand over the object, in degrees.
+const TURNTABLE_ELEVATION: f64 = 20.0;
+
+/// `count` cameras around an object, all at the distance at which it fills most of the picture.
+pub fn turntable(
+    cloud: &SurfelCloud,
+    count: usize,
+    fov_x: f64,
+    size: [usize; 2],
+    near: f32,
+) -> Vec<Camera> {
+    let bounds = cloud.bounds();
+    let asset_from_world = cloud.up.asset_from_world();
+    let elevation = TURNTABLE_ELEVATION.to_radians();
+    let towards: Vec<Vec3> = (0..count)
+        .map(|i| {
+            let azimuth = std::f64::consts::TAU * i as f64 / count as f64;
+            let from_center = DVec3::new(
+                azimuth.cos() * elevation.cos(),
+                azimuth.sin() * elevation.cos(),
+                elevation.sin(),
+            );
+            (asset_from_world * from_center).as_vec3()
+        })
+        .collect();
+    let camera = |towards: Vec3, distance: f32| {
+        let eye = bounds.center + towards * distance;
+        Camera::look_at(eye, bounds.center, cloud.up.direction(), fov_x, size, near)
+    };
+    // A few of the views decide.
+    let distance = towards
+        .iter()
+        .step_by(count.div_ceil(16).max(1))
+        .map(|t| fitting_distance(cloud, &bounds, &camera(*t, 1.0), *t))
+        .fold(0f32, f32::max);
+    towards.iter().map(|t| camera(*t, distance)).collect()
+}
+
+/// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.
+fn fitting_distance(cloud: &SurfelCloud, bounds: &Bounds, camera: &Camera, towards: Vec3) -> f32 {
+    let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;
+    let (across, down) = (slope(camera.width), slope(camera.height));
+    let needed = cloud
+        .positions
+        .iter()
+        .map(|p| *p - bounds.center)
+        .filter(|p| p.length() <= bounds.radius)
+        .map(|p| {
+            let view = camera.view_from_world * p;
+            p.dot(towards) + (view.x.abs() / across).max(view.y.abs() / down)
+        })
+        .fold(0f32, f32::max);
+    // Where everything lies in one point, any distance will do but none.
+    needed.max(0.1 * bounds.radius)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,5 +171,29 @@ mod tests {
         let edge = camera.ray(100, 25);
         // Half the field of view, less half a pixel.
         assert!((edge.y.atan2(-edge.x) - 0.35).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_turntable_shows_all_of_the_object_and_not_much_more() {
+        let cloud = crate::scenes::sphere(500);
+        for size in [[100, 100], [160, 90], [90, 160]] {
+            for camera in turntable(&cloud, 5, 0.7, size, 0.02) {
+                let half = size[0].min(size[1]) as f32 / 2.0;
+                let reach = cloud
+                    .positions
+                    .iter()
+                    .map(|p| {
+                        let view = camera.view_from_world * (*p - camera.eye);
+                        (view.truncate() * camera.focal / view.z)
+                            .abs()
+                            .max_element()
+                    })
+                    .fold(0f32, f32::max);
+                assert!(
+                    (0.85 * half..half).contains(&reach),
+                    "{size:?}: {reach} of {half}"
+                );
+            }
+        }
     }
 }

@@ -51,12 +51,11 @@ pub enum ToneMap {
 
 /// From linear scene colour to the values that are blended and shown: exposure, then a tone curve and the display's encoding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Display {
     /// In stops.
-    #[serde(default)]
     pub exposure: f32,
     /// The tone curve.
-    #[serde(default)]
     pub tone_map: ToneMap,
 }
 

@@ -5,9 +5,13 @@ use std::f64::consts::PI;
 use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 
+use crate::color::luminance;
 use crate::sh::{
     MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
 };
+
+/// No light is brighter; sums of pixels stay finite.
+const MAX_RADIANCE: f32 = 1e15;
 
 /// An equirectangular map of linear RGB radiance, Z up; row 0 is the zenith, the image centre looks at +X, +Y is a quarter from the left.
 #[derive(Clone, Debug)]
@@ -20,7 +24,7 @@ pub struct EnvironmentMap {
 }
 
 impl EnvironmentMap {
-    /// A map from its pixels, row by row. Non-finite and negative values are replaced by 0 and counted.
+    /// A map from its pixels, row by row. Values that are no numbers, negative or beyond any light are replaced by the nearest possible and counted.
     ///
     /// # Panics
     /// If the number of pixels is not `width * height`, or is zero.
@@ -29,9 +33,15 @@ impl EnvironmentMap {
         let repaired = pixels
             .par_iter_mut()
             .filter_map(|pixel| {
-                let bad = pixel.iter().any(|v| !v.is_finite() || *v < 0.0);
+                let bad = pixel.iter().any(|v| !(0.0..=MAX_RADIANCE).contains(v));
                 if bad {
-                    *pixel = pixel.map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
+                    *pixel = pixel.map(|v| {
+                        if v.is_finite() {
+                            v.clamp(0.0, MAX_RADIANCE)
+                        } else {
+                            0.0
+                        }
+                    });
                 }
                 bad.then_some(())
             })
@@ -71,7 +81,7 @@ impl EnvironmentMap {
         &self.pixels
     }
 
-    /// How many pixels were not finite or negative, and were replaced.
+    /// How many pixels were no numbers, negative or beyond any light, and were replaced.
     pub fn repaired(&self) -> usize {
         self.repaired
     }
@@ -81,15 +91,29 @@ impl EnvironmentMap {
         self.clipped
     }
 
-    /// Whether all radiance is one and the same colour, so that turning the light changes nothing.
-    pub fn is_even(&self) -> bool {
-        self.pixels.iter().all(|p| *p == self.pixels[0])
-    }
-
     /// Exact solid angle of one pixel of a row, in steradians.
     pub fn pixel_solid_angle(&self, row: usize) -> f64 {
         let edge = |row: usize| (PI * row as f64 / self.height as f64).cos();
         2.0 * PI / self.width as f64 * (edge(row) - edge(row + 1))
+    }
+
+    /// Share of all light (by luminance, 0 to 1) that comes from the brightest part of the sphere of that relative size.
+    pub fn brightest_share(&self, sphere_share: f64) -> f64 {
+        let mut pixels: Vec<(f32, f64)> = Vec::with_capacity(self.pixels.len());
+        for (row, colors) in self.pixels.chunks_exact(self.width).enumerate() {
+            let omega = self.pixel_solid_angle(row);
+            pixels.extend(colors.iter().map(|c| (luminance(*c), omega)));
+        }
+        pixels.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut total, mut brightest, mut angle) = (0.0, 0.0, 0.0);
+        for (luminance, omega) in pixels {
+            total += f64::from(luminance) * omega;
+            if angle < sphere_share * 4.0 * PI {
+                brightest = total;
+                angle += omega;
+            }
+        }
+        if total > 0.0 { brightest / total } else { 0.0 }
     }
 
     /// Direction of a pixel's centre.
@@ -377,6 +401,16 @@ mod tests {
     }
 
     #[test]
+    fn the_brightest_share_of_an_even_map_is_its_size_and_of_a_lamp_all() {
+        let even = EnvironmentMap::new(100, 50, vec![[1.0; 3]; 5000]);
+        assert!((even.brightest_share(0.25) - 0.25).abs() < 0.001);
+        let mut pixels = vec![[0f32; 3]; 5000];
+        pixels[2050] = [1.0; 3];
+        let lamp = EnvironmentMap::new(100, 50, pixels);
+        assert_eq!(lamp.brightest_share(0.001), 1.0);
+    }
+
+    #[test]
     fn bad_pixels_are_counted_and_black() {
         let map = EnvironmentMap::new(
             2,
@@ -392,6 +426,10 @@ mod tests {
         assert_eq!(map.pixels()[0], [0.0, 1.0, 1.0]);
         assert_eq!(map.pixels()[1], [0.0, 2.0, 0.0]);
         let light = project_environment(&map, 8);
+        assert!(light.coefficients.iter().flatten().all(|v| v.is_finite()));
+        let huge = EnvironmentMap::new(64, 32, vec![[f32::MAX; 3]; 64 * 32]);
+        assert_eq!(huge.repaired(), 64 * 32);
+        let light = project_environment(&huge, 8);
         assert!(light.coefficients.iter().flatten().all(|v| v.is_finite()));
     }
 }

@@ -10,6 +10,44 @@ use crate::error::{Error, Result};
 use crate::load::{AssetFile, Format};
 use crate::rasterize::Raster;
 
+/// Whether a file can be written there: to be asked before long work.
+///
+/// # Errors
+/// It is a directory, its folder does not exist, or it is there and may not be written.
+pub fn check_output(path: &Path) -> Result<()> {
+    // Through a link, the file it points to is what is replaced.
+    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if target.is_dir() {
+        return Err(Error::invalid(
+            path,
+            "is a directory; the name of a file is expected",
+        ));
+    }
+    if target.exists() {
+        // What may not be written may not be replaced either.
+        File::options()
+            .write(true)
+            .open(&target)
+            .map_err(Error::io(path))?;
+        return Ok(());
+    }
+    let folder = folder_of(&target);
+    if !folder.is_dir() {
+        return Err(Error::invalid(
+            path,
+            format!("the folder {} does not exist", folder.display()),
+        ));
+    }
+    Ok(())
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
 /// Writes a file whole or not at all. What is no regular file (a pipe, `/dev/null`) is written straight.
 ///
 /// # Errors
@@ -21,37 +59,21 @@ pub fn write_atomically(
     let fail = Error::io;
     // An error of the temporary file names that file, which nobody asked for.
     let plain = |e: std::io::Error| std::io::Error::from(e.kind());
-    // Through a link, the file it points to is what is replaced.
+    check_output(path)?;
     let target: PathBuf = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let existing = std::fs::metadata(&target).ok();
-    if existing.as_ref().is_some_and(std::fs::Metadata::is_dir) {
-        return Err(Error::invalid(
-            path,
-            "is a directory; the name of a file is expected",
-        ));
-    }
     let through = |file: &mut File| {
         let mut out = BufWriter::with_capacity(1 << 18, file);
         write(&mut out)?;
         out.flush()
     };
-    if existing.is_some_and(|m| !m.is_file()) {
+    if target.exists() && !target.is_file() {
         let mut file = File::options()
             .write(true)
             .open(&target)
             .map_err(fail(path))?;
         return through(&mut file).map_err(fail(path));
     }
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    if !folder.is_dir() {
-        return Err(Error::invalid(
-            path,
-            format!("the folder {} does not exist", folder.display()),
-        ));
-    }
+    let folder = folder_of(&target);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".transplat-").suffix(".part");
     #[cfg(unix)]

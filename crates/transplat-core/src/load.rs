@@ -21,6 +21,9 @@ pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
 /// Maps of more pixels than this are refused: 16384 x 8192, 1.6 GB in memory.
 pub const MAX_ENVIRONMENT_PIXELS: usize = 1 << 27;
 
+/// No edge of a map is longer: 512 pixels a degree, and what is kept a column stays small.
+pub const MAX_ENVIRONMENT_EDGE: usize = 1 << 16;
+
 /// What a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
@@ -139,10 +142,11 @@ pub(crate) fn check_map_size(path: &Path, width: usize, height: usize) -> Result
     if width == 0 || height == 0 {
         return Err(Error::invalid(path, "the map has no pixels"));
     }
-    if width
-        .checked_mul(height)
-        .is_none_or(|n| n > MAX_ENVIRONMENT_PIXELS)
-    {
+    let too_large = width.max(height) > MAX_ENVIRONMENT_EDGE
+        || width
+            .checked_mul(height)
+            .is_none_or(|n| n > MAX_ENVIRONMENT_PIXELS);
+    if too_large {
         return Err(Error::invalid(
             path,
             format!(

@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::color::Display;
+use crate::error::{Error, Result};
 use crate::present::{Background, View};
 use crate::surfels::UpAxis;
 use crate::transfer::TransferSettings;
-use crate::visibility::DEFAULT_DIRECTIONS;
+use crate::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 /// Every setting that changes the picture; what a file leaves out keeps its default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +52,43 @@ impl Default for Look {
     }
 }
 
+/// Range of exposure and strength in stops: 18 orders of magnitude either way.
+pub const STOPS: std::ops::RangeInclusive<f32> = -60.0..=60.0;
+
+impl Look {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// Says which setting is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.transfer.validate()?;
+        if !DIRECTIONS.contains(&self.directions) {
+            return Err(Error::Mismatch(format!(
+                "{} visibility directions are out of range {} to {}",
+                self.directions,
+                DIRECTIONS.start(),
+                DIRECTIONS.end()
+            )));
+        }
+        for (name, stops) in [
+            ("exposure", self.display.exposure),
+            ("strength of the target", self.strength_target),
+        ] {
+            if !STOPS.contains(&stops) {
+                return Err(Error::Mismatch(format!(
+                    "{name} {stops} is out of range -60 to 60 stops"
+                )));
+            }
+        }
+        for degrees in [self.rotate_source, self.rotate_target] {
+            if !degrees.is_finite() {
+                return Err(Error::Mismatch("a light's turn is not a number".into()));
+            }
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -64,7 +102,19 @@ mod tests {
         assert_eq!(look.transfer.sh_degree, 3);
         assert!(!look.transfer.terms.shadow && look.transfer.terms.specular);
         assert_eq!(look.up, Some(UpAxis::MinusY));
-        assert!(serde_json::from_str::<Look>(r#"{"epsilom": 1}"#).is_err());
+        for misspelt in [
+            r#"{"epsilom": 1}"#,
+            r#"{"transfer": {"terms": {"shadows": false}}}"#,
+            r#"{"display": {"exposur": 1}}"#,
+        ] {
+            assert!(
+                serde_json::from_str::<Look>(misspelt).is_err(),
+                "{misspelt}"
+            );
+        }
+        let bright: Look =
+            serde_json::from_str(r#"{"display": {"exposure": 500}}"#).expect("a look");
+        assert!(bright.validate().is_err() && look.validate().is_ok());
         let text = serde_json::to_string(&look).expect("plain data");
         assert_eq!(
             serde_json::from_str::<Look>(&text).expect("its own text"),

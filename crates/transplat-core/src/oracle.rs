@@ -4,8 +4,8 @@
 mod transfer;
 
 use crate::environment::EnvironmentMap;
-use crate::sh::{coefficient_count, evaluate_basis};
-use crate::visibility::{BakeInput, MIN_SLOPE_COSINE, SHARPNESS, TAPS};
+use crate::sh::{coefficient_count, evaluate_basis, fibonacci_sphere};
+use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, Visibility};
 
 pub use transfer::{OracleTransfer, relight_surfel};
 
@@ -29,6 +29,31 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]>
     sums
 }
 
+/// `V_k` and the cosine transfer vector `T_k` of surfel `i`, in pairs, as sums over the lattice. `[K]`
+pub fn visibility_coefficients(
+    visibility: &Visibility,
+    i: usize,
+    degree: usize,
+) -> Vec<(f64, f64)> {
+    let n = visibility.normals[i].as_dvec3();
+    let mut sums = vec![(0.0, 0.0); coefficient_count(degree)];
+    let mut y = vec![0.0; sums.len()];
+    for (j, w) in fibonacci_sphere(visibility.directions)
+        .into_iter()
+        .enumerate()
+    {
+        let open = f64::from(visibility.open[i * visibility.directions + j]) / 255.0;
+        let cosine = n.dot(glam::DVec3::from_array(w)).max(0.0);
+        evaluate_basis(w, degree, &mut y);
+        let share = 4.0 * std::f64::consts::PI / visibility.directions as f64;
+        for (sum, y) in sums.iter_mut().zip(&y) {
+            sum.0 += share * open * y;
+            sum.1 += share * open * cosine * y;
+        }
+    }
+    sums
+}
+
 /// Openness of surfel `i` towards direction `j`: the height map's texels are found by asking every occluder.
 pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
     let frame = &input.frames[j];
@@ -45,7 +70,7 @@ pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
             let p = surfel.position.as_dvec3();
             let (ax, ay, bx, by) = (a.dot(right), a.dot(up), b.dot(right), b.dot(up));
             let det = ax * by - ay * bx;
-            if det.abs() <= 1e-4 * a.length() * b.length() {
+            if det.abs() <= f64::from(EDGE_ON) * a.length() * b.length() {
                 continue;
             }
             let (dx, dy) = (x - p.dot(right), y - p.dot(up));

@@ -8,6 +8,7 @@ use crate::camera::Camera;
 use crate::color::Display;
 use crate::environment::EnvironmentMap;
 use crate::rasterize::{ColorSpace, Raster};
+use crate::surfels::SurfelCloud;
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -174,18 +175,16 @@ pub fn depth_picture(raster: &Raster, space: ColorSpace) -> Raster {
     out
 }
 
-/// Normals as surfel colours: each turned to face the eye. For display 0 to 1 stands for -1 to 1.
-pub fn normal_colors(
-    positions: &[Vec3],
-    normals: &[Vec3],
-    eye: Vec3,
-    space: ColorSpace,
-) -> Vec<[f32; 3]> {
-    positions
-        .iter()
-        .zip(normals)
-        .map(|(p, n)| {
-            let n = if n.dot(*p - eye) > 0.0 { -*n } else { *n };
+/// Normals as surfel colours: each turned to face the eye. For display 0 to 1 stands for -1 to 1. `[n][3]`
+pub fn normal_colors(cloud: &SurfelCloud, eye: Vec3, space: ColorSpace) -> Vec<[f32; 3]> {
+    (0..cloud.len())
+        .map(|i| {
+            let n = cloud.stored_normal(i);
+            let n = if n.dot(cloud.positions[i] - eye) > 0.0 {
+                -n
+            } else {
+                n
+            };
             match space {
                 ColorSpace::Display(_) => (n * 0.5 + 0.5).to_array(),
                 ColorSpace::Linear => n.to_array(),

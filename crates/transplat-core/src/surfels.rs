@@ -60,9 +60,16 @@ impl SurfelCloud {
                 .any(|f| f[1..].iter().flatten().any(|v| *v != 0.0))
     }
 
-    /// Where the object is, robust against floaters far away.
+    /// Where the object is, robust against floaters far away; surfels that are never drawn do not count.
     pub fn bounds(&self) -> Bounds {
-        Bounds::of(&self.positions)
+        let seen: Vec<Vec3> = self
+            .positions
+            .iter()
+            .zip(&self.opacities)
+            .filter(|(_, opacity)| **opacity > 0.0)
+            .map(|(position, _)| *position)
+            .collect();
+        Bounds::of(&seen)
     }
 }
 

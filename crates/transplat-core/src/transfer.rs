@@ -77,7 +77,7 @@ impl PreparedTransfer {
     /// Prepares asset and source light.
     ///
     /// # Errors
-    /// The preset does not exist yet, or bake and asset differ in size.
+    /// The preset does not exist yet, bake and asset differ in size, or the source's degree is not the settings'.
     pub fn new(
         cloud: &SurfelCloud,
         visibility: &Visibility,
@@ -93,6 +93,12 @@ impl PreparedTransfer {
             )));
         }
         let light_degree = settings.sh_degree;
+        if source.degree != light_degree {
+            return Err(Error::Mismatch(format!(
+                "the source light has SH degree {}, and the settings ask for {light_degree}",
+                source.degree
+            )));
+        }
         let source_was_black = source.is_black();
         let source = if source_was_black {
             IncidentRadiance::even(light_degree)
@@ -169,11 +175,10 @@ impl PreparedTransfer {
         coefficient_count(self.asset_degree)
     }
 
-    /// The target light as the kernels want it.
+    /// The target light as the kernels want it. Bands that it lacks are dark, those beyond the transfer's degree are ignored.
     pub fn light(&self, target: &IncidentRadiance) -> TransferLight {
-        let relative: Vec<[f32; 3]> = target
-            .coefficients
-            .iter()
+        let relative: Vec<[f32; 3]> = (0..coefficient_count(self.light_degree))
+            .map(|i| target.coefficients.get(i).copied().unwrap_or([0.0; 3]))
             .map(|c| {
                 c.map(|v| (v * self.light_gain).clamp(-MAX_RELATIVE_LIGHT, MAX_RELATIVE_LIGHT))
             })
@@ -209,14 +214,6 @@ impl PreparedTransfer {
             .zip(&self.dc)
             .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
             .collect()
-    }
-
-    /// Bytes that the prepared data occupies.
-    pub fn memory_bytes(&self) -> usize {
-        self.visibility.len() * 4
-            + (self.normals.len() + self.dc.len() + self.dc_over_irradiance.len()) * 12
-            + self.attenuation.len() * 12
-            + self.blocks.iter().map(Block::memory_bytes).sum::<usize>()
     }
 }
 
@@ -264,14 +261,23 @@ fn band_norm(f: &[[f32; 3]], l: usize, c: usize) -> f32 {
     f[band(l)].iter().map(|v| v[c] * v[c]).sum::<f32>().sqrt()
 }
 
-/// The highest band in which the source (in units of its mean irradiance) has more light than epsilon.
-///
-/// What an even light shows of gloss is nothing: eq. 9 would divide the asset's view dependence by epsilon alone, and turn it into chrome.
+/// The highest band that the source explains in some channel.
 fn explained_degree(source: &IncidentRadiance, settings: &TransferSettings) -> usize {
+    let explained = |l: usize| {
+        (0..3).any(|c| explains(band_norm(&source.coefficients, l, c), settings.epsilon))
+    };
     (1..=source.degree)
         .rev()
-        .find(|l| (0..3).any(|c| band_norm(&source.coefficients, *l, c) > settings.epsilon))
+        .find(|l| explained(*l))
         .unwrap_or(0)
+}
+
+/// Whether a band of the source, with its norm in units of the source's mean irradiance, says anything of the asset's gloss.
+///
+/// Below epsilon it does not: eq. 9 would divide the asset's view dependence by epsilon alone, and turn it into chrome (an even
+/// light has no such band at all). The paper is silent on this; here such a band transfers nothing.
+pub fn explains(source_band_norm: f32, epsilon: f32) -> bool {
+    source_band_norm > epsilon
 }
 
 /// `A_l = ||c_l|| / (||L_S,l|| + eps)` (paper eq. 9), per channel. `[n][degree][3]`
@@ -297,7 +303,9 @@ fn attenuation(
         .flat_map_iter(|f| {
             (1..=degree).map(move |l| {
                 std::array::from_fn(|c| {
-                    if settings.terms.attenuation {
+                    if !explains(source_norms[l][c], settings.epsilon) {
+                        0.0
+                    } else if settings.terms.attenuation {
                         bounded(band_norm(f, l, c) / (source_norms[l][c] + settings.epsilon))
                     } else {
                         UNATTENUATED

@@ -56,6 +56,9 @@ pub const SHARPNESS: f32 = 200.0;
 /// A height difference below this many of the receiver's own larger standard deviations is no shadow.
 pub const BIAS_SCALES: f32 = 1.0;
 
+/// A disc whose area on the map is below this share of its own is seen edge-on, and casts no shadow.
+pub const EDGE_ON: f32 = 1e-4;
+
 /// The cosine below which a receiver's slope towards the map is not believed any more.
 pub const MIN_SLOPE_COSINE: f32 = 0.2;
 
@@ -181,7 +184,7 @@ fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
         let (bx, by) = (b.dot(frame.right), b.dot(frame.up));
         let det = ax * by - ay * bx;
         // Seen edge-on (or without area) it covers nothing.
-        if det.abs() <= 1e-4 * a.length() * b.length() {
+        if det.abs() <= EDGE_ON * a.length() * b.length() {
             continue;
         }
         let (px, py) = (
@@ -348,8 +351,7 @@ impl Visibility {
     }
 
     /// A bake of nothing but air: every surfel sees everything, normals stay as they are stored.
-    pub fn all_open(cloud: &SurfelCloud) -> Self {
-        let directions = *DIRECTIONS.start();
+    pub fn all_open(cloud: &SurfelCloud, directions: usize) -> Self {
         Self {
             directions,
             open: vec![255; cloud.len() * directions],
@@ -427,17 +429,6 @@ pub fn bake(
     let input = BakeInput::new(cloud, settings);
     let open = bake_visibility(&input, progress)?;
     Ok(Visibility::from_open(cloud, settings.directions, open))
-}
-
-/// Whether the lights and terms chosen need no shadow: then the bake is only asked for the normals.
-pub fn normals_only(without_shadow: bool) -> BakeSettings {
-    BakeSettings {
-        directions: if without_shadow {
-            64
-        } else {
-            DEFAULT_DIRECTIONS
-        },
-    }
 }
 
 #[cfg(test)]
@@ -524,12 +515,53 @@ mod tests {
     #[test]
     fn all_open_projects_to_one() {
         let cloud = scenes::sphere(10);
-        let visibility = Visibility::all_open(&cloud);
+        let visibility = Visibility::all_open(&cloud, 16);
         let v = visibility.coefficients(0);
         assert!(
             v.iter()
                 .all(|v| (v - crate::sh::SQRT_4PI as f32).abs() < 1e-5)
         );
+    }
+
+    #[test]
+    fn coefficients_and_cosine_transfer_follow_the_oracle() {
+        let cloud = scenes::sphere_over_plate(60);
+        let visibility =
+            bake(&cloud, &BakeSettings { directions: 100 }, &no_progress).expect("not cancelled");
+        for degree in [0, 3, 8] {
+            let k = coefficient_count(degree);
+            let (v, t) = (
+                visibility.coefficients(degree),
+                visibility.cosine_transfer(degree),
+            );
+            for i in 0..cloud.len() {
+                let exact = oracle::visibility_coefficients(&visibility, i, degree);
+                for j in 0..k {
+                    // A hundred terms of at most 2 * 4 pi / 100, each rounded by 2^-24 of the sum so far.
+                    assert!((f64::from(v[i * k + j]) - exact[j].0).abs() < 1e-4);
+                    assert!((f64::from(t[i * k + j]) - exact[j].1).abs() < 1e-4);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn light_times_cosine_transfer_is_the_irradiance() {
+        // Open sky and a light of degree 2: E(n) by its closed form (paper eq. 3).
+        let cloud = scenes::sphere(40);
+        let visibility = Visibility::all_open(&cloud, 4096);
+        let transfer = visibility.cosine_transfer(2);
+        let light = [1.0f32, 0.3, -0.2, 0.5, 0.1, -0.4, 0.25, 0.05, 0.15];
+        for (i, n) in visibility.normals.iter().enumerate() {
+            let mut y = [0f32; 9];
+            evaluate_basis(n.to_array(), 2, &mut y);
+            let exact: f32 = (0..9)
+                .map(|j| cosine_kernel(crate::sh::band_of(j)) as f32 * light[j] * y[j])
+                .sum();
+            let got: f32 = (0..9).map(|j| light[j] * transfer[9 * i + j]).sum();
+            // A lattice of N directions integrates a kinked function to about 1/N of its size.
+            assert!((got - exact).abs() < 2e-3, "{got} for {exact}");
+        }
     }
 
     #[test]

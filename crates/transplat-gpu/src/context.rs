@@ -2,8 +2,6 @@
 
 use std::sync::{Arc, Mutex};
 
-use wgpu::util::DeviceExt;
-
 /// What can go wrong on the GPU.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -210,13 +208,15 @@ impl Context {
         usage: wgpu::BufferUsages,
     ) -> wgpu::Buffer {
         let bytes = bytemuck::cast_slice(data);
-        let contents = if bytes.is_empty() { &[0u8; 16] } else { bytes };
-        self.device
-            .create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: None,
-                contents,
-                usage: usage | wgpu::BufferUsages::COPY_DST,
-            })
+        // Not mapped at creation: that panics where there is no memory, instead of telling it at the next wait.
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.len().max(16).next_multiple_of(4) as u64,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        self.queue.write_buffer(&buffer, 0, bytes);
+        buffer
     }
 
     /// A storage buffer to be written by a pass and read back.
@@ -338,7 +338,13 @@ fn is_capable(adapter: &wgpu::Adapter) -> bool {
             .flags
             .contains(wgpu::TextureFormatFeatureFlags::BLENDABLE)
     };
-    limits.max_storage_buffers_per_shader_stage >= 4
+    let reads_storage_in_vertices = adapter
+        .get_downlevel_capabilities()
+        .flags
+        .contains(wgpu::DownlevelFlags::VERTEX_STORAGE);
+    reads_storage_in_vertices
+        && limits.max_storage_buffers_per_shader_stage >= 5
+        && limits.max_uniform_buffer_binding_size >= 64 << 10
         && limits.max_compute_invocations_per_workgroup >= 64
         && limits.max_storage_buffer_binding_size >= 128 << 20
         && blends(wgpu::TextureFormat::Rgba16Float)

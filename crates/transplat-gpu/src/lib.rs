@@ -15,3 +15,6 @@ pub use context::{Context, GpuError, Result};
 
 /// Surfels in a chunk: degree-8 colour of a chunk (972 bytes a surfel) just fits into the 128 MiB that every adapter can bind.
 pub const CHUNK: usize = 1 << 17;
+
+/// Threads of a workgroup where a thread works on a surfel: what every adapter offers, and a multiple of every subgroup.
+pub const WORKGROUP: usize = 64;

@@ -7,13 +7,13 @@ use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
 use transplat_core::sh::coefficient_count;
-use transplat_core::surfels::SurfelCloud;
+use transplat_core::surfels::{Bounds, SurfelCloud};
 use wgpu::BufferUsages;
 
-use crate::CHUNK;
 use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
 use crate::shader;
+use crate::{CHUNK, WORKGROUP};
 
 /// Longest edge of one draw; larger pictures are drawn in tiles.
 const MAX_TILE: usize = 4096;
@@ -30,7 +30,8 @@ gpu_struct! {
         focal: f32,
         near: f32,
         principal: [f32; 2],
-        size: [f32; 2],
+        depth_unit: f32,
+        unused: f32,
         origin: [f32; 2],
         tile: [f32; 2],
         first: u32,
@@ -90,6 +91,7 @@ pub enum Paint<'a> {
 pub struct GpuRasterizer<'a> {
     context: &'a Context,
     cloud: &'a SurfelCloud,
+    bounds: Bounds,
     project: ComputePass,
     shade: ComputePass,
     draw: wgpu::RenderPipeline,
@@ -130,6 +132,7 @@ impl<'a> GpuRasterizer<'a> {
         let rasterizer = Self {
             context,
             cloud,
+            bounds: cloud.bounds(),
             project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
             shade: context.compute_pass(&shader::rasterize_shade(cloud.sh_degree), "shade"),
             draw: draw_pipeline(context),
@@ -188,13 +191,20 @@ impl<'a> GpuRasterizer<'a> {
             focal: camera.focal,
             near: camera.near,
             principal: camera.principal_point(),
-            size: pair([camera.width, camera.height]),
+            depth_unit: self.depth_unit(camera),
+            unused: 0.0,
             origin: pair(origin),
             tile: pair(tile),
             first: first as u32,
             count: count as u32,
         };
         self.context.upload(&[view], BufferUsages::UNIFORM)
+    }
+
+    /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
+    fn depth_unit(&self, camera: &Camera) -> f32 {
+        let bounds = self.bounds;
+        (camera.eye.distance(bounds.center) + bounds.radius).max(camera.near)
     }
 
     fn project(&self, camera: &Camera) {
@@ -206,7 +216,7 @@ impl<'a> GpuRasterizer<'a> {
             let group = self.context.bind(&self.project, &bindings);
             let mut encoder = self.context.encoder();
             self.project
-                .dispatch(&mut encoder, &group, [count.div_ceil(64), 1, 1]);
+                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
             self.context.submit(encoder);
         }
     }
@@ -257,7 +267,7 @@ impl<'a> GpuRasterizer<'a> {
             let group = self.context.bind(&self.shade, &bindings);
             let mut encoder = self.context.encoder();
             self.shade
-                .dispatch(&mut encoder, &group, [count.div_ceil(64), 1, 1]);
+                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
             self.context.submit(encoder);
         }
         Ok(())
@@ -332,6 +342,7 @@ impl<'a> GpuRasterizer<'a> {
         }
         let pixels = self.read_texture(&color, size, 4)?;
         let depths = self.read_texture(&depth, size, 1)?;
+        let depth_unit = self.depth_unit(camera);
         for y in 0..size[1] {
             for x in 0..size[0] {
                 let from = y * size[0] + x;
@@ -339,7 +350,7 @@ impl<'a> GpuRasterizer<'a> {
                 raster.pixels[to].copy_from_slice(&pixels[4 * from..][..4]);
                 let alpha = pixels[4 * from + 3];
                 raster.depth[to] = if alpha > 0.0 {
-                    depths[from] / alpha
+                    depths[from] * depth_unit / alpha
                 } else {
                     0.0
                 };
@@ -411,7 +422,9 @@ fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
 }
 
 fn draw_pipeline(context: &Context) -> wgpu::RenderPipeline {
-    let module = context.shader(&shader::rasterize_draw());
+    let module = context.shader(&shader::rasterize_draw(
+        context.color_format == wgpu::TextureFormat::Rgba16Float,
+    ));
     let blended = |format| {
         Some(wgpu::ColorTargetState {
             format,

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::WORKGROUP;
 use transplat_core::color::{
     AGX_INSET, AGX_OUTSET, Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, ToneMap,
 };
@@ -10,7 +11,9 @@ use transplat_core::sh::{
     SQRT_4PI, band, band_of, basis_constants, coefficient_count, cosine_kernel, exchange_yz,
 };
 use transplat_core::transfer::{MAX_RADIANCE, PreparedTransfer};
-use transplat_core::visibility::{DIRECTION_BATCH, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS};
+use transplat_core::visibility::{
+    DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
+};
 
 /// An f32 or f64 as a WGSL literal that parses back to the same f32.
 fn literal(value: f64) -> String {
@@ -84,13 +87,14 @@ pub fn bake_visibility() -> String {
         })
         .collect();
     format!(
-        "const DIRECTION_BATCH = {DIRECTION_BATCH}u;\nconst TAP_COUNT = {}u;\nconst TAPS = array<vec2f, {}>({});\nconst EMPTY = {};\nconst SHARPNESS = {};\nconst MIN_SLOPE_COSINE = {};\n{}",
+        "const WORKGROUP = {WORKGROUP}u;\nconst DIRECTION_BATCH = {DIRECTION_BATCH}u;\nconst TAP_COUNT = {}u;\nconst TAPS = array<vec2f, {}>({});\nconst EMPTY = {};\nconst SHARPNESS = {};\nconst MIN_SLOPE_COSINE = {};\nconst EDGE_ON = {};\n{}",
         TAPS.len(),
         TAPS.len(),
         taps.join(", "),
         literal(f64::from(EMPTY)),
         literal(f64::from(SHARPNESS)),
         literal(f64::from(MIN_SLOPE_COSINE)),
+        literal(f64::from(EDGE_ON)),
         include_str!("../../../shaders/bake_visibility.wgsl")
     )
 }
@@ -98,20 +102,21 @@ pub fn bake_visibility() -> String {
 /// Source of `rasterize_project.wgsl`.
 pub fn rasterize_project() -> String {
     format!(
-        "const MIN_ALPHA = {};\n{}",
+        "const MIN_ALPHA = {};\nconst WORKGROUP = {WORKGROUP}u;\n{}",
         literal(f64::from(MIN_ALPHA)),
         include_str!("../../../shaders/rasterize_project.wgsl")
     )
 }
 
 /// Source of `rasterize_draw.wgsl`, with the structs of `rasterize_project.wgsl`.
-pub fn rasterize_draw() -> String {
+pub fn rasterize_draw(half_float_target: bool) -> String {
     let project = include_str!("../../../shaders/rasterize_project.wgsl");
     let structs = project.split("@group").next().unwrap_or(project);
     format!(
-        "const MIN_ALPHA = {};\nconst MAX_ALPHA = {};\n{structs}\n{}",
+        "const MIN_ALPHA = {};\nconst MAX_ALPHA = {};\nconst MAX_COLOR = {};\n{structs}\n{}",
         literal(f64::from(MIN_ALPHA)),
         literal(f64::from(MAX_ALPHA)),
+        literal(if half_float_target { 6e4 } else { 1e30 }),
         include_str!("../../../shaders/rasterize_draw.wgsl")
     )
 }
@@ -172,6 +177,7 @@ pub fn color() -> String {
 /// Source of `rasterize_shade.wgsl` for a degree of colour.
 pub fn rasterize_shade(degree: usize) -> String {
     let mut out = sh_basis(degree);
+    line!(out, "const WORKGROUP = {WORKGROUP}u;");
     line!(out, "const K = {}u;", coefficient_count(degree));
     line!(
         out,
@@ -238,6 +244,7 @@ impl TransferShape {
 pub fn transfer(shape: TransferShape) -> String {
     let k = coefficient_count(shape.light_degree);
     let mut out = sh_basis(shape.light_degree);
+    line!(out, "const WORKGROUP = {WORKGROUP}u;");
     line!(out, "const LIGHT_K = {k}u;");
     line!(
         out,
@@ -472,7 +479,7 @@ mod tests {
         let mut sources = vec![
             ("bake_visibility", bake_visibility()),
             ("rasterize_project", rasterize_project()),
-            ("rasterize_draw", rasterize_draw()),
+            ("rasterize_draw", rasterize_draw(true)),
         ];
         for degree in 0..=8 {
             sources.push(("project_environment", project_environment(degree)));

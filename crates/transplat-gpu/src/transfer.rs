@@ -3,10 +3,10 @@
 use transplat_core::transfer::{PreparedTransfer, TransferLight};
 use wgpu::BufferUsages;
 
-use crate::CHUNK;
 use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
 use crate::shader::{self, TransferShape};
+use crate::{CHUNK, WORKGROUP};
 
 gpu_struct! {
     /// Uniforms of the pass.
@@ -87,8 +87,11 @@ impl<'a> GpuTransfer<'a> {
             .write_buffer(&self.operator, 0, bytemuck::cast_slice(&floats));
         for chunk in &self.chunks {
             let mut encoder = self.context.encoder();
-            self.pass
-                .dispatch(&mut encoder, &chunk.group, [chunk.count.div_ceil(64), 1, 1]);
+            self.pass.dispatch(
+                &mut encoder,
+                &chunk.group,
+                [chunk.count.div_ceil(WORKGROUP), 1, 1],
+            );
             self.context.submit(encoder);
         }
         self.context.wait()

@@ -6,10 +6,10 @@ use transplat_core::visibility::{
 };
 use wgpu::BufferUsages;
 
-use crate::CHUNK;
 use crate::context::{ComputePass, Context, GpuError, Result};
 use crate::layout::gpu_struct;
 use crate::shader;
+use crate::{CHUNK, WORKGROUP};
 
 /// A surfel whose footprint may exceed this many texels is drawn by a workgroup of its own.
 const SMALL_TEXELS: f32 = 1024.0;
@@ -202,7 +202,7 @@ impl<'a> Baker<'a> {
             self.draw_small.dispatch(
                 &mut encoder,
                 &group,
-                [count.div_ceil(64), DIRECTION_BATCH, 1],
+                [count.div_ceil(WORKGROUP), DIRECTION_BATCH, 1],
             );
         }
         self.context.submit(encoder);
@@ -231,7 +231,7 @@ impl<'a> Baker<'a> {
             ];
             let group = self.context.bind(&self.look_up, &bindings);
             self.look_up
-                .dispatch(&mut encoder, &group, [count.div_ceil(64), 1, 1]);
+                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
         }
         self.context.submit(encoder);
         // Keeps a driver's queue short, and the progress honest.

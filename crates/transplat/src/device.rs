@@ -114,9 +114,9 @@ impl Transfer<'_> {
     }
 
     /// The last result, linear SH `[n][K][3]`.
-    pub fn finish(self) -> Result<Vec<[f32; 3]>> {
+    pub fn result(&mut self) -> Result<Vec<[f32; 3]>> {
         match self {
-            Self::Cpu { relit, .. } => Ok(relit),
+            Self::Cpu { relit, .. } => Ok(relit.clone()),
             Self::Gpu(transfer) => Ok(transfer.read()?),
         }
     }

@@ -1,5 +1,6 @@
 //! What a command tells: stages with their times, what was left out, warnings; as text or as one JSON object.
 
+use std::io::Write;
 use std::time::Instant;
 
 use serde_json::{Map, Value, json};
@@ -92,8 +93,17 @@ impl Report {
         self.warnings.push(text);
     }
 
-    /// Prints the JSON object, or the line for people.
-    pub fn finish(mut self, summary: &str) {
+    /// Prints the JSON object, or the lines for people. A reader that has left is no error.
+    pub fn finish(self, summary: &str) -> anyhow::Result<()> {
+        match self.print(&mut std::io::stdout().lock(), summary) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(anyhow::Error::new(error).context("standard output"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn print(mut self, out: &mut impl Write, summary: &str) -> std::io::Result<()> {
         if self.json {
             let mut object = Map::new();
             object.insert("command".into(), json!(self.command));
@@ -109,21 +119,23 @@ impl Report {
             }
             object.insert("skipped".into(), Value::Array(self.skipped));
             object.insert("warnings".into(), json!(self.warnings));
-            println!("{}", Value::Object(object));
+            writeln!(out, "{}", Value::Object(object))?;
         } else if !self.quiet {
             for (name, stops) in &self.targets {
                 let word = if *stops < 0.0 { "darker" } else { "brighter" };
-                println!(
+                writeln!(
+                    out,
                     "{name}: {:.1} stops {word} than the source light",
                     stops.abs()
-                );
+                )?;
             }
             for entry in &self.skipped {
-                println!(
+                writeln!(
+                    out,
                     "left out: {} ({})",
                     entry["what"].as_str().unwrap_or_default(),
                     entry["why"].as_str().unwrap_or_default()
-                );
+                )?;
             }
             let stages: Vec<String> = self
                 .stages_ms
@@ -131,10 +143,11 @@ impl Report {
                 .map(|(name, ms)| format!("{name} {}", milliseconds(ms.as_f64().unwrap_or(0.0))))
                 .collect();
             if !stages.is_empty() {
-                println!("{}", stages.join(", "));
+                writeln!(out, "{}", stages.join(", "))?;
             }
-            println!("{summary}");
+            writeln!(out, "{summary}")?;
         }
+        out.flush()
     }
 }
 

@@ -1,5 +1,6 @@
 //! An asset between lights: the stages up to the transfer, as the commands share them.
 
+use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -14,14 +15,17 @@ use transplat_core::load::{AssetFile, AssetKind, load_asset, load_environment, l
 use transplat_core::look::Look;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;
-use transplat_core::visibility::{BakeInput, BakeSettings, DEFAULT_DIRECTIONS, Visibility};
+use transplat_core::visibility::{BakeInput, BakeSettings, Visibility};
 
 use crate::cli::{AssetArgs, LightArgs, Term};
-use crate::device::Device;
+use crate::device::{Device, Transfer};
 use crate::report::Report;
 
 /// A flatness above this makes normals, and so relighting, doubtful.
 const DOUBTFUL_FLATNESS: f32 = 0.1;
+
+/// Directions that are enough to tell a normal's sign.
+const ORIENTATION_DIRECTIONS: usize = 64;
 
 /// The asset, loaded, and everything the command line says about it.
 pub struct Scene {
@@ -77,9 +81,16 @@ impl Scene {
             report.skip("bake", "a saved bake was given");
             report.time("load", || load_bake(path, &self.cloud))?
         } else {
-            let settings = BakeSettings {
+            let mut settings = BakeSettings {
                 directions: self.look.directions,
             };
+            if !self.look.transfer.terms.shadow && settings.directions > ORIENTATION_DIRECTIONS {
+                settings.directions = ORIENTATION_DIRECTIONS;
+                report.skip(
+                    "most directions of the bake",
+                    "without shadows only the normals need it",
+                );
+            }
             let bar = progress_bar("baking visibility", report);
             let progress = |done: f64| {
                 bar.set_position((done * 1000.0) as u64);
@@ -104,23 +115,33 @@ impl Scene {
         Ok(visibility)
     }
 
+    /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
+    pub fn lights(&self, args: &LightArgs, source: &Path, report: &mut Report) -> Result<Lights> {
+        let mut light = |path: &Path, degrees: f64| {
+            let map = self.load_light(path, report)?;
+            self.project(map.as_ref(), degrees, report)
+        };
+        let source = light(source, self.look.rotate_source)?;
+        let mut targets = Vec::new();
+        for (name, path) in targets_of(args)? {
+            let light = light(&path, self.look.rotate_target)?.scaled(self.target_gain());
+            targets.push(Target { name, path, light });
+        }
+        Ok(Lights { source, targets })
+    }
+
     /// Prepares the transfer from the source light.
     pub fn prepare(
         &self,
         visibility: &Visibility,
-        source: &Path,
+        source: &IncidentRadiance,
         report: &mut Report,
     ) -> Result<PreparedTransfer> {
-        let map = self.load_light(source, report)?;
-        let light = self.project(map.as_ref(), self.look.rotate_source, report)?;
         let prepared = report.time("prepare", || {
-            PreparedTransfer::new(&self.cloud, visibility, &light, &self.look.transfer)
+            PreparedTransfer::new(&self.cloud, visibility, source, &self.look.transfer)
         })?;
         if prepared.source_was_black {
-            report.warn(format!(
-                "{}: the source light is black and explains nothing; even light is assumed",
-                source.display()
-            ));
+            report.warn("the source light is black and explains nothing; even light is assumed");
         }
         if prepared.dark_share > 0.05 {
             report.warn(format!(
@@ -132,6 +153,12 @@ impl Scene {
         let terms = self.look.transfer.terms;
         if !terms.shadow {
             report.skip("self-shadowing", "--without shadow");
+        }
+        if prepared.specular_degree > 0 && prepared.specular_degree < self.cloud.sh_degree {
+            report.skip(
+                &format!("SH bands above {} of the asset", prepared.specular_degree),
+                "the source light has nothing there (see --sh-degree)",
+            );
         }
         if !terms.specular {
             report.skip("specular transfer", "--without specular");
@@ -150,17 +177,6 @@ impl Scene {
         Ok(prepared)
     }
 
-    /// A target light, and its map where there is one.
-    pub fn target(
-        &self,
-        path: &Path,
-        report: &mut Report,
-    ) -> Result<(IncidentRadiance, Option<EnvironmentMap>)> {
-        let map = self.load_light(path, report)?;
-        let light = self.project(map.as_ref(), self.look.rotate_target, report)?;
-        Ok((light.scaled(self.target_gain()), map))
-    }
-
     /// The target light's strength as a factor.
     pub fn target_gain(&self) -> f32 {
         self.look.strength_target.exp2()
@@ -171,7 +187,8 @@ impl Scene {
         self.cloud.up.asset_from_world() * DMat3::from_rotation_z(degrees.to_radians())
     }
 
-    fn load_light(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
+    /// A light's map; none for even light.
+    pub fn load_light(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
         }
@@ -219,37 +236,49 @@ impl Scene {
         }
     }
 
-    /// Relights by one target: linear SH `[n][K][3]`. With `median`, the change of light is timed as the median of three.
+    /// Relights by one target: linear SH `[n][K][3]`. For JSON, the change of light is timed as the median of three.
     pub fn relight(
         &self,
         prepared: &PreparedTransfer,
-        name: &str,
-        target: &IncidentRadiance,
+        transfer: &mut Transfer<'_>,
+        target: &Target,
         report: &mut Report,
     ) -> Result<Vec<[f32; 3]>> {
-        if target.is_black() {
+        let (name, light) = (&target.name, &target.light);
+        if light.is_black() {
             report.warn(format!(
                 "{name}: the target light is black, and so is the result"
             ));
         } else {
-            report.target(
-                name,
-                (target.mean_irradiance() * prepared.light_gain).log2(),
-            );
+            report.target(name, (light.mean_irradiance() * prepared.light_gain).log2());
         }
-        let mut transfer = self.device.transfer(prepared)?;
         let mut times = Vec::new();
         for _ in 0..if report.is_json() { 3 } else { 1 } {
             let start = Instant::now();
-            transfer.change_light(&prepared.light(target))?;
+            transfer.change_light(&prepared.light(light))?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);
         if report.ms("transfer").is_none() {
             report.add_ms("transfer", times[times.len() / 2]);
         }
-        transfer.finish()
+        transfer.result()
     }
+}
+
+/// The lights of a relight, as the transfer sees them.
+pub struct Lights {
+    pub source: IncidentRadiance,
+    pub targets: Vec<Target>,
+}
+
+/// One light to relight by.
+pub struct Target {
+    /// Of its output.
+    pub name: String,
+    pub path: PathBuf,
+    /// With the strength that was asked for.
+    pub light: IncidentRadiance,
 }
 
 /// Whether a light's name on the command line stands for uniform white light.
@@ -269,12 +298,6 @@ pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
     look.linear |= asset.linear;
     if let Some(directions) = asset.directions {
         look.directions = directions;
-    }
-    if !transplat_core::visibility::DIRECTIONS.contains(&look.directions) {
-        bail!(
-            "the look asks for {} visibility directions; 16 to 4096 are possible, {DEFAULT_DIRECTIONS} is usual",
-            look.directions
-        );
     }
     let Some(light) = light else {
         return Ok(look);
@@ -302,7 +325,6 @@ pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
             ),
         }
     }
-    transfer.validate()?;
     if let Some(degrees) = light.rotate_source {
         look.rotate_source = degrees;
     }
@@ -312,7 +334,7 @@ pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
     if let Some(stops) = light.strength_target {
         look.strength_target = stops as f32;
     }
-    look.strength_target = look.strength_target.clamp(-60.0, 60.0);
+    look.validate()?;
     Ok(look)
 }
 
@@ -348,10 +370,13 @@ pub fn targets_of(light: &LightArgs) -> Result<Vec<(String, PathBuf)>> {
         targets.extend(inside.into_iter().map(|p| (stem(&p), p)));
     }
     // Two files of one name must not write over each other.
-    for i in 0..targets.len() {
-        let twins = targets[..i].iter().filter(|t| t.0 == targets[i].0).count();
-        if twins > 0 {
-            targets[i].0 = format!("{}-{}", targets[i].0, twins + 1);
+    let mut taken = HashSet::new();
+    for (name, _) in &mut targets {
+        let stem = name.clone();
+        let mut number = 2;
+        while !taken.insert(name.clone()) {
+            *name = format!("{stem}-{number}");
+            number += 1;
         }
     }
     Ok(targets)

@@ -20,9 +20,9 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
     for header in &meta.headers {
         let size = header.layer_size;
         check_map_size(path, size.width(), size.height())?;
-        // No lossless compression of the format exceeds deflate's 1032 to 1.
+        // Deflate packs 1032 to 1 at best, and PXR24 drops a quarter of f32 before it.
         let claimed = header.total_pixel_bytes() as u64;
-        if claimed > bytes.saturating_mul(1100) {
+        if claimed > bytes.saturating_mul(1400) {
             return Err(Error::invalid(
                 path,
                 format!("claims {claimed} bytes of pixels in a file of {bytes}"),
@@ -33,17 +33,19 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
-        .first_valid_layer()
+        .all_layers()
         .all_attributes()
         .from_file(path)
         .map_err(told)?;
-    let layer = image.layer_data;
-    let (width, height) = (layer.size.width(), layer.size.height());
-    let channels = pick_channels(&layer.channel_data).ok_or_else(|| {
-        let names: Vec<String> = layer
-            .channel_data
-            .list
+    let found = image
+        .layer_data
+        .iter()
+        .find_map(|layer| Some((layer, pick_channels(&layer.channel_data)?)));
+    let (layer, channels) = found.ok_or_else(|| {
+        let names: Vec<String> = image
+            .layer_data
             .iter()
+            .flat_map(|layer| &layer.channel_data.list)
             .map(|c| c.name.to_string())
             .collect();
         Error::invalid(
@@ -51,6 +53,18 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
             format!("no R, G and B channels (it has {})", names.join(", ")),
         )
     })?;
+    let (width, height) = (layer.size.width(), layer.size.height());
+    let window = image.attributes.display_window;
+    if window.size != layer.size || window.position != layer.attributes.layer_position {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "holds {width} x {height} pixels of a picture of {} x {}; save the whole sphere, uncropped",
+                window.size.width(),
+                window.size.height()
+            ),
+        ));
+    }
     let mut pixels = vec![[0f32; 3]; width * height];
     for (c, samples) in channels.into_iter().enumerate() {
         if samples.len() != pixels.len() {

@@ -48,11 +48,11 @@ struct Header {
 fn parse(bytes: &[u8]) -> Result<EnvironmentMap, Problem> {
     let (header, mut data) = parse_header(bytes)?;
     let (lines, length) = (header.scanlines, header.length);
-    // A run-length code repeats a pixel's channel 127 times for two bytes, the old one more: every scanline still has some bytes.
-    let pixels_at_most = lines.checked_mul(length);
-    if pixels_at_most.is_none_or(|n| n == 0 || n > super::MAX_ENVIRONMENT_PIXELS)
-        || data.len() < lines.saturating_mul(4)
-    {
+    // The new code packs 16 pixels of one colour into a byte, the old one 64.
+    let most = data.len().saturating_mul(64);
+    let too_large = lines.max(length) > super::MAX_ENVIRONMENT_EDGE
+        || lines.saturating_mul(length) > super::MAX_ENVIRONMENT_PIXELS.min(most);
+    if too_large || lines.min(length) == 0 {
         return Err(if header.transposed {
             Problem::Size(lines, length)
         } else {
@@ -326,6 +326,8 @@ mod tests {
             "#?RADIANCE\n\n-Y 1000000 +X 1000000\n",
             "#?RADIANCE\n\n-Y 18446744073709551615 +X 2\n",
             "#?RADIANCE\n\n-Y 0 +X 2\n",
+            "#?RADIANCE\n\n-Y 1 +X 134217728\n",
+            "#?RADIANCE\n\n-Y 100 +X 60000\n",
             "#?RADIANCE\n\n-Y 8192 +X 16384\n",
             "#?RADIANCE\n\n-Y 2 X 2\n",
             "#?RADIANCE\nEXPOSURE=nan\n\n-Y 1 +X 1\n",

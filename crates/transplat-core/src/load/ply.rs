@@ -54,7 +54,7 @@ pub struct AssetFile {
     pub(crate) stamp: (u64, Option<std::time::SystemTime>),
 }
 
-/// Fills a file with more broken rows than this share is refused: it is not a splat with a few bad surfels.
+/// A file with a larger share of broken rows is refused: it is not a splat with a few bad surfels.
 const MAX_LEFT_OUT_SHARE: f64 = 0.1;
 
 /// Rows are read and converted in blocks of this size.
@@ -94,7 +94,9 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
             header.skip
         })
     });
-    if needed.is_none_or(|n| n > available + 1) {
+    // The last line of a text may lack its end.
+    let slack = u64::from(header.format == Format::Ascii);
+    if needed.is_none_or(|n| n > available + slack) {
         let whole = available / row_bytes.max(1);
         return Err(invalid(format!(
             "claims {} vertices of {row_bytes} bytes or more, and has room for {whole}: it is truncated, or its count is wrong",
@@ -429,7 +431,7 @@ impl<'a> Builder<'a> {
 
     fn finish(self, header: &Header) -> Result<(SurfelCloud, AssetReport), String> {
         let (mut cloud, mut flatness) = (self.cloud, self.flatness);
-        // Two axes of no length at all (log 0), or a row left out, have no ratio.
+        // A row that is left out has no ratio.
         flatness.retain(|f| f.is_finite());
         if self.layout.scales.len() < 3 {
             flatness.clear();

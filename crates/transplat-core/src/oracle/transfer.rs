@@ -120,8 +120,11 @@ pub fn relight_surfel(
         for l in 1..=asset_degree.min(oracle.settings.sh_degree) {
             let norm = |f: &dyn Fn(usize) -> f64| band(l).map(|i| f(i) * f(i)).sum::<f64>().sqrt();
             // Eq. 9 and 10.
-            let attenuation = if terms.attenuation {
-                norm(&|i| color[i][c]) / (norm(&|i| oracle.source[i][c]) + oracle.epsilon)
+            let source_norm = norm(&|i| oracle.source[i][c]);
+            let attenuation = if source_norm <= oracle.epsilon {
+                0.0
+            } else if terms.attenuation {
+                norm(&|i| color[i][c]) / (source_norm + oracle.epsilon)
             } else {
                 // A mirror under a source of mean radiance 1, in units of its mean irradiance, as epsilon is.
                 f64::from(UNATTENUATED) * f64::from(oracle.settings.epsilon) / oracle.epsilon

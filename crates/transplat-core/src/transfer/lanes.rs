@@ -102,11 +102,6 @@ impl Block {
                 .collect(),
         }
     }
-
-    pub(super) fn memory_bytes(&self) -> usize {
-        size_of::<Self>()
-            + size_of::<Lanes>() * (self.visibility.len() + 3 * self.attenuation.len())
-    }
 }
 
 /// Relights one block into `out` `[surfels][K][3]` (fewer than [`LANES`] surfels in the last block).

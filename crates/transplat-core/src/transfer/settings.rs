@@ -18,7 +18,7 @@ pub enum Preset {
 
 /// Which terms of the paper take part; all of them unless an ablation asks otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
+#[serde(default, deny_unknown_fields)]
 pub struct Terms {
     /// Self-shadowing (3.3); off, every surfel sees the whole light.
     pub shadow: bool,

@@ -197,7 +197,7 @@ fn turning_asset_and_lights_together_turns_the_result() {
         .flat_map(|f| rotate_coefficients(turn, 3, f))
         .collect();
     // The bake's lattice does not turn with the object, so the transfer is asked with visibility that sees everything.
-    let mut open = Visibility::all_open(&cloud);
+    let mut open = Visibility::all_open(&cloud, 16);
     open.normals.clone_from(&visibility.normals);
     let mut open_turned = open.clone();
     for n in &mut open_turned.normals {
@@ -255,26 +255,15 @@ fn black_targets_give_black_and_black_sources_stay_finite() {
 #[test]
 fn full_visibility_and_no_shadow_agree() {
     let cloud = glossy_scene(3);
-    let open = Visibility::all_open(&cloud);
+    let open = Visibility::all_open(&cloud, 4096);
     let (source, target) = (light(1, 3), light(2, 3));
     let mut unshadowed = settings(3);
     unshadowed.terms.shadow = false;
     let a = PreparedTransfer::new(&cloud, &open, &source, &settings(3)).expect("good input");
     let b = PreparedTransfer::new(&cloud, &open, &source, &unshadowed).expect("good input");
-    // The constant 1 on 16 lattice directions has other coefficients up to a few percent; so the operator is asked with the exact ones.
-    let mut exact = a.clone();
-    for v in exact.visibility.chunks_exact_mut(16) {
-        v.fill(0.0);
-        v[0] = crate::sh::SQRT_4PI as f32;
-    }
-    let operator = light_operator(3, &source.coefficients);
-    for i in 0..cloud.len() {
-        let with = shadowed_light(&operator, &exact.visibility, i);
-        let without = shadowed_light(&operator, &[], i);
-        assert!(relative_difference(&without, &with) < 1e-6);
-    }
-    let (a, b) = (a.relight(&target), b.relight(&target));
-    assert!(relative_difference(&b, &a) < 0.2);
+    // The constant 1 on 4096 directions has other coefficients up to some 1/4096, which meet a light with a peak of 40 over a mean of 1.
+    let difference = relative_difference(&b.relight(&target), &a.relight(&target));
+    assert!(difference < 2e-2, "{difference}");
 }
 
 #[test]
@@ -286,7 +275,7 @@ fn a_lambertian_sphere_takes_its_analytic_irradiance() {
     no_shadow.epsilon = 1e-6;
     let prepared = PreparedTransfer::new(
         &cloud,
-        &Visibility::all_open(&cloud),
+        &Visibility::all_open(&cloud, 16),
         &IncidentRadiance::even(2),
         &no_shadow,
     )
@@ -346,7 +335,7 @@ fn extreme_lights_and_assets_stay_finite() {
 #[test]
 fn what_a_scene_lacks_is_left_out() {
     let cloud = scenes::sphere(100);
-    let visibility = Visibility::all_open(&cloud);
+    let visibility = Visibility::all_open(&cloud, 16);
     let mut no_shadow = settings(3);
     no_shadow.terms.shadow = false;
     let prepared =
@@ -375,6 +364,28 @@ fn an_even_source_tells_nothing_of_gloss() {
 }
 
 #[test]
+fn a_light_of_another_degree_is_refused_or_fitted() {
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let wrong = PreparedTransfer::new(&cloud, &visibility, &light(1, 2), &settings(3));
+    assert!(wrong.is_err_and(|e| e.to_string().contains("degree 2")));
+    let prepared =
+        PreparedTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    let (exact, longer) = (
+        prepared.relight(&light(2, 3)),
+        prepared.relight(&light(2, 5)),
+    );
+    assert!(relative_difference(&exact, &longer) < 1e-5);
+    assert!(
+        prepared
+            .relight(&light(2, 1))
+            .iter()
+            .flatten()
+            .all(|v| v.is_finite())
+    );
+}
+
+#[test]
 fn a_preset_that_is_not_there_is_refused() {
     let cloud = scenes::sphere(10);
     let settings = TransferSettings {
@@ -383,7 +394,7 @@ fn a_preset_that_is_not_there_is_refused() {
     };
     let result = PreparedTransfer::new(
         &cloud,
-        &Visibility::all_open(&cloud),
+        &Visibility::all_open(&cloud, 16),
         &light(1, 3),
         &settings,
     );

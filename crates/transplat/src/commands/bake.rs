@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use transplat_core::bake_file::save_bake;
+use transplat_core::export::check_output;
 
 use crate::cli::BakeArgs;
 use crate::report::Report;
@@ -9,6 +10,7 @@ use crate::scene::{Scene, look_of};
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
+    check_output(&args.output)?;
     let scene = Scene::load(&args.asset, look_of(&args.asset, None)?, &mut report)?;
     let visibility = scene.bake(None, &mut report)?;
     report.time("export", || {
@@ -23,6 +25,5 @@ pub fn run(args: &BakeArgs) -> Result<()> {
         visibility.directions,
         visibility.flipped,
         visibility.buried
-    ));
-    Ok(())
+    ))
 }

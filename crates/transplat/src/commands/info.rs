@@ -41,8 +41,7 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             lines.push(format!("look: {}", serde_json::to_string_pretty(&look)?));
         }
     }
-    report.finish(&lines.join("\n  "));
-    Ok(())
+    report.finish(&lines.join("\n  "))
 }
 
 /// The value that a share of the sorted values lies below.
@@ -168,23 +167,7 @@ fn environment(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Res
         .iter()
         .map(|p| luminance(*p))
         .fold(0f32, f32::max);
-    // Share of the light that the brightest thousandth of the sphere sends.
-    let mut by_row: Vec<(f32, f64)> = Vec::with_capacity(map.pixels().len());
-    for (row, pixels) in map.pixels().chunks_exact(map.width()).enumerate() {
-        let omega = map.pixel_solid_angle(row);
-        by_row.extend(pixels.iter().map(|p| (luminance(*p), omega)));
-    }
-    by_row.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-    let total: f64 = by_row.iter().map(|(l, o)| f64::from(*l) * o).sum();
-    let (mut sun, mut angle) = (0.0, 0.0);
-    for (l, omega) in &by_row {
-        if angle > 4.0e-3 * std::f64::consts::PI {
-            break;
-        }
-        sun += f64::from(*l) * omega;
-        angle += omega;
-    }
-    let share = if total > 0.0 { sun / total } else { 0.0 };
+    let share = map.brightest_share(0.001);
     report.set("kind", "environment");
     report.set("width", map.width());
     report.set("height", map.height());

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use transplat_core::color::encode_sh;
-use transplat_core::export::write_relit_ply;
+use transplat_core::export::{check_output, write_relit_ply};
 
 use crate::cli::RelightArgs;
 use crate::report::Report;
-use crate::scene::{Scene, look_of, targets_of};
+use crate::scene::{Scene, look_of};
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut report = Report::new("relight", &args.out);
@@ -18,28 +18,25 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         );
     };
     let look = look_of(&args.asset, Some(&args.light))?;
-    let targets = targets_of(&args.light)?;
-    let many = targets.len() > 1 || args.light.target.iter().any(|t| t.is_dir());
-    let scene = Scene::load(&args.asset, look, &mut report)?;
-    let visibility = scene.bake(args.light.bake.as_deref(), &mut report)?;
-    let prepared = scene.prepare(&visibility, source, &mut report)?;
+    let many = args.light.target.len() > 1 || args.light.target.iter().any(|t| t.is_dir());
     if many {
         std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
-    } else if args.output.is_dir() {
-        bail!(
-            "{}: is a directory; the name of a .ply is expected for one target",
-            args.output.display()
-        );
+    } else {
+        check_output(&args.output)?;
     }
+    let scene = Scene::load(&args.asset, look, &mut report)?;
+    let lights = scene.lights(&args.light, source, &mut report)?;
+    let visibility = scene.bake(args.light.bake.as_deref(), &mut report)?;
+    let prepared = scene.prepare(&visibility, &lights.source, &mut report)?;
+    let mut transfer = scene.device.transfer(&prepared)?;
     let mut outputs: Vec<PathBuf> = Vec::new();
-    for (name, path) in &targets {
+    for target in &lights.targets {
         let output = if many {
-            args.output.join(name).with_extension("ply")
+            args.output.join(format!("{}.ply", target.name))
         } else {
             args.output.clone()
         };
-        let (light, _) = scene.target(path, &mut report)?;
-        let relit = scene.relight(&prepared, name, &light, &mut report)?;
+        let relit = scene.relight(&prepared, &mut transfer, target, &mut report)?;
         report.time("export", || {
             let stored = encode_sh(relit, scene.cloud.sh_degree, scene.cloud.encoding);
             write_relit_ply(&scene.file, &stored, &output)
@@ -48,6 +45,5 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
     report.set("outputs", names.clone());
-    report.finish(&format!("wrote {}", names.join(", ")));
-    Ok(())
+    report.finish(&format!("wrote {}", names.join(", ")))
 }

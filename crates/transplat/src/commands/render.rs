@@ -1,11 +1,10 @@
 //! `transplat render`: pictures of an asset, as captured or relit.
 
-use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
-use transplat_core::camera::Camera;
+use transplat_core::camera::{Camera, turntable};
 use transplat_core::color::Encoding;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::export::{write_exr, write_png};
@@ -19,7 +18,7 @@ use transplat_core::visibility::Visibility;
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
 use crate::device::{Paint, Painter};
 use crate::report::Report;
-use crate::scene::{Scene, look_of, progress_bar, targets_of};
+use crate::scene::{Lights, Scene, look_of, progress_bar, targets_of};
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
 const MAX_SAMPLES: usize = 1 << 28;
@@ -37,6 +36,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             "--source and --target belong together; \"even\" stands for a light that nobody knows",
         );
     }
+    if look.background == Background::Environment && !relit {
+        crate::commands::usage("--background environment needs --source and --target");
+    }
     let view = match (args.view, relit) {
         (None, false) if look.view == View::After => View::Before,
         (_, false) if look.view.needs_relit() => {
@@ -47,7 +49,16 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let frames = frames(args, &scene.cloud)?;
     let output = Output::new(args, frames.len(), targets.len())?;
-    let needs_bake = view.needs_relit() || matches!(view, View::Visibility | View::Normals);
+    if output.format == PictureFormat::Exr && !scene.look.display.is_identity() {
+        report.warn("exposure and tone map are for PNG; an EXR stays linear");
+    }
+    let lights = match &args.light.source {
+        Some(source) if view.needs_relit() => {
+            Some(scene.lights(&args.light, source, &mut report)?)
+        }
+        _ => None,
+    };
+    let needs_bake = view.needs_relit() || view == View::Visibility;
     let visibility = if needs_bake {
         Some(scene.bake(args.light.bake.as_deref(), &mut report)?)
     } else {
@@ -66,26 +77,44 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         painter: scene.device.painter(&scene.cloud, &mut report)?,
         scene: &scene,
         visibility: visibility.as_ref(),
+        openness: match &visibility {
+            Some(visibility) if view == View::Visibility => {
+                visibility.openness().iter().map(|o| [*o; 3]).collect()
+            }
+            _ => Vec::new(),
+        },
     };
-    let written = match (&args.light.source, &visibility) {
-        (Some(source), _)
-            if view.needs_relit() || scene.look.background == Background::Environment =>
-        {
-            shots.relit(source, &targets, &mut report)?
-        }
-        _ => {
+    let written = match &lights {
+        Some(lights) => shots.relit(lights, &mut report)?,
+        None => {
             if relit {
                 report.skip("transfer", "this view shows no relit colour");
             }
-            shots.take(None, &Relit::default(), &mut report)?
+            // The same picture for each target, but for its background.
+            let named = targets
+                .iter()
+                .map(|(name, path)| (Some(&**name), Some(&**path)));
+            let each: Vec<_> = if relit {
+                named.collect()
+            } else {
+                vec![(None, None)]
+            };
+            let mut written = 0;
+            for (name, path) in each {
+                let mut nothing = Relit::default();
+                if let Some(path) = path {
+                    nothing.map = shots.background_map(path, &mut report)?;
+                }
+                written += shots.take(name, &nothing, &mut report)?;
+            }
+            written
         }
     };
     report.set("pictures", written);
     report.finish(&format!(
         "wrote {written} pictures to {}",
         args.output.display()
-    ));
-    Ok(())
+    ))
 }
 
 fn settings(args: &RenderArgs) -> Result<Look> {
@@ -152,50 +181,8 @@ fn cameras(
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
         return Ok(vec![camera]);
     }
-    let count = args.turntable.unwrap_or(1);
-    let elevation = 20f64.to_radians();
-    let asset_from_world = cloud.up.asset_from_world();
-    let towards: Vec<Vec3> = (0..count)
-        .map(|i| {
-            let azimuth = TAU * f64::from(i) / f64::from(count);
-            let from_center = glam::DVec3::new(
-                azimuth.cos() * elevation.cos(),
-                azimuth.sin() * elevation.cos(),
-                elevation.sin(),
-            );
-            (asset_from_world * from_center).as_vec3()
-        })
-        .collect();
-    let camera = |towards: Vec3, distance: f32| {
-        let eye = bounds.center + towards * distance;
-        Camera::look_at(eye, bounds.center, up, fov_x, size, near)
-    };
-    // One distance for the whole turn; a few of its views decide.
-    let distance = towards
-        .iter()
-        .step_by(towards.len().div_ceil(16))
-        .map(|t| fitting_distance(cloud, &camera(*t, 1.0), *t))
-        .fold(0f32, f32::max);
-    Ok(towards.iter().map(|t| camera(*t, distance)).collect())
-}
-
-/// How far from the object's centre a camera in direction `towards` must be for the object to fill most of the picture; floaters do not count.
-fn fitting_distance(cloud: &SurfelCloud, camera: &Camera, towards: Vec3) -> f32 {
-    let bounds = cloud.bounds();
-    let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;
-    let (across, down) = (slope(camera.width), slope(camera.height));
-    let needed = cloud
-        .positions
-        .iter()
-        .map(|p| *p - bounds.center)
-        .filter(|p| p.length() <= bounds.radius)
-        .map(|p| {
-            let view = camera.view_from_world * p;
-            p.dot(towards) + (view.x.abs() / across).max(view.y.abs() / down)
-        })
-        .fold(0f32, f32::max);
-    // Where everything lies in one point, any distance will do but none.
-    needed.max(0.1 * bounds.radius)
+    let count = args.turntable.unwrap_or(1) as usize;
+    Ok(turntable(cloud, count, fov_x, size, near))
 }
 
 /// Where pictures go.
@@ -278,43 +265,47 @@ struct Shots<'a> {
     painter: Painter<'a>,
     scene: &'a Scene,
     visibility: Option<&'a Visibility>,
+    /// As surfel colours; empty unless it is what is shown.
+    openness: Vec<[f32; 3]>,
 }
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(
-        &self,
-        source: &Path,
-        targets: &[(String, PathBuf)],
-        report: &mut Report,
-    ) -> Result<usize> {
-        let prepared = match self.visibility {
-            Some(visibility) if self.view.needs_relit() => {
-                Some(self.scene.prepare(visibility, source, report)?)
-            }
-            _ => None,
+    fn relit(&self, lights: &Lights, report: &mut Report) -> Result<usize> {
+        let Some(visibility) = self.visibility else {
+            bail!("a relit view without visibility");
         };
+        let prepared = self.scene.prepare(visibility, &lights.source, report)?;
+        let mut transfer = self.scene.device.transfer(&prepared)?;
         let mut written = 0;
-        for (name, path) in targets {
-            let (light, map) = self.scene.target(path, report)?;
+        for target in &lights.targets {
             let mut relit = Relit {
-                map,
+                map: self.background_map(&target.path, report)?,
                 ..Relit::default()
             };
-            if let Some(prepared) = &prepared {
-                let sh = self.scene.relight(prepared, name, &light, report)?;
-                match self.view {
-                    View::Tau => relit.colors = present::tau_colors(&prepared.tau(&sh)),
-                    View::Diffuse | View::Specular => {
-                        let diffuse = self.view == View::Diffuse;
-                        relit.sh = present::part_of_sh(&sh, prepared.coefficients(), diffuse);
-                    }
-                    _ => relit.sh = sh,
+            let sh = self
+                .scene
+                .relight(&prepared, &mut transfer, target, report)?;
+            match self.view {
+                View::Tau => relit.colors = present::tau_colors(&prepared.tau(&sh)),
+                View::Diffuse | View::Specular => {
+                    let diffuse = self.view == View::Diffuse;
+                    relit.sh = present::part_of_sh(&sh, prepared.coefficients(), diffuse);
                 }
+                _ => relit.sh = sh,
             }
-            written += self.take(Some(name), &relit, report)?;
+            written += self.take(Some(&target.name), &relit, report)?;
         }
         Ok(written)
+    }
+
+    /// The map behind the object, where it is shown; maps are large, so only one is held at a time.
+    fn background_map(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
+        if self.scene.look.background == Background::Environment {
+            self.scene.load_light(path, report)
+        } else {
+            Ok(None)
+        }
     }
 
     fn take(&self, target: Option<&str>, relit: &Relit, report: &mut Report) -> Result<usize> {
@@ -374,19 +365,10 @@ impl Shots<'_> {
                 present::depth_picture(&draw(Paint::Colors(&white), present::PLAIN)?, self.space)
             }
             View::Normals => {
-                let normals = self.visibility.map_or(&[][..], |v| &v.normals);
-                let colors =
-                    present::normal_colors(&cloud.positions, normals, camera.eye, self.space);
+                let colors = present::normal_colors(cloud, camera.eye, self.space);
                 draw(Paint::Colors(&colors), present::PLAIN)?
             }
-            View::Visibility => {
-                let open = self
-                    .visibility
-                    .map(Visibility::openness)
-                    .unwrap_or_default();
-                let colors: Vec<[f32; 3]> = open.iter().map(|o| [*o; 3]).collect();
-                draw(Paint::Colors(&colors), present::PLAIN)?
-            }
+            View::Visibility => draw(Paint::Colors(&self.openness), present::PLAIN)?,
             View::Tau => draw(Paint::Colors(&relit.colors), present::PLAIN)?,
         })
     }

@@ -141,6 +141,7 @@ fn bad_files_are_refused_with_a_reason() {
         (Vec::new(), "empty"),
         (b"not a ply\n".to_vec(), "begin"),
         (good[..good.len() - 10].to_vec(), "truncated"),
+        (good[..good.len() - 1].to_vec(), "truncated"),
         (good[..100].to_vec(), "end_header"),
         (
             with("element vertex 20", "element vertex 1099511627776"),
