@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use image::ImageEncoder;
 
 use crate::error::{Error, Result};
-use crate::load::{AssetFile, Format};
+use crate::load::{AssetFile, Format, bake};
 use crate::rasterize::Raster;
+use crate::surfels::SurfelCloud;
+use crate::visibility::Visibility;
 
 /// Whether a file can be written there: to be asked before long work.
 ///
@@ -89,6 +91,24 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail(path))?;
     file.persist(&target).map_err(|e| fail(path)(e.error))?;
     Ok(())
+}
+
+/// Writes a bake.
+///
+/// # Errors
+/// The file cannot be written; nothing is left of it then.
+pub fn save_bake(path: &Path, cloud: &SurfelCloud, visibility: &Visibility) -> Result<()> {
+    write_atomically(path, |out| {
+        out.write_all(bake::MAGIC)?;
+        for value in [
+            bake::geometry_key(cloud),
+            cloud.len() as u64,
+            visibility.directions as u64,
+        ] {
+            out.write_all(&value.to_le_bytes())?;
+        }
+        out.write_all(&visibility.open)
+    })
 }
 
 /// Writes the asset again with other colour: every property, comment and trailing element that the file had, in its order.

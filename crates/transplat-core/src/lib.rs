@@ -26,7 +26,6 @@
 //! # Ok::<(), transplat_core::Error>(())
 //! ```
 
-pub mod bake_file;
 pub mod camera;
 pub mod color;
 pub mod environment;

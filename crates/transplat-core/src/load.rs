@@ -1,5 +1,6 @@
 //! Stage *load*: files in. A file is known by what it begins with, never by its name, and nothing is allocated by a number that a file only claims.
 
+pub(crate) mod bake;
 mod cameras;
 mod exr;
 mod hdr;
@@ -14,6 +15,7 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::look::Look;
 
+pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, CameraFrame, load_cameras};
 pub(crate) use ply::Format;
 pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
@@ -66,7 +68,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         _ if start.starts_with(b"\x89PNG") || start.starts_with(&[0xff, 0xd8, 0xff]) => {
             FileKind::Picture
         }
-        _ if start.starts_with(crate::bake_file::MAGIC) => FileKind::Bake,
+        _ if start.starts_with(bake::MAGIC) => FileKind::Bake,
         _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
         _ => {
             return Err(Error::invalid(

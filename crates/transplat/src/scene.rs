@@ -8,10 +8,11 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::DMat3;
 use indicatif::{ProgressBar, ProgressStyle};
-use transplat_core::bake_file::load_bake;
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
-use transplat_core::load::{AssetFile, AssetKind, load_asset, load_environment, load_look};
+use transplat_core::load::{
+    AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
+};
 use transplat_core::look::Look;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;

@@ -1,8 +1,7 @@
 //! `transplat bake`: visibility into a file.
 
 use anyhow::Result;
-use transplat_core::bake_file::save_bake;
-use transplat_core::export::check_output;
+use transplat_core::export::{check_output, save_bake};
 
 use crate::cli::BakeArgs;
 use crate::report::Report;

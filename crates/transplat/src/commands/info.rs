@@ -4,9 +4,9 @@ use std::path::Path;
 
 use anyhow::Result;
 use serde_json::json;
-use transplat_core::bake_file::inspect_bake;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
+use transplat_core::load::inspect_bake;
 use transplat_core::load::{
     AssetKind, FileKind, file_kind, load_asset, load_environment, load_look,
 };

@@ -1,15 +1,14 @@
-//! Saved bakes: the openness of every surfel, tied to the geometry it was baked from.
+//! Saved bakes: the openness of every surfel, tied to the geometry it was baked from. [`crate::export::save_bake`] writes them.
 
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::export::write_atomically;
 use crate::surfels::SurfelCloud;
 use crate::visibility::{DIRECTIONS, Visibility};
 
 /// What a bake file begins with.
-pub const MAGIC: &[u8; 16] = b"transplat-bake 1";
+pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 1";
 
 /// Magic, geometry key, surfels and directions.
 const HEADER_BYTES: u64 = 16 + 8 + 8 + 8;
@@ -43,24 +42,6 @@ pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
     add(bytemuck::cast_slice(&cloud.scales));
     add(bytemuck::cast_slice(&cloud.opacities));
     key
-}
-
-/// Writes a bake.
-///
-/// # Errors
-/// The file cannot be written; nothing is left of it then.
-pub fn save_bake(path: &Path, cloud: &SurfelCloud, visibility: &Visibility) -> Result<()> {
-    write_atomically(path, |out| {
-        out.write_all(MAGIC)?;
-        for value in [
-            geometry_key(cloud),
-            cloud.len() as u64,
-            visibility.directions as u64,
-        ] {
-            out.write_all(&value.to_le_bytes())?;
-        }
-        out.write_all(&visibility.open)
-    })
 }
 
 fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeHeader> {
@@ -106,7 +87,7 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
 /// # Errors
 /// The file cannot be read or is no whole bake.
 pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
-    let mut file = crate::load::open(path)?;
+    let mut file = super::open(path)?;
     let length = file.metadata().map_err(Error::io(path))?.len();
     read_header(path, &mut file, length)
 }
@@ -116,7 +97,7 @@ pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
 /// # Errors
 /// The file cannot be read, is no whole bake, or belongs to another asset.
 pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Visibility> {
-    let mut file = crate::load::open(path)?;
+    let mut file = super::open(path)?;
     let length = file.metadata().map_err(Error::io(path))?.len();
     let header = read_header(path, &mut file, length)?;
     if header.surfels != cloud.len() as u64 || header.geometry_key != geometry_key(cloud) {
@@ -144,6 +125,7 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Visibility> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::save_bake;
     use crate::scenes;
     use crate::visibility::{BakeSettings, bake, no_progress};
 
