@@ -155,6 +155,33 @@ fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
 }
 
 #[test]
+fn no_input_is_written_over() {
+    let folder = Folder::new();
+    let splat = folder.write("city.ply", small_splat(20));
+    let look = folder.write("look.json", "{}");
+    let (city, here) = (asset("city.hdr"), folder.name(""));
+    let relight = [
+        "relight", &splat, "--source", "even", "--target", &city, "--look", &look, "-o",
+    ];
+    for arguments in [
+        [&relight[..], &[&splat]].concat(),
+        [&relight[..], &[&look]].concat(),
+        [&relight[..], &[&here, "--target", "even"]].concat(),
+        vec!["bake", &splat, "-o", &splat],
+    ] {
+        let output = run(&arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(message.contains("is an input too"), "{message}");
+    }
+    assert_eq!(
+        fs::read_to_string(&splat).expect("it is there"),
+        small_splat(20)
+    );
+    assert_eq!(folder.files(), ["city.ply", "look.json"]);
+}
+
+#[test]
 fn targets_of_one_name_do_not_write_over_each_other() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(20));
@@ -646,7 +673,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         &[&relight[..], &[&folder.name("no/such/folder/out.ply")]].concat(),
         "does not exist",
     );
-    check(&[&relight[..], &[&folder.name("")]].concat(), "directory");
+    check(
+        &[&relight[..], &[&folder.0.path().display().to_string()]].concat(),
+        "directory",
+    );
     check(
         &[&relight[..], &[&out, "--preset", "best"]].concat(),
         "best is not in this version",

@@ -81,14 +81,18 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
 
 /// Opens a file for reading; a directory is an error here, not at the first read.
 pub(crate) fn open(path: &Path) -> Result<File> {
-    let file = File::open(path).map_err(Error::io(path))?;
-    if file.metadata().map_err(Error::io(path))?.is_dir() {
+    // Asked before it is opened: opening a pipe waits for ever.
+    let metadata = std::fs::metadata(path).map_err(Error::io(path))?;
+    if metadata.is_dir() {
         return Err(Error::invalid(
             path,
             "is a directory where a file is expected",
         ));
     }
-    Ok(file)
+    if !metadata.is_file() {
+        return Err(Error::invalid(path, "is no regular file"));
+    }
+    File::open(path).map_err(Error::io(path))
 }
 
 /// Reads a whole file, which must not be larger than `limit` bytes.

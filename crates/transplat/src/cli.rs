@@ -1,6 +1,6 @@
 //! The command line: a stable contract.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
@@ -51,8 +51,8 @@ pub struct OutputArgs {
 pub struct AssetArgs {
     /// The splat: a 2DGS or 3DGS .ply
     pub asset: PathBuf,
-    /// The asset's up axis; default: what the file says, else +z
-    #[arg(long, value_parser = parse_up, allow_hyphen_values = true)]
+    /// The asset's up axis; default: what a comment "Vertical axis: y" in the file says, else +z
+    #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     /// The asset's colour is linear already
     #[arg(long)]
@@ -89,7 +89,7 @@ pub struct LightArgs {
     /// Degree of the light used, 0 to 8 [default: 3]
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
     pub sh_degree: Option<u8>,
-    /// Added to the source's irradiance, relative to its mean [default: 0.02]
+    /// Added to the source's irradiance, relative to its mean [default: 0.05]
     #[arg(long, value_name = "X", value_parser = parse_epsilon, allow_hyphen_values = true)]
     pub epsilon: Option<f64>,
     /// Switch terms off
@@ -123,16 +123,31 @@ pub enum Term {
     Reflection,
     /// The dampening of each band
     Attenuation,
-    /// Preset best
+    #[value(hide = true)]
     Suns,
-    /// Preset best
+    #[value(hide = true)]
     Bounce,
-    /// Preset best
+    #[value(hide = true)]
     TwoSided,
-    /// Preset best
+    #[value(hide = true)]
     Lobe,
-    /// Preset best
+    #[value(hide = true)]
     Residual,
+}
+
+impl LightArgs {
+    /// Every file that is read for it, `targets` being the environments behind `--target`.
+    pub fn inputs<'a>(
+        &'a self,
+        targets: &'a [(String, PathBuf)],
+    ) -> impl Iterator<Item = &'a Path> {
+        let named = [&self.source, &self.bake, &self.look];
+        named
+            .into_iter()
+            .flatten()
+            .chain(targets.iter().map(|(_, path)| path))
+            .map(PathBuf::as_path)
+    }
 }
 
 #[derive(Debug, Args)]
@@ -190,7 +205,7 @@ pub struct RenderArgs {
 #[derive(Debug, Args)]
 pub struct CameraArgs {
     /// Cameras of a NeRF-synthetic transforms.json
-    #[arg(long, value_name = "TRANSFORMS.json", required_unless_present_any = ["turntable", "eye"], conflicts_with_all = ["turntable", "eye"])]
+    #[arg(long, value_name = "TRANSFORMS.json", conflicts_with_all = ["turntable", "eye"])]
     pub cameras: Option<PathBuf>,
     /// N views around the object
     #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -243,7 +258,12 @@ pub struct InfoArgs {
 fn parse_up(text: &str) -> Result<UpAxis, String> {
     UpAxis::ALL
         .into_iter()
-        .find(|(name, _)| *name == text || name.strip_prefix('+') == Some(text))
+        .find(|(name, _)| {
+            name.eq_ignore_ascii_case(text)
+                || name
+                    .strip_prefix('+')
+                    .is_some_and(|n| n.eq_ignore_ascii_case(text))
+        })
         .map(|(_, axis)| axis)
         .ok_or_else(|| "one of +x, -x, +y, -y, +z, -z is expected".into())
 }

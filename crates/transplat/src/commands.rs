@@ -1,9 +1,36 @@
 //! One module a command.
 
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+
 pub mod bake;
 pub mod info;
 pub mod relight;
 pub mod render;
+
+/// Refuses outputs that are also inputs: a capture is not to be lost to a slip of the hand.
+pub fn refuse_overwriting<'a>(
+    inputs: impl IntoIterator<Item = &'a Path>,
+    outputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<()> {
+    let inputs: Vec<PathBuf> = inputs
+        .into_iter()
+        .filter_map(|p| p.canonicalize().ok())
+        .collect();
+    for output in outputs {
+        if output
+            .canonicalize()
+            .is_ok_and(|o| o.is_file() && inputs.contains(&o))
+        {
+            bail!(
+                "{}: is an input too and would be lost; choose another output",
+                output.display()
+            );
+        }
+    }
+    Ok(())
+}
 
 /// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
 pub fn usage(message: &str) -> ! {

@@ -143,7 +143,9 @@ impl Report {
                 .map(|(name, ms)| format!("{name} {}", milliseconds(ms.as_f64().unwrap_or(0.0))))
                 .collect();
             if !stages.is_empty() {
-                writeln!(out, "{}", stages.join(", "))?;
+                let device = self.fields.get("adapter").and_then(Value::as_str);
+                let on = device.map_or(String::new(), |name| format!(" (on {name})"));
+                writeln!(out, "{}{on}", stages.join(", "))?;
             }
             writeln!(out, "{summary}")?;
         }

@@ -79,7 +79,7 @@ impl Scene {
     /// Bakes visibility, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Visibility> {
         let visibility = if let Some(path) = saved {
-            report.skip("bake", "a saved bake was given");
+            report.skip("bake", "the saved one is used");
             report.time("load", || load_bake(path, &self.cloud))?
         } else {
             let mut settings = BakeSettings {
@@ -290,7 +290,12 @@ pub fn is_even(path: &Path) -> bool {
 /// The settings: those of a saved look, and what the command line says over it.
 pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
     let mut look = match light.and_then(|l| l.look.as_deref()) {
-        Some(path) => load_look(path)?,
+        Some(path) => {
+            let look = load_look(path)?;
+            look.validate()
+                .with_context(|| path.display().to_string())?;
+            look
+        }
         None => Look::default(),
     };
     if let Some(up) = asset.up {
@@ -356,14 +361,13 @@ pub fn targets_of(light: &LightArgs) -> Result<Vec<(String, PathBuf)>> {
             .filter_map(|entry| Some(entry.ok()?.path()))
             .filter(|p| {
                 p.extension().is_some_and(|e| {
-                    ["hdr", "exr", "png", "jpg", "jpeg"]
-                        .contains(&e.to_string_lossy().to_lowercase().as_str())
+                    ["hdr", "exr"].contains(&e.to_string_lossy().to_lowercase().as_str())
                 })
             })
             .collect();
         if inside.is_empty() {
             bail!(
-                "{}: the folder holds no environment (.hdr, .exr, .png, .jpg)",
+                "{}: the folder holds no environment (.hdr, .exr)",
                 path.display()
             );
         }

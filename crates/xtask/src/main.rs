@@ -19,7 +19,8 @@ fn main() -> ExitCode {
         Some("run") => run(&arguments[1..]),
         Some("test") => checks::test(),
         Some("setup") => setup::setup(),
-        _ => Err(HELP.into()),
+        Some(other) => Err(format!("unknown command {other}\n{HELP}")),
+        None => Err(HELP.into()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -237,6 +237,11 @@ impl Layout {
                 format!("the vertices have no property {name}; a splat has x y z, f_dc_0..2, opacity, scale_0..1 (and 2), rot_0..3")
             })
         };
+        if header.find("packed_position").is_some() {
+            return Err(
+                "a compressed PLY, which is not supported yet; save it uncompressed".into(),
+            );
+        }
         let rest = header
             .properties
             .iter()

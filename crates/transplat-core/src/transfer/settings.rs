@@ -63,7 +63,7 @@ impl Default for TransferSettings {
         Self {
             preset: Preset::Paper,
             sh_degree: 3,
-            epsilon: 0.02,
+            epsilon: 0.05,
             terms: Terms::default(),
         }
     }

@@ -4,11 +4,13 @@ use anyhow::Result;
 use transplat_core::export::{check_output, save_bake};
 
 use crate::cli::BakeArgs;
+use crate::commands::refuse_overwriting;
 use crate::report::Report;
 use crate::scene::{Scene, look_of};
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
+    refuse_overwriting([&*args.asset.asset], [&*args.output])?;
     check_output(&args.output)?;
     let scene = Scene::load(&args.asset, look_of(&args.asset, None)?, &mut report)?;
     let visibility = scene.bake(None, &mut report)?;

@@ -7,8 +7,9 @@ use transplat_core::color::encode_sh;
 use transplat_core::export::{check_output, write_relit_ply};
 
 use crate::cli::RelightArgs;
+use crate::commands::refuse_overwriting;
 use crate::report::Report;
-use crate::scene::{Scene, look_of};
+use crate::scene::{Scene, look_of, targets_of};
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut report = Report::new("relight", &args.out);
@@ -18,30 +19,37 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         );
     };
     let look = look_of(&args.asset, Some(&args.light))?;
-    let many = args.light.target.len() > 1 || args.light.target.iter().any(|t| t.is_dir());
-    if many {
-        std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
-    } else {
+    let named = targets_of(&args.light)?;
+    let many = args.light.target.len() > 1
+        || args.light.target.iter().any(|t| t.is_dir())
+        || args.output.to_string_lossy().ends_with('/');
+    let output = |name: &str| {
+        if many {
+            args.output.join(format!("{name}.ply"))
+        } else {
+            args.output.clone()
+        }
+    };
+    let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
+    let inputs = args.light.inputs(&named).chain([&*args.asset.asset]);
+    refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
+    if !many {
         check_output(&args.output)?;
     }
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let lights = scene.lights(&args.light, source, &mut report)?;
+    if many {
+        std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
+    }
     let visibility = scene.bake(args.light.bake.as_deref(), &mut report)?;
     let prepared = scene.prepare(&visibility, &lights.source, &mut report)?;
     let mut transfer = scene.device.transfer(&prepared)?;
-    let mut outputs: Vec<PathBuf> = Vec::new();
-    for target in &lights.targets {
-        let output = if many {
-            args.output.join(format!("{}.ply", target.name))
-        } else {
-            args.output.clone()
-        };
+    for (target, output) in lights.targets.iter().zip(&outputs) {
         let relit = scene.relight(&prepared, &mut transfer, target, &mut report)?;
         report.time("export", || {
             let stored = encode_sh(relit, scene.cloud.sh_degree, scene.cloud.encoding);
-            write_relit_ply(&scene.file, &stored, &output)
+            write_relit_ply(&scene.file, &stored, output)
         })?;
-        outputs.push(output);
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
     report.set("outputs", names.clone());

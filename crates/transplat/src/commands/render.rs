@@ -16,6 +16,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::visibility::Visibility;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
+use crate::commands::refuse_overwriting;
 use crate::device::{Paint, Painter};
 use crate::report::Report;
 use crate::scene::{Lights, Scene, look_of, progress_bar, targets_of};
@@ -28,6 +29,12 @@ const NEAR: f32 = 0.02;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     let mut report = Report::new("render", &args.out);
+    if args.camera.cameras.is_none() && args.camera.turntable.is_none() && args.camera.eye.is_none()
+    {
+        crate::commands::usage(
+            "a camera is needed: --cameras TRANSFORMS.json, --turntable N or --eye X,Y,Z",
+        );
+    }
     let look = settings(args)?;
     let relit = args.light.source.is_some();
     let targets = targets_of(&args.light)?;
@@ -49,6 +56,19 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let frames = frames(args, &scene.cloud)?;
     let output = Output::new(args, frames.len(), targets.len())?;
+    let cameras = args.camera.cameras.as_deref();
+    let inputs = args
+        .light
+        .inputs(&targets)
+        .chain([&*args.asset.asset])
+        .chain(cameras);
+    refuse_overwriting(
+        inputs,
+        output
+            .pictures(&targets, &frames)
+            .iter()
+            .map(PathBuf::as_path),
+    )?;
     if output.format == PictureFormat::Exr && !scene.look.display.is_identity() {
         report.warn("exposure and tone map are for PNG; an EXR stays linear");
     }
@@ -112,7 +132,8 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     };
     report.set("pictures", written);
     report.finish(&format!(
-        "wrote {written} pictures to {}",
+        "wrote {written} picture{} to {}",
+        if written == 1 { "" } else { "s" },
         args.output.display()
     ))
 }
@@ -233,16 +254,31 @@ impl<'a> Output<'a> {
         })
     }
 
-    fn picture(&self, target: Option<&str>, frame: usize) -> Result<PathBuf> {
-        if self.is_file {
-            return Ok(self.path.to_owned());
-        }
-        let folder = match target {
+    fn folder(&self, target: Option<&str>) -> PathBuf {
+        match target {
             Some(name) if self.folder_per_target => self.path.join(name),
             _ => self.path.to_owned(),
-        };
-        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        Ok(folder.join(format!("{frame:03}.{}", self.format.extension())))
+        }
+    }
+
+    fn picture(&self, target: Option<&str>, frame: usize) -> PathBuf {
+        if self.is_file {
+            return self.path.to_owned();
+        }
+        self.folder(target)
+            .join(format!("{frame:03}.{}", self.format.extension()))
+    }
+
+    /// All pictures that will be written.
+    fn pictures(&self, targets: &[(String, PathBuf)], frames: &[(usize, Camera)]) -> Vec<PathBuf> {
+        let names = targets.iter().map(|(name, _)| Some(&**name)).chain([None]);
+        names
+            .flat_map(|name| {
+                frames
+                    .iter()
+                    .map(move |(number, _)| self.picture(name, *number))
+            })
+            .collect()
     }
 }
 
@@ -309,10 +345,14 @@ impl Shots<'_> {
     }
 
     fn take(&self, target: Option<&str>, relit: &Relit, report: &mut Report) -> Result<usize> {
+        if !self.output.is_file {
+            let folder = self.output.folder(target);
+            std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        }
         let bar = progress_bar("drawing", report);
         for (done, (number, camera)) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
-            let path = self.output.picture(target, *number)?;
+            let path = self.output.picture(target, *number);
             let factor = usize::from(self.args.supersample);
             let camera = camera.supersampled(factor);
             let raster = report.time("rasterize", || {
