@@ -1,5 +1,6 @@
 //! What the tests share: the adapter, the bundled scene, the program, and a metric for pictures.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
@@ -77,6 +78,69 @@ pub fn run_json(arguments: &[&str]) -> serde_json::Value {
         String::from_utf8_lossy(&output.stderr)
     );
     serde_json::from_slice(&output.stdout).expect("one JSON object on stdout")
+}
+
+/// A folder of a test's own, removed at its end.
+pub struct Folder(tempfile::TempDir);
+
+impl Folder {
+    /// A new one.
+    ///
+    /// # Panics
+    /// If there is no room for it.
+    #[allow(clippy::expect_used, clippy::new_without_default)]
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().expect("a folder"))
+    }
+
+    /// A path in it.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// A path in it, as an argument.
+    pub fn name(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// Writes a file and yields its name.
+    ///
+    /// # Panics
+    /// If there is no room for it.
+    #[allow(clippy::expect_used)]
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+        fs::write(self.path(name), bytes).expect("room for it");
+        self.name(name)
+    }
+
+    /// Names of all files and folders below, sorted.
+    pub fn files(&self) -> Vec<String> {
+        fn walk(folder: &Path, out: &mut Vec<String>) {
+            for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+                walk(&entry.path(), out);
+                out.push(entry.file_name().to_string_lossy().into_owned());
+            }
+        }
+        let mut out = Vec::new();
+        walk(self.0.path(), &mut out);
+        out.sort();
+        out
+    }
+}
+
+/// A small ascii splat: a square of surfels that face up.
+pub fn small_splat(rows: usize) -> String {
+    let names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3";
+    let mut text =
+        format!("ply\nformat ascii 1.0\ncomment SplatRenderMode: 2dgs\nelement vertex {rows}\n");
+    for name in names.split(' ') {
+        text += &format!("property float {name}\n");
+    }
+    text += "end_header\n";
+    for i in 0..rows {
+        text += &format!("{} {} 0 0.5 0.2 -0.3 3 -2 -2 1 0 0 0\n", i % 10, i / 10);
+    }
+    text
 }
 
 /// A picture's colour over black, 0 to 1, `[height * width]`.

@@ -8,7 +8,6 @@ use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
-use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferSettings};
 use transplat_core::visibility::{
     BakeInput, BakeSettings, Visibility, bake_visibility, no_progress,
@@ -26,26 +25,6 @@ fn sky(width: usize, height: usize) -> EnvironmentMap {
         })
         .collect();
     EnvironmentMap::new(width, height, pixels)
-}
-
-/// A sphere over a plate, with view dependence of some degree.
-fn glossy_scene(n: usize, degree: usize) -> SurfelCloud {
-    let mut cloud = scenes::sphere_over_plate(n);
-    let k = coefficient_count(degree);
-    cloud.sh_degree = degree;
-    cloud.sh = (0..cloud.len())
-        .flat_map(|i| {
-            (0..k).map(move |j| {
-                let v = ((i * 31 + j * 17) % 29) as f32 / 29.0 - 0.5;
-                if j == 0 {
-                    [1.0 + v, 1.2, 0.7 - v]
-                } else {
-                    [0.2 * v, -0.1 * v, 0.05]
-                }
-            })
-        })
-        .collect();
-    cloud
 }
 
 #[test]
@@ -133,7 +112,7 @@ fn bake_with_more_directions_than_one_read_back() {
 fn transfer() {
     let gpu = gpu();
     for (light_degree, asset_degree) in [(3, 3), (0, 1), (2, 4), (5, 3), (6, 0), (8, 2)] {
-        let cloud = glossy_scene(150, asset_degree);
+        let cloud = scenes::glossy_sphere_over_plate(150, asset_degree);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 64 });
         let open = bake_visibility(&input, &no_progress).expect("not cancelled");
         let visibility = Visibility::from_open(&cloud, 64, open);
@@ -300,7 +279,7 @@ fn raster_psnr(a: &Raster, b: &Raster) -> f64 {
 fn rasterize_every_encoding_degree_and_curve() {
     let gpu = gpu();
     for degree in [0, 3, 8] {
-        let cloud = glossy_scene(300, degree);
+        let cloud = scenes::glossy_sphere_over_plate(300, degree);
         let on_gpu = GpuRasterizer::new(&gpu, &cloud).expect("it fits");
         let camera = camera([96, 64]);
         for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::color::Encoding;
-use crate::sh::{SQRT_4PI, fibonacci_sphere};
+use crate::sh::{SQRT_4PI, coefficient_count, fibonacci_sphere};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
@@ -64,4 +64,24 @@ pub fn sphere_over_plate(n: usize) -> SurfelCloud {
     normals.extend(vec![Vec3::Z; plate.len()]);
     points.extend(plate.positions);
     from_points(&points, &normals, plate.scales[0].x)
+}
+
+/// The same with some view dependence of a degree, different on every surfel; linear colour.
+pub fn glossy_sphere_over_plate(n: usize, degree: usize) -> SurfelCloud {
+    let mut cloud = sphere_over_plate(n);
+    let k = coefficient_count(degree);
+    cloud.sh_degree = degree;
+    cloud.sh = (0..cloud.len())
+        .flat_map(|i| {
+            (0..k).map(move |j| {
+                let v = ((i * 31 + j * 17) % 29) as f32 / 29.0 - 0.5;
+                if j == 0 {
+                    [1.0 + v, 1.2, 0.7 - v]
+                } else {
+                    [0.2 * v, -0.1 * v, 0.05]
+                }
+            })
+        })
+        .collect();
+    cloud
 }

@@ -22,24 +22,8 @@ fn light(seed: usize, degree: usize) -> IncidentRadiance {
     project_environment(&sky(seed), degree)
 }
 
-/// A sphere over a plate, with view dependence of some degree.
 fn glossy_scene(degree: usize) -> SurfelCloud {
-    let mut cloud = scenes::sphere_over_plate(200);
-    let k = coefficient_count(degree);
-    cloud.sh_degree = degree;
-    cloud.sh = (0..cloud.len())
-        .flat_map(|i| {
-            (0..k).map(move |j| {
-                let v = ((i * 31 + j * 17) % 29) as f32 / 29.0 - 0.5;
-                if j == 0 {
-                    [1.0 + v, 1.2, 0.7 - v]
-                } else {
-                    [0.2 * v, -0.1 * v, 0.05]
-                }
-            })
-        })
-        .collect();
-    cloud
+    scenes::glossy_sphere_over_plate(200, degree)
 }
 
 fn settings(sh_degree: usize) -> TransferSettings {

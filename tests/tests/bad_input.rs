@@ -1,0 +1,306 @@
+//! What the program does with bad input: one clear message, the right exit code, and nothing left behind or lost.
+
+use std::fs;
+
+use transplat_tests::{Folder, asset, run, small_splat};
+
+#[test]
+fn no_input_is_written_over() {
+    let folder = Folder::new();
+    let splat = folder.write("city.ply", small_splat(20));
+    let look = folder.write("look.json", "{}");
+    let (city, here) = (asset("city.hdr"), folder.name(""));
+    let relight = [
+        "relight", &splat, "--source", "even", "--target", &city, "--look", &look, "-o",
+    ];
+    for arguments in [
+        [&relight[..], &[&splat]].concat(),
+        [&relight[..], &[&look]].concat(),
+        [&relight[..], &[&here, "--target", "even"]].concat(),
+        vec!["bake", &splat, "-o", &splat],
+    ] {
+        let output = run(&arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(message.contains("is an input too"), "{message}");
+    }
+    assert_eq!(
+        fs::read_to_string(&splat).expect("it is there"),
+        small_splat(20)
+    );
+    assert_eq!(folder.files(), ["city.ply", "look.json"]);
+}
+
+#[test]
+#[cfg(unix)]
+fn a_full_disk_and_a_full_output_are_told() {
+    let folder = Folder::new();
+    let splat = folder.write("a.ply", small_splat(3000));
+    let before = folder.files();
+    let shell = |script: String| {
+        std::process::Command::new("sh")
+            .args(["-c", &script])
+            .output()
+            .expect("a shell")
+    };
+    let program = transplat_tests::program().display().to_string();
+    // A limit of 8 KiB a file stands for the disk's end; the signal that comes with it is ignored.
+    for (command, out) in [
+        (
+            format!("relight {splat} --source even --target even"),
+            "out.ply",
+        ),
+        (format!("bake {splat}"), "out.bake"),
+        (
+            format!("render {splat} --eye 50,150,300 --size 300x300 --format exr"),
+            "out.exr",
+        ),
+    ] {
+        let out = folder.name(out);
+        let output = shell(format!(
+            "trap '' XFSZ; ulimit -f 8; exec {program} {command} --device cpu -o {out}"
+        ));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{command}: {message}");
+        assert!(
+            message.contains(&out) && !message.contains("panicked"),
+            "{message}"
+        );
+        assert_eq!(folder.files(), before, "{command} left something");
+    }
+    #[cfg(target_os = "linux")]
+    {
+        let output = shell(format!("{program} info {splat} > /dev/full"));
+        assert_eq!(
+            output.status.code(),
+            Some(1),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let output = shell(format!("{program} info {splat} | true"));
+        assert!(output.status.success() && output.stderr.is_empty());
+    }
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    let teapot = asset("teapot.ply");
+    for arguments in [
+        &[][..],
+        &["relight"],
+        &["relight", &teapot, "-o", "x.ply"],
+        &["relight", &teapot, "--source", "even", "-o", "x.ply"],
+        &["render", &teapot, "-o", "x"],
+        &["render", &teapot, "--turntable", "0", "-o", "x"],
+        &[
+            "render",
+            &teapot,
+            "--turntable",
+            "2",
+            "--eye",
+            "0,0,1",
+            "-o",
+            "x",
+        ],
+        &[
+            "render",
+            &teapot,
+            "--turntable",
+            "2",
+            "--target",
+            "even",
+            "-o",
+            "x",
+        ],
+        &[
+            "render",
+            &teapot,
+            "--turntable",
+            "2",
+            "--view",
+            "tau",
+            "-o",
+            "x",
+        ],
+        &["bake", &teapot, "--directions", "3", "-o", "x"],
+        &[
+            "relight",
+            &teapot,
+            "--source",
+            "even",
+            "--target",
+            "even",
+            "--sh-degree",
+            "9",
+            "-o",
+            "x.ply",
+        ],
+        &[
+            "relight",
+            &teapot,
+            "--source",
+            "even",
+            "--target",
+            "even",
+            "--epsilon",
+            "-1",
+            "-o",
+            "x.ply",
+        ],
+        &["paint"],
+    ] {
+        let output = run(arguments);
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{arguments:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert!(
+            !output.stderr.is_empty() && output.stdout.is_empty(),
+            "{arguments:?}"
+        );
+    }
+}
+
+#[test]
+fn bad_input_gets_one_clear_message_and_leaves_nothing() {
+    let folder = Folder::new();
+    let good = small_splat(100);
+    let teapot = fs::read(asset("teapot.ply")).expect("the asset");
+    let hdr = fs::read(asset("sunset.hdr")).expect("an environment");
+    let good_ply = folder.write("good.ply", &good);
+    let nan = good.replace("0.5 0.2", "nan nan");
+    let exr_magic = [&[0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0][..], &[0; 100]].concat();
+    let huge = "ply\nformat binary_little_endian 1.0\nelement vertex 1099511627776\nproperty float x\nend_header\n";
+    let huge_all = good
+        .replace("ascii", "binary_little_endian")
+        .replace("vertex 100", "vertex 1099511627776");
+    let assets = [
+        (
+            folder.write("truncated.ply", &teapot[..teapot.len() / 2]),
+            "truncated",
+        ),
+        (folder.write("header.ply", &teapot[..300]), "end_header"),
+        (folder.write("empty.ply", ""), "empty"),
+        (
+            folder.write("picture.ply", [0x89, b'P', b'N', b'G', 13, 10, 26, 10]),
+            "not a PLY",
+        ),
+        (
+            folder.write("type.ply", good.replace("float opacity", "uchar opacity")),
+            "integer",
+        ),
+        (folder.write("nan.ply", nan), "no numbers"),
+        (folder.write("huge.ply", huge), "no property"),
+        (folder.write("huge2.ply", huge_all), "1099511627776"),
+        (
+            folder.write("short.ply", good.replace("vertex 100", "vertex 101")),
+            "ends after 100",
+        ),
+        (folder.name("missing.ply"), "No such file"),
+        (folder.name(""), "directory"),
+    ];
+    let mut environments = vec![
+        (folder.write("cut.hdr", &hdr[..hdr.len() / 3]), "end"),
+        (
+            folder.write("big.hdr", "#?RADIANCE\n\n-Y 99999999 +X 99999999\n"),
+            "claims",
+        ),
+        (folder.write("broken.exr", exr_magic), "OpenEXR"),
+        (
+            folder.write("broken.png", [0x89, b'P', b'N', b'G', 13, 10, 26, 10, 0, 0]),
+            "broken.png",
+        ),
+        (folder.write("text.hdr", "hello"), "not a file"),
+        (folder.name("missing.hdr"), "No such file"),
+        (good_ply.clone(), "is a splat"),
+    ];
+    environments.push((folder.name("nothing-here/"), "No such file"));
+    let before = folder.files();
+    let out = folder.name("out.ply");
+    let check = |arguments: &[&str], expected: &str| {
+        let output = run(arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(
+            message.contains(expected),
+            "{arguments:?} does not say {expected:?}: {message}"
+        );
+        let lines = message
+            .lines()
+            .filter(|l| l.starts_with("transplat: "))
+            .count();
+        assert!(lines == 1 && !message.contains("panicked"), "{message}");
+        assert_eq!(folder.files(), before, "{arguments:?} left something");
+    };
+    for (path, expected) in &assets {
+        check(
+            &[
+                "relight", path, "--source", "even", "--target", "even", "--device", "cpu", "-o",
+                &out,
+            ],
+            expected,
+        );
+        if expected != &"not a PLY" {
+            check(&["info", path], "");
+        }
+    }
+    for (path, expected) in &environments {
+        check(
+            &[
+                "relight", &good_ply, "--source", path, "--target", "even", "--device", "cpu",
+                "-o", &out,
+            ],
+            expected,
+        );
+    }
+    let relight = [
+        "relight", &good_ply, "--source", "even", "--target", "even", "--device", "cpu", "-o",
+    ];
+    check(
+        &[&relight[..], &[&folder.name("no/such/folder/out.ply")]].concat(),
+        "does not exist",
+    );
+    check(
+        &[&relight[..], &[folder.name("").trim_end_matches('/')]].concat(),
+        "directory",
+    );
+    check(
+        &[&relight[..], &[&out, "--preset", "best"]].concat(),
+        "best is not in this version",
+    );
+    check(
+        &[&relight[..], &[&out, "--without", "suns"]].concat(),
+        "preset best",
+    );
+    check(
+        &[
+            "render",
+            &good_ply,
+            "--turntable",
+            "3",
+            "--device",
+            "cpu",
+            "-o",
+            &folder.name("a.png"),
+        ],
+        "do not fit",
+    );
+    check(
+        &[
+            "render",
+            &good_ply,
+            "--cameras",
+            &good_ply,
+            "--device",
+            "cpu",
+            "-o",
+            &folder.name("pictures"),
+        ],
+        "camera file",
+    );
+    // A disk that is full.
+    #[cfg(target_os = "linux")]
+    check(&[&relight[..], &["/dev/full"]].concat(), "No space left");
+}
