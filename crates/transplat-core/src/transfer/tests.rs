@@ -90,7 +90,7 @@ fn production_follows_the_oracle_with_every_term_on_and_off() {
                     worst = worst.max((e - f64::from(*g)).abs() / (1.0 + e.abs()));
                 }
             }
-            // K roundings of the light (2^-24 each), over a source irradiance that the clamp leaves as small as epsilon (2 %): 50 K 2^-24.
+            // K roundings of the light (2^-24 each), over a source irradiance that the clamp leaves as small as epsilon (5 %): 20 K 2^-24.
             assert!(
                 worst < 1e-4,
                 "degree {light_degree}/{asset_degree} without {off:?}: {worst}"
