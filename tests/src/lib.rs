@@ -11,7 +11,6 @@ use transplat_gpu::Context;
 ///
 /// # Panics
 /// If there is none.
-#[allow(clippy::expect_used)]
 pub fn gpu() -> Context {
     Context::new(true).expect("the tests need a Vulkan driver; `cargo xtask test` installs one")
 }
@@ -57,7 +56,6 @@ pub fn program() -> &'static Path {
 ///
 /// # Panics
 /// If it cannot be started.
-#[allow(clippy::expect_used)]
 pub fn run(arguments: &[&str]) -> Output {
     Command::new(program())
         .args(arguments)
@@ -69,7 +67,6 @@ pub fn run(arguments: &[&str]) -> Output {
 ///
 /// # Panics
 /// If it fails, or prints no JSON.
-#[allow(clippy::expect_used)]
 pub fn run_json(arguments: &[&str]) -> serde_json::Value {
     let output = run(&[arguments, &["--json"]].concat());
     assert!(
@@ -83,12 +80,17 @@ pub fn run_json(arguments: &[&str]) -> serde_json::Value {
 /// A folder of a test's own, removed at its end.
 pub struct Folder(tempfile::TempDir);
 
+impl Default for Folder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Folder {
     /// A new one.
     ///
     /// # Panics
     /// If there is no room for it.
-    #[allow(clippy::expect_used, clippy::new_without_default)]
     pub fn new() -> Self {
         Self(tempfile::tempdir().expect("a folder"))
     }
@@ -107,7 +109,6 @@ impl Folder {
     ///
     /// # Panics
     /// If there is no room for it.
-    #[allow(clippy::expect_used)]
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
         fs::write(self.path(name), bytes).expect("room for it");
         self.name(name)
@@ -147,7 +148,6 @@ pub fn small_splat(rows: usize) -> String {
 ///
 /// # Panics
 /// If it cannot be read.
-#[allow(clippy::expect_used)]
 pub fn picture(path: &Path) -> Vec<[f32; 3]> {
     let picture = image::open(path).expect("a picture").into_rgba32f();
     picture

@@ -399,7 +399,10 @@ impl<'a> GpuRasterizer<'a> {
                     let row = &row[..row_bytes];
                     if half {
                         let values: Vec<u16> = bytemuck::pod_collect_to_vec(row);
-                        values.into_iter().map(half_to_f32).collect()
+                        values
+                            .into_iter()
+                            .map(|bits| half::f16::from_bits(bits).to_f32())
+                            .collect()
                     } else {
                         bytemuck::pod_collect_to_vec::<u8, f32>(row)
                     }
@@ -407,10 +410,6 @@ impl<'a> GpuRasterizer<'a> {
                 .collect()
         })
     }
-}
-
-fn half_to_f32(bits: u16) -> f32 {
-    half::f16::from_bits(bits).to_f32()
 }
 
 fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
