@@ -2,10 +2,14 @@
 
 use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
 
-use crate::surfels::{Bounds, SurfelCloud};
+use crate::look::CameraPose;
+use crate::surfels::{Bounds, SurfelCloud, UpAxis};
+
+/// Nothing is drawn that is nearer to the camera than this share of the object's radius.
+pub const NEAR: f32 = 0.02;
 
 /// A view of the world and the picture it makes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Rows are the camera's right, down and forward axes.
     pub view_from_world: Mat3,
@@ -19,7 +23,13 @@ pub struct Camera {
     pub height: usize,
     /// Depth under which nothing is drawn, in scene units.
     pub near: f32,
+    /// Focal length in pixels for what is infinitely far: an orthographic view shows one direction of it otherwise.
+    pub backdrop_focal: f32,
 }
+
+/// Field of view that stands for parallel projection, in degrees: over an object's radius it widens things by 0.2 %, and the distance
+/// (some 600 radii) leaves f32 positions a hundredth of a pixel.
+const ORTHOGRAPHIC_FOV: f64 = 0.2;
 
 impl Camera {
     /// From a camera-to-world pose with OpenGL axes, as NeRF camera files hold it, and a horizontal field of view in radians.
@@ -39,6 +49,39 @@ impl Camera {
             width,
             height,
             near,
+            backdrop_focal: (0.5 * width as f64 / (fov_x / 2.0).tan()) as f32,
+        }
+    }
+
+    /// From a look's pose, around an asset with that up axis. `radius` is the object's, and sets what is too near to be drawn.
+    pub fn from_pose(pose: &CameraPose, up: UpAxis, size: [usize; 2], radius: f32) -> Self {
+        let (azimuth, elevation) = (pose.azimuth.to_radians(), pose.elevation.to_radians());
+        let asset_from_world = up.asset_from_world();
+        let towards = asset_from_world
+            * DVec3::new(
+                azimuth.cos() * elevation.cos(),
+                azimuth.sin() * elevation.cos(),
+                elevation.sin(),
+            );
+        let right = asset_from_world * DVec3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+        let shown = (pose.fov.to_radians() / 2.0).tan();
+        let half_edge = size[0].min(size[1]) as f64 / 2.0;
+        let (slope, distance) = if pose.orthographic {
+            let slope = (ORTHOGRAPHIC_FOV.to_radians() / 2.0).tan();
+            (slope, f64::from(pose.distance) * shown / slope)
+        } else {
+            (shown, f64::from(pose.distance))
+        };
+        let eye = pose.pivot.as_dvec3() + towards * distance;
+        let world_from_view = DMat3::from_cols(right, right.cross(towards), -towards);
+        Self {
+            view_from_world: world_from_view.transpose().as_mat3(),
+            eye: eye.as_vec3(),
+            focal: (half_edge / slope) as f32,
+            width: size[0],
+            height: size[1],
+            near: NEAR * radius.min(pose.distance),
+            backdrop_focal: (half_edge / shown) as f32,
         }
     }
 
@@ -72,6 +115,7 @@ impl Camera {
     pub fn supersampled(&self, factor: usize) -> Self {
         Self {
             focal: self.focal * factor as f32,
+            backdrop_focal: self.backdrop_focal * factor as f32,
             width: self.width * factor,
             height: self.height * factor,
             ..*self
@@ -91,6 +135,21 @@ impl Camera {
         let [cx, cy] = self.principal_point();
         let view = Vec3::new(x as f32 - cx, y as f32 - cy, self.focal);
         (self.view_from_world.transpose() * view).normalize()
+    }
+
+    /// The same through the backdrop's focal length.
+    pub fn backdrop_ray(&self, x: usize, y: usize) -> Vec3 {
+        let [cx, cy] = self.principal_point();
+        let view = Vec3::new(x as f32 - cx, y as f32 - cy, self.backdrop_focal);
+        (self.view_from_world.transpose() * view).normalize()
+    }
+
+    /// Where a point is in the picture, and its depth; meaningful for positive depths.
+    pub fn project(&self, point: Vec3) -> ([f32; 2], f32) {
+        let view = self.view_from_world * (point - self.eye);
+        let [cx, cy] = self.principal_point();
+        let scale = self.focal / view.z;
+        ([view.x * scale + cx, view.y * scale + cy], view.z)
     }
 }
 
@@ -130,6 +189,25 @@ pub fn turntable(
         .map(|t| fitting_distance(cloud, &bounds, &camera(*t, 1.0), *t))
         .fold(0f32, f32::max);
     towards.iter().map(|t| camera(*t, distance)).collect()
+}
+
+/// The pose that shows all of an object from a direction, its picture `size` pixels.
+pub fn framed(
+    cloud: &SurfelCloud,
+    bounds: &Bounds,
+    pose: &CameraPose,
+    size: [usize; 2],
+) -> CameraPose {
+    let mut pose = CameraPose {
+        pivot: bounds.center,
+        distance: 1.0,
+        orthographic: false,
+        ..*pose
+    };
+    let camera = Camera::from_pose(&pose, cloud.up, size, bounds.radius);
+    let towards = (camera.eye - bounds.center).normalize_or(Vec3::X);
+    pose.distance = fitting_distance(cloud, bounds, &camera, towards);
+    pose
 }
 
 /// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.

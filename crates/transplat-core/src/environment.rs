@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use crate::color::luminance;
 use crate::sh::{
-    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
+    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, evaluate_sh,
+    rotate_coefficients,
 };
 
 /// No light is brighter; sums of pixels stay finite.
@@ -53,6 +54,19 @@ impl EnvironmentMap {
             repaired,
             clipped: false,
         }
+    }
+
+    /// What the method sees of a light: the map of its SH radiance, `width` by half of it, dark where the series is negative.
+    pub fn of_radiance(light: &IncidentRadiance, width: usize) -> Self {
+        let blank = Self::new(width, width / 2, vec![[0.0; 3]; width * (width / 2)]);
+        let pixels = (0..blank.pixels.len())
+            .into_par_iter()
+            .map(|i| {
+                let d = blank.direction(i % width, i / width).map(|v| v as f32);
+                evaluate_sh(&light.coefficients, light.degree, d).map(|v| v.max(0.0))
+            })
+            .collect();
+        Self { pixels, ..blank }
     }
 
     /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.
@@ -123,6 +137,110 @@ impl EnvironmentMap {
         [sin_t * cos_p, sin_t * sin_p, cos_t]
     }
 
+    /// The map with at most `width` columns, twice as wide as high, each pixel the mean over its solid angle: for thumbnails and backgrounds.
+    pub fn reduced(&self, width: usize) -> Self {
+        if width >= self.width {
+            return self.clone();
+        }
+        let height = (width / 2).clamp(1, self.height);
+        let rows: Vec<f32> = (0..self.height)
+            .map(|row| self.pixel_solid_angle(row) as f32)
+            .collect();
+        let span = |i: usize, of: usize, to: usize| (i * of / to, ((i + 1) * of).div_ceil(to));
+        let pixels = (0..height)
+            .into_par_iter()
+            .flat_map_iter(|y| {
+                let (top, bottom) = span(y, self.height, height);
+                let rows = &rows;
+                (0..width).map(move |x| {
+                    let (left, right) = span(x, self.width, width);
+                    let (mut sum, mut total) = ([0f32; 3], 0f32);
+                    for row in top..bottom {
+                        for p in &self.pixels[row * self.width..][left..right] {
+                            for (s, v) in sum.iter_mut().zip(p) {
+                                *s += rows[row] * v;
+                            }
+                        }
+                        total += rows[row] * (right - left) as f32;
+                    }
+                    sum.map(|s| s / total)
+                })
+            })
+            .collect();
+        Self {
+            clipped: self.clipped,
+            ..Self::new(width, height, pixels)
+        }
+    }
+
+    /// The map blurred by a Gaussian on the sphere, `sigma` in degrees: at a resolution at which that is a few pixels, along the parallels
+    /// and then along the meridians. Round within a sixth of its width, near the poles too.
+    pub fn blurred(&self, sigma: f32) -> Self {
+        if sigma <= 0.0 {
+            return self.clone();
+        }
+        // A standard deviation is three pixels.
+        let small = self.reduced(((1080.0 / sigma) as usize).clamp(48, 2048));
+        let (w, h) = (small.width, small.height);
+        let sigma_rows = sigma / 180.0 * h as f32;
+        let kernel = |sigma: f32, most: usize| -> Vec<f32> {
+            let reach = ((3.0 * sigma).ceil() as usize).min(most);
+            let raw: Vec<f32> = (0..=reach)
+                .map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp())
+                .collect();
+            let total = 2.0 * raw.iter().sum::<f32>() - raw[0];
+            raw.iter().map(|v| v / total).collect()
+        };
+        // Along the parallels first: near a pole that is a whole ring.
+        let rings: Vec<[f32; 3]> = (0..h)
+            .into_par_iter()
+            .flat_map_iter(|y| {
+                let sine = (PI * (y as f64 + 0.5) / h as f64).sin() as f32;
+                let across = kernel(sigma / 360.0 * w as f32 / sine, w / 2);
+                let small = &small;
+                (0..w).map(move |x| {
+                    let at = |offset: isize| {
+                        small.pixels[y * w + (x as isize + offset).rem_euclid(w as isize) as usize]
+                    };
+                    let mut sum = at(0).map(|v| v * across[0]);
+                    for (i, k) in across.iter().enumerate().skip(1) {
+                        let (a, b) = (at(i as isize), at(-(i as isize)));
+                        sum = std::array::from_fn(|c| sum[c] + k * (a[c] + b[c]));
+                    }
+                    sum
+                })
+            })
+            .collect();
+        // Then along the meridians, each ring weighed by its size; over a pole one comes down on the other side.
+        let down = kernel(sigma_rows, h);
+        let pixels = (0..w * h)
+            .into_par_iter()
+            .map(|i| {
+                let (mut sum, mut total) = ([0f32; 3], 0f32);
+                let reach = down.len() as isize - 1;
+                for offset in -reach..=reach {
+                    let (mut x, mut y) = (i % w, (i / w) as isize + offset);
+                    if y < 0 {
+                        (x, y) = ((x + w / 2) % w, -1 - y);
+                    } else if y >= h as isize {
+                        (x, y) = ((x + w / 2) % w, 2 * h as isize - 1 - y);
+                    }
+                    let y = y.clamp(0, h as isize - 1) as usize;
+                    let weight = down[offset.unsigned_abs()] * small.pixel_solid_angle(y) as f32;
+                    total += weight;
+                    for (s, v) in sum.iter_mut().zip(rings[y * w + x]) {
+                        *s += weight * v;
+                    }
+                }
+                sum.map(|s| s / total)
+            })
+            .collect();
+        Self {
+            clipped: self.clipped,
+            ..Self::new(w, h, pixels)
+        }
+    }
+
     /// Radiance from direction `d` (unit), interpolated between pixels; for backgrounds, not for integrals.
     pub fn sample(&self, d: Vec3) -> [f32; 3] {
         let (w, h) = (self.width as f32, self.height as f32);
@@ -182,16 +300,43 @@ impl IncidentRadiance {
         }
     }
 
-    /// The light with its strength multiplied.
-    pub fn scaled(&self, gain: f32) -> Self {
+    /// The light mirrored left to right in its own map: `f(x, -y, z)`, which turns the sign of all coefficients with m < 0.
+    pub fn mirrored(&self) -> Self {
+        let mut out = self.clone();
+        for (i, c) in out.coefficients.iter_mut().enumerate() {
+            let l = band_of(i);
+            if i < l * l + l {
+                *c = c.map(|v| -v);
+            }
+        }
+        out
+    }
+
+    /// The light's bands up to `degree`; missing ones are dark.
+    pub fn truncated(&self, degree: usize) -> Self {
+        let mut coefficients = self.coefficients.clone();
+        coefficients.resize(coefficient_count(degree), [0.0; 3]);
+        Self {
+            degree,
+            coefficients,
+        }
+    }
+
+    /// The light with each channel multiplied.
+    pub fn tinted(&self, gain: [f32; 3]) -> Self {
         Self {
             degree: self.degree,
             coefficients: self
                 .coefficients
                 .iter()
-                .map(|c| c.map(|v| v * gain))
+                .map(|c| std::array::from_fn(|i| c[i] * gain[i]))
                 .collect(),
         }
+    }
+
+    /// The light with its strength multiplied.
+    pub fn scaled(&self, gain: f32) -> Self {
+        self.tinted([gain; 3])
     }
 
     /// Irradiance on a surface that sees everything, averaged over all normals and the three channels: `pi` times the mean radiance.
@@ -318,7 +463,6 @@ fn legendre_row(
 mod tests {
     use super::*;
     use crate::oracle;
-    use crate::sh::evaluate_sh;
 
     fn test_map(width: usize, height: usize) -> EnvironmentMap {
         let pixels = (0..width * height)
@@ -431,5 +575,62 @@ mod tests {
         assert_eq!(huge.repaired(), 64 * 32);
         let light = project_environment(&huge, 8);
         assert!(light.coefficients.iter().flatten().all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn reducing_and_blurring_keep_the_light() {
+        let map = test_map(200, 100);
+        let light = project_environment(&map, 2);
+        for (changed, tolerance) in [
+            (map.reduced(64), 0.02),
+            (map.blurred(6.0), 0.02),
+            // A wide blur takes from the higher bands what it should: exp(-l(l+1) sigma^2 / 2); band 0 stays.
+            (map.blurred(40.0), 0.05),
+        ] {
+            assert_eq!(changed.width(), 2 * changed.height());
+            let found = project_environment(&changed, 2);
+            for c in 0..3 {
+                let (a, b) = (light.coefficients[0][c], found.coefficients[0][c]);
+                assert!((a - b).abs() < tolerance * a, "{a} {b}");
+            }
+        }
+        assert_eq!(map.blurred(0.0).pixels(), map.pixels());
+    }
+
+    #[test]
+    fn a_blurred_point_is_round_at_every_latitude() {
+        for row in [2, 30, 64] {
+            let mut pixels = vec![[0f32; 3]; 256 * 128];
+            pixels[row * 256 + 40] = [1e3; 3];
+            let map = EnvironmentMap::new(256, 128, pixels);
+            let point = Vec3::from_array(map.direction(40, row).map(|v| v as f32));
+            let blurred = map.blurred(8.0);
+            let (a, b) = point.any_orthonormal_pair();
+            let at = |axis: Vec3, degrees: f32| {
+                let (sin, cos) = degrees.to_radians().sin_cos();
+                blurred.sample(point * cos + axis * sin)[0]
+            };
+            let around = [a, b, -a, -b].map(|axis| at(axis, 8.0));
+            // exp(-1/2) of the peak; at the pole a spot is drawn towards it.
+            let shares = around.map(|value| value / at(a, 0.0));
+            let mean = shares.iter().sum::<f32>() / 4.0;
+            assert!((mean - 0.607).abs() < 0.1, "row {row}: {shares:?}");
+            assert!(
+                shares.iter().all(|s| (s - 0.607).abs() < 0.3),
+                "row {row}: {shares:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn mirroring_mirrors() {
+        let light = project_environment(&test_map(64, 32), 4);
+        let mirrored = light.mirrored();
+        for d in crate::sh::fibonacci_sphere(20) {
+            let d = d.map(|v| v as f32);
+            let a = evaluate_sh(&light.coefficients, 4, [d[0], -d[1], d[2]]);
+            let b = evaluate_sh(&mirrored.coefficients, 4, d);
+            assert!((a[0] - b[0]).abs() < 1e-4 * (1.0 + a[0].abs()));
+        }
     }
 }

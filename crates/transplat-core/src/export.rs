@@ -8,6 +8,7 @@ use image::ImageEncoder;
 
 use crate::error::{Error, Result};
 use crate::load::{AssetFile, Format, bake};
+use crate::look::Look;
 use crate::rasterize::Raster;
 use crate::surfels::SurfelCloud;
 use crate::visibility::Visibility;
@@ -109,6 +110,16 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, visibility: &Visibility) -> R
         }
         out.write_all(&visibility.open)
     })
+}
+
+/// Writes a look, its paths relative to where it is written.
+///
+/// # Errors
+/// The file cannot be written; one that was there before is still there then.
+pub fn save_look(path: &Path, look: &Look) -> Result<()> {
+    let text = serde_json::to_string_pretty(&look.clone().relative_to(folder_of(path)))
+        .map_err(|e| Error::invalid(path, e.to_string()))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
 }
 
 /// Writes the asset again with other colour: every property, comment and trailing element that the file had, in its order.
@@ -258,41 +269,82 @@ impl<'a> ColorColumns<'a> {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_png(path: &Path, width: usize, height: usize, rgba: &[[f32; 4]]) -> Result<()> {
-    let bytes: Vec<u8> = rgba
-        .iter()
-        .flatten()
-        .map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
-        .collect();
+pub fn write_png(
+    path: &Path,
+    width: usize,
+    height: usize,
+    rgba: &[[f32; 4]],
+    bits: PngBits,
+) -> Result<()> {
+    let values = || rgba.iter().flatten().map(|v| v.clamp(0.0, 1.0));
+    let (bytes, kind): (Vec<u8>, _) = match bits {
+        PngBits::Eight => (
+            values().map(|v| (v * 255.0 + 0.5) as u8).collect(),
+            image::ExtendedColorType::Rgba8,
+        ),
+        PngBits::Sixteen => (
+            values()
+                .flat_map(|v| ((v * 65535.0 + 0.5) as u16).to_ne_bytes())
+                .collect(),
+            image::ExtendedColorType::Rgba16,
+        ),
+    };
     write_atomically(path, |out| {
         image::codecs::png::PngEncoder::new(out)
-            .write_image(
-                &bytes,
-                width as u32,
-                height as u32,
-                image::ExtendedColorType::Rgba8,
-            )
+            .write_image(&bytes, width as u32, height as u32, kind)
             .map_err(std::io::Error::other)
     })
+}
+
+/// Bits of a channel of a PNG.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PngBits {
+    /// 8.
+    #[default]
+    Eight,
+    /// 16.
+    Sixteen,
+}
+
+/// What an EXR's values are stored as.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExrFloats {
+    /// 32 bits.
+    #[default]
+    Full,
+    /// 16 bits: half the size, up to 65504.
+    Half,
 }
 
 /// Writes a float EXR from premultiplied linear colour.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_exr(path: &Path, raster: &Raster) -> Result<()> {
-    use exr::prelude::{Image, SpecificChannels, Vec2, WritableImage};
-    let channels = SpecificChannels::rgba(|at: Vec2<usize>| {
-        let [r, g, b, a] = raster.pixels[at.y() * raster.width + at.x()];
-        (r, g, b, a)
-    });
-    let image = Image::from_channels((raster.width, raster.height), channels);
+pub fn write_exr(path: &Path, raster: &Raster, floats: ExrFloats) -> Result<()> {
+    use exr::prelude::{Image, SpecificChannels, Vec2, WritableImage, f16};
+    let at = |at: Vec2<usize>| raster.pixels[at.y() * raster.width + at.x()];
+    let size = (raster.width, raster.height);
     // The encoder seeks, so it writes to memory first.
     let mut bytes = std::io::Cursor::new(Vec::new());
-    image
-        .write()
-        .to_buffered(&mut bytes)
-        .map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
+    let written = match floats {
+        ExrFloats::Full => {
+            let channels = SpecificChannels::rgba(|p| {
+                let [r, g, b, a] = at(p);
+                (r, g, b, a)
+            });
+            let image = Image::from_channels(size, channels);
+            image.write().to_buffered(&mut bytes)
+        }
+        ExrFloats::Half => {
+            let channels = SpecificChannels::rgba(|p| {
+                let [r, g, b, a] = at(p).map(|v| f16::from_f32(v.clamp(-65504.0, 65504.0)));
+                (r, g, b, a)
+            });
+            let image = Image::from_channels(size, channels);
+            image.write().to_buffered(&mut bytes)
+        }
+    };
+    written.map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
 

@@ -31,6 +31,7 @@ pub mod color;
 pub mod environment;
 mod error;
 pub mod export;
+pub mod ground;
 pub mod load;
 pub mod look;
 pub mod oracle;

@@ -134,13 +134,16 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
     }
 }
 
-/// Loads a saved look.
+/// Loads a saved look; its paths are resolved against its own folder.
 ///
 /// # Errors
-/// The file cannot be read or is no look.
+/// The file cannot be read, is no look, or a setting is out of range.
 pub fn load_look(path: &Path) -> Result<Look> {
-    serde_json::from_slice(&read_all(path, 1 << 24)?)
-        .map_err(|e| Error::invalid(path, format!("not a look: {e}")))
+    let look: Look = serde_json::from_slice(&read_all(path, 1 << 24)?)
+        .map_err(|e| Error::invalid(path, format!("not a look: {e}")))?;
+    look.validate()
+        .map_err(|e| Error::invalid(path, e.to_string()))?;
+    Ok(look.resolved_in(path.parent().unwrap_or(Path::new(""))))
 }
 
 /// Checks the size that a map's header claims.

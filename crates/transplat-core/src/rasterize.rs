@@ -187,11 +187,14 @@ pub fn project_surfel(
 }
 
 /// Indices of all surfels in front of the camera, nearest centre first; equal depths keep the file's order.
-pub fn depth_order(positions: &[Vec3], camera: &Camera) -> Vec<u32> {
+///
+/// `hidden` `[n]` or empty says which surfels are left out.
+pub fn depth_order(positions: &[Vec3], camera: &Camera, hidden: &[bool]) -> Vec<u32> {
     let forward = camera.view_from_world.transpose() * Vec3::Z;
     let mut keys: Vec<u64> = positions
         .par_iter()
         .enumerate()
+        .filter(|(i, _)| hidden.get(*i).is_none_or(|h| !h))
         .filter_map(|(i, p)| {
             let depth = (*p - camera.eye).dot(forward);
             // Positive floats sort as their bits do.
@@ -202,13 +205,69 @@ pub fn depth_order(positions: &[Vec3], camera: &Camera) -> Vec<u32> {
     keys.into_par_iter().map(|key| key as u32).collect()
 }
 
+/// The surface under a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// The surfel that adds most to the pixel.
+    pub surfel: usize,
+    /// Where the ray through the pixel meets that surfel's depth.
+    pub position: Vec3,
+}
+
+/// What is under a pixel: nothing where the object is mostly transparent. `hidden` `[n]` or empty.
+pub fn pick(
+    cloud: &SurfelCloud,
+    camera: &Camera,
+    hidden: &[bool],
+    x: usize,
+    y: usize,
+) -> Option<Pick> {
+    let mut hits: Vec<(f32, f32, usize)> = (0..cloud.len())
+        .into_par_iter()
+        .filter(|i| hidden.get(*i).is_none_or(|h| !h))
+        .filter_map(|i| {
+            let projected = project_surfel(cloud, camera, i)?;
+            let opacity = cloud.opacities[i];
+            let (alpha, depth) = hit(&projected, opacity, camera.near, x as f32, y as f32)?;
+            Some((depth, alpha, i))
+        })
+        .collect();
+    hits.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let mut through = 1f32;
+    let mut best: Option<(f32, f32, usize)> = None;
+    for (depth, alpha, i) in hits {
+        let weight = through * alpha;
+        if best.is_none_or(|b| weight > b.0) {
+            best = Some((weight, depth, i));
+        }
+        through *= 1.0 - alpha;
+        if through < 0.05 {
+            break;
+        }
+    }
+    let (_, depth, surfel) = best.filter(|_| through < 0.5)?;
+    let forward = camera.view_from_world.transpose() * Vec3::Z;
+    let ray = camera.ray(x, y);
+    Some(Pick {
+        surfel,
+        position: camera.eye + ray * (depth / ray.dot(forward)),
+    })
+}
+
 /// Draws surfels with given colours `[n][3]`.
+///
+/// `hidden` `[n]` or empty says which surfels are left out.
 ///
 /// # Panics
 /// If there is not one colour a surfel.
-pub fn rasterize(cloud: &SurfelCloud, camera: &Camera, colors: &[[f32; 3]]) -> Raster {
+pub fn rasterize(
+    cloud: &SurfelCloud,
+    camera: &Camera,
+    colors: &[[f32; 3]],
+    hidden: &[bool],
+) -> Raster {
     assert_eq!(colors.len(), cloud.len());
-    let projected: Vec<ProjectedSurfel> = depth_order(&cloud.positions, camera)
+    let projected: Vec<ProjectedSurfel> = depth_order(&cloud.positions, camera, hidden)
         .into_par_iter()
         .filter_map(|i| project_surfel(cloud, camera, i as usize))
         .collect();
@@ -410,7 +469,7 @@ mod tests {
         // Facing the camera at distance 4, sigma 0.2: in pixels sigma * focal / 4.
         let cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::X], 0.2);
         let camera = view(201);
-        let raster = rasterize(&cloud, &camera, &[[1.0, 0.5, 0.0]]);
+        let raster = rasterize(&cloud, &camera, &[[1.0, 0.5, 0.0]], &[]);
         let sigma = 0.2 * camera.focal / 4.0;
         for x in 0..201 {
             let r = (x as f32 - 100.0) / sigma;
@@ -434,7 +493,7 @@ mod tests {
     #[test]
     fn an_edge_on_surfel_stays_visible() {
         let cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::Y], 0.2);
-        let raster = rasterize(&cloud, &view(200), &[[1.0; 3]]);
+        let raster = rasterize(&cloud, &view(200), &[[1.0; 3]], &[]);
         let most = raster.pixels.iter().map(|p| p[3]).fold(0f32, f32::max);
         assert!(most > 0.3, "{most}");
     }
@@ -445,8 +504,8 @@ mod tests {
         let (red, green) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
         let one = scenes::from_points(&[near, far], &[Vec3::X; 2], 0.5);
         let other = scenes::from_points(&[far, near], &[Vec3::X; 2], 0.5);
-        let a = rasterize(&one, &view(50), &[red, green]);
-        let b = rasterize(&other, &view(50), &[green, red]);
+        let a = rasterize(&one, &view(50), &[red, green], &[]);
+        let b = rasterize(&other, &view(50), &[green, red], &[]);
         assert_eq!(a.pixels, b.pixels);
         let middle = a.pixels[25 * 50 + 25];
         assert!(middle[0] > 0.9 && middle[1] < 0.06);
@@ -456,7 +515,7 @@ mod tests {
     fn a_sphere_is_opaque_and_round() {
         let cloud = scenes::sphere(3000);
         let camera = view(100);
-        let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 3000]);
+        let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 3000], &[]);
         for y in 0..100 {
             for x in 0..100 {
                 let r = ((x as f32 - 49.5).hypot(y as f32 - 49.5)) / camera.focal;
@@ -480,7 +539,7 @@ mod tests {
         cloud.scales.fill(Vec2::splat(5.0));
         let inside = Camera::look_at(Vec3::ZERO, Vec3::X, Vec3::Z, 1.0, [40, 40], 0.02);
         for camera in [view(40), inside] {
-            let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 200]);
+            let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 200], &[]);
             assert!(raster.pixels.iter().flatten().all(|v| v.is_finite()));
         }
     }

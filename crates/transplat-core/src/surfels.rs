@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
+use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 
 /// A trained splat as flat surfels, structure of arrays: every vector has one entry a surfel, except `sh`.
@@ -70,6 +71,74 @@ impl SurfelCloud {
             .map(|(position, _)| *position)
             .collect();
         Bounds::of(&seen)
+    }
+}
+
+/// Which surfels are not drawn: for floaters and what lies around an object. Nothing is edited, and what is hidden still casts its shadow.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Hide {
+    /// Whether what lies outside of the box is hidden.
+    pub crop: bool,
+    /// Least corner of the box, in the object's radius around its centre.
+    pub crop_min: Vec3,
+    /// Greatest corner of the box.
+    pub crop_max: Vec3,
+    /// Surfels fainter than this are hidden.
+    pub min_opacity: f32,
+    /// Surfels with a standard deviation above this are hidden, in the object's radius; 1 hides none.
+    pub max_size: f32,
+}
+
+impl Default for Hide {
+    fn default() -> Self {
+        Self {
+            crop: false,
+            crop_min: Vec3::splat(-1.0),
+            crop_max: Vec3::splat(1.0),
+            min_opacity: 0.0,
+            max_size: 1.0,
+        }
+    }
+}
+
+impl Hide {
+    /// Whether it hides nothing, whatever the asset.
+    pub fn is_off(&self) -> bool {
+        !self.crop && self.min_opacity <= 0.0 && self.max_size >= 1.0
+    }
+
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// A value is no number or out of range.
+    pub fn validate(&self) -> Result<()> {
+        let good = self.crop_min.is_finite()
+            && self.crop_max.is_finite()
+            && (0.0..=1.0).contains(&self.min_opacity)
+            && (0.0..=1.0).contains(&self.max_size);
+        if good {
+            Ok(())
+        } else {
+            Err(Error::Mismatch(
+                "what is hidden is out of range (min_opacity and max_size 0 to 1, crop corners numbers)"
+                    .into(),
+            ))
+        }
+    }
+
+    /// Which surfels of an asset are hidden, `[n]`.
+    pub fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
+        (0..cloud.len())
+            .map(|i| {
+                let p = (cloud.positions[i] - bounds.center) / bounds.radius;
+                let outside = self.crop && (p.cmplt(self.crop_min) | p.cmpgt(self.crop_max)).any();
+                let faint = cloud.opacities[i] < self.min_opacity;
+                let large = self.max_size < 1.0
+                    && cloud.scales[i].max_element() > self.max_size * bounds.radius;
+                outside || faint || large
+            })
+            .collect()
     }
 }
 

@@ -6,6 +6,8 @@
 mod lanes;
 mod settings;
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -57,7 +59,7 @@ pub struct PreparedTransfer {
     /// Unit normals, two-sided surfels turned to the side that the source lights more. `[n]`
     pub normals: Vec<Vec3>,
     /// Visibility coefficients `[n][K]`; empty where the shadow term is off.
-    pub visibility: Vec<f32>,
+    pub visibility: Arc<Vec<f32>>,
     /// Linear DC of the asset over `E_S + eps`, per channel. `[n][3]`
     pub dc_over_irradiance: Vec<[f32; 3]>,
     /// Attenuation `A_l` (paper eq. 9) of bands 1 to `specular_degree`, per channel. `[n][specular_degree][3]`
@@ -69,8 +71,64 @@ pub struct PreparedTransfer {
     /// Share of surfels whose source irradiance is below epsilon in some channel: their ratio is epsilon's, not the light's.
     pub dark_share: f32,
     /// Linear DC of the asset `[n][3]`, to tell the ratio tau.
-    dc: Vec<[f32; 3]>,
+    pub dc: Vec<[f32; 3]>,
+    /// Whether the source on a surfel is darker than epsilon, `[n]`.
+    dark: Vec<bool>,
     blocks: Vec<Block>,
+}
+
+/// What of an asset's preparation no light changes: kept between changes of the source and of the settings.
+#[derive(Clone, Debug)]
+pub struct TransferAsset {
+    /// Linear radiance SH `[n][K][3]`.
+    linear: Arc<Vec<[f32; 3]>>,
+    has_view_dependence: bool,
+    /// Visibility coefficients `[n][K]` of the degree last asked for, and of which bake.
+    visibility: Option<(usize, u64, Arc<Vec<f32>>)>,
+}
+
+impl TransferAsset {
+    /// Decodes the asset's colour.
+    pub fn new(cloud: &SurfelCloud) -> Self {
+        Self {
+            linear: Arc::new(decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding)),
+            has_view_dependence: cloud.has_view_dependence(),
+            visibility: None,
+        }
+    }
+
+    /// Prepares asset and source light; `bake` is any number that differs between bakes.
+    ///
+    /// # Errors
+    /// As [`PreparedTransfer::new`].
+    pub fn prepare(
+        &mut self,
+        cloud: &SurfelCloud,
+        visibility: &Visibility,
+        bake: u64,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<PreparedTransfer> {
+        PreparedTransfer::check(cloud, visibility, source, settings)?;
+        let degree = settings.sh_degree;
+        let coefficients = match &self.visibility {
+            _ if !settings.terms.shadow => Arc::default(),
+            Some((d, b, kept)) if (*d, *b) == (degree, bake) => kept.clone(),
+            _ => {
+                let new = Arc::new(visibility.coefficients(degree));
+                self.visibility = Some((degree, bake, new.clone()));
+                new
+            }
+        };
+        Ok(PreparedTransfer::from_parts(
+            cloud,
+            visibility,
+            self,
+            coefficients,
+            source,
+            settings,
+        ))
+    }
 }
 
 impl PreparedTransfer {
@@ -84,6 +142,15 @@ impl PreparedTransfer {
         source: &IncidentRadiance,
         settings: &TransferSettings,
     ) -> Result<Self> {
+        TransferAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
+    }
+
+    fn check(
+        cloud: &SurfelCloud,
+        visibility: &Visibility,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<()> {
         settings.validate()?;
         if visibility.normals.len() != cloud.len() {
             return Err(Error::Mismatch(format!(
@@ -92,13 +159,24 @@ impl PreparedTransfer {
                 cloud.len()
             )));
         }
-        let light_degree = settings.sh_degree;
-        if source.degree != light_degree {
+        if source.degree != settings.sh_degree {
             return Err(Error::Mismatch(format!(
-                "the source light has SH degree {}, and the settings ask for {light_degree}",
-                source.degree
+                "the source light has SH degree {}, and the settings ask for {}",
+                source.degree, settings.sh_degree
             )));
         }
+        Ok(())
+    }
+
+    fn from_parts(
+        cloud: &SurfelCloud,
+        visibility: &Visibility,
+        asset: &TransferAsset,
+        v: Arc<Vec<f32>>,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Self {
+        let light_degree = settings.sh_degree;
         let source_was_black = source.is_black();
         let source = if source_was_black {
             IncidentRadiance::even(light_degree)
@@ -108,17 +186,12 @@ impl PreparedTransfer {
         let mean = source.mean_irradiance();
         let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
         let source = source.scaled(light_gain);
-        let specular_degree = if settings.terms.specular && cloud.has_view_dependence() {
+        let specular_degree = if settings.terms.specular && asset.has_view_dependence {
             explained_degree(&source, settings).min(cloud.sh_degree)
         } else {
             0
         };
-        let linear = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
-        let v = if settings.terms.shadow {
-            visibility.coefficients(light_degree)
-        } else {
-            Vec::new()
-        };
+        let linear = &asset.linear;
         let operator = light_operator(light_degree, &source.coefficients);
         let per_surfel: Vec<(Vec3, [f32; 3])> = (0..cloud.len())
             .into_par_iter()
@@ -137,10 +210,11 @@ impl PreparedTransfer {
             .collect();
         let k = coefficient_count(cloud.sh_degree);
         let dc: Vec<[f32; 3]> = linear.chunks_exact(k).map(|f| f[0]).collect();
-        let dark = per_surfel
+        let dark: Vec<bool> = per_surfel
             .iter()
-            .filter(|(_, e)| e.iter().any(|e| *e < settings.epsilon))
-            .count();
+            .map(|(_, e)| e.iter().any(|e| *e < settings.epsilon))
+            .collect();
+        let dark_count = dark.iter().filter(|d| **d).count();
         let mut prepared = Self {
             settings: settings.clone(),
             surfels: cloud.len(),
@@ -156,18 +230,24 @@ impl PreparedTransfer {
                     std::array::from_fn(|c| bounded(dc[c] / (e[c] + settings.epsilon)))
                 })
                 .collect(),
-            attenuation: attenuation(&linear, k, specular_degree, &source, settings),
+            attenuation: attenuation(linear, k, specular_degree, &source, settings),
             light_gain,
             source_was_black,
-            dark_share: dark as f32 / cloud.len().max(1) as f32,
+            dark_share: dark_count as f32 / cloud.len().max(1) as f32,
             dc,
+            dark,
             blocks: Vec::new(),
         };
         prepared.blocks = (0..cloud.len().div_ceil(LANES))
             .into_par_iter()
             .map(|b| Block::new(&prepared, b * LANES))
             .collect();
-        Ok(prepared)
+        prepared
+    }
+
+    /// Whether the source on surfel `i` is darker than epsilon in some channel.
+    pub fn is_dark(&self, i: usize) -> bool {
+        self.dark[i]
     }
 
     /// Coefficients of the result, per surfel.
@@ -198,6 +278,32 @@ impl PreparedTransfer {
         out.par_chunks_mut(LANES * k)
             .zip(&self.blocks)
             .for_each(|(out, block)| relight_block(self, &light.operator, block, out));
+    }
+
+    /// Relights surfel `i` alone: linear radiance SH `[K][3]`.
+    ///
+    /// # Panics
+    /// If there is no such surfel.
+    pub fn relight_one(&self, light: &TransferLight, i: usize) -> Vec<[f32; 3]> {
+        let k = self.coefficients();
+        let (block, lane) = (i / LANES, i % LANES);
+        let count = LANES.min(self.surfels - block * LANES);
+        let mut out = vec![[0f32; 3]; count * k];
+        relight_block(self, &light.operator, &self.blocks[block], &mut out);
+        out[lane * k..][..k].to_vec()
+    }
+
+    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    pub fn epsilon_share(&self, i: usize) -> f32 {
+        let share = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                (self.settings.epsilon * self.dc_over_irradiance[i][c] / dc).clamp(0.0, 1.0)
+            } else {
+                0.0
+            }
+        };
+        (share(0) + share(1) + share(2)) / 3.0
     }
 
     /// Relights into a new vector.

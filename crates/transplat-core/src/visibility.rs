@@ -113,6 +113,10 @@ pub struct BakeInput {
     pub surfels: Vec<BakeSurfel>,
     /// Texels along an edge of a map, which covers -1 to 1 in the scaled coordinates.
     pub resolution: usize,
+    /// Where the scaled coordinates have their origin, in the asset's.
+    pub center: Vec3,
+    /// What 1 in the scaled coordinates is, in scene units.
+    pub radius: f32,
 }
 
 impl BakeInput {
@@ -159,8 +163,44 @@ impl BakeInput {
             frames,
             surfels,
             resolution,
+            center: bounds.center,
+            radius,
         }
     }
+}
+
+/// An order of the lattice's directions in which every beginning of it covers the sphere: indices by their reversed binary digits.
+pub fn refining_order(directions: usize) -> Vec<usize> {
+    let bits = directions.next_power_of_two().trailing_zeros();
+    (0..1usize << bits)
+        .map(|i| {
+            i.reverse_bits()
+                .checked_shr(usize::BITS - bits)
+                .unwrap_or(0)
+        })
+        .filter(|i| *i < directions)
+        .collect()
+}
+
+/// Fills openness `[n][N]` of directions that are not baked yet with that of the nearest one that is, so that an unfinished bake can be used.
+///
+/// `done` are the finished directions' indices, at least one.
+pub fn fill_unfinished(open: &mut [u8], directions: usize, done: &[usize]) {
+    let lattice = fibonacci_sphere(directions);
+    let dot = |a: usize, b: usize| -> f64 { (0..3).map(|c| lattice[a][c] * lattice[b][c]).sum() };
+    let from: Vec<usize> = (0..directions)
+        .map(|i| {
+            done.iter()
+                .copied()
+                .max_by(|a, b| dot(i, *a).total_cmp(&dot(i, *b)))
+                .unwrap_or(i)
+        })
+        .collect();
+    open.par_chunks_exact_mut(directions).for_each(|row| {
+        for (i, from) in from.iter().enumerate() {
+            row[i] = row[*from];
+        }
+    });
 }
 
 /// Height of a texel that nothing covers.
@@ -270,9 +310,21 @@ pub fn quantize_open(open: f32) -> u8 {
 /// # Errors
 /// [`Error::Cancelled`] when `progress` asked for it.
 pub fn bake_visibility(input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
+    bake_receivers(input, &input.surfels, progress)
+}
+
+/// The same for any receivers among the input's surfels, as a ground under them. Returns openness `[receivers][N]` in bytes.
+///
+/// # Errors
+/// [`Error::Cancelled`] when `progress` asked for it.
+pub fn bake_receivers(
+    input: &BakeInput,
+    receivers: &[BakeSurfel],
+    progress: Progress<'_>,
+) -> Result<Vec<u8>> {
     let directions = input.frames.len();
     let texels = input.resolution * input.resolution;
-    let mut open = vec![0u8; input.surfels.len() * directions];
+    let mut open = vec![0u8; receivers.len() * directions];
     let mut maps = vec![0f32; DIRECTION_BATCH.min(directions) * texels];
     for (batch, frames) in input.frames.chunks(DIRECTION_BATCH).enumerate() {
         let first = batch * DIRECTION_BATCH;
@@ -283,7 +335,7 @@ pub fn bake_visibility(input: &BakeInput, progress: Progress<'_>) -> Result<Vec<
             .zip(frames)
             .for_each(|(map, frame)| draw_height_map(input, frame, map));
         open.par_chunks_exact_mut(directions)
-            .zip(&input.surfels)
+            .zip(receivers)
             .for_each(|(row, surfel)| {
                 for (i, frame) in frames.iter().enumerate() {
                     let map = &maps[i * texels..][..texels];
@@ -570,5 +622,28 @@ mod tests {
         let stop = |_: f64| ControlFlow::Break(());
         let result = bake(&cloud, &BakeSettings::default(), &stop);
         assert!(matches!(result, Err(Error::Cancelled)));
+    }
+
+    #[test]
+    fn an_unfinished_bake_is_close_to_the_finished_one() {
+        let cloud = scenes::sphere_over_plate(1500);
+        let settings = BakeSettings::default();
+        let whole = bake(&cloud, &settings, &no_progress).expect("a bake");
+        let order = refining_order(settings.directions);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(sorted.iter().copied().eq(0..settings.directions));
+        assert_eq!(refining_order(20).len(), 20);
+        for (share, tolerance) in [(16, 0.12), (64, 0.06)] {
+            let mut open = whole.open.clone();
+            fill_unfinished(&mut open, settings.directions, &order[..share]);
+            let part = Visibility::from_open(&cloud, settings.directions, open);
+            let error = |a: &[f32], b: &[f32]| {
+                let sum: f32 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
+                sum / a.len() as f32
+            };
+            let error = error(&part.openness(), &whole.openness());
+            assert!(error < tolerance, "{share} directions: {error}");
+        }
     }
 }
