@@ -1,4 +1,4 @@
-// Stage rasterize: SH to the colour of each surfel. CPU twin: transplat_core::rasterize::shade.
+// Stage rasterize: the colour of each surfel. CPU twins: transplat_core::rasterize::shade, and present::normal_colors, tau_colors.
 // K, sh_basis and the display curves come from in front of this file.
 
 struct ShadeParameters {
@@ -14,8 +14,9 @@ struct ShadeParameters {
     tone_map: u32,
     // 1 where stored colour is shown untouched.
     identity: u32,
-    unused_a: u32,
-    unused_b: u32,
+    // The bands that take part: first coefficient, and one past the last.
+    first_coefficient: u32,
+    end_coefficient: u32,
 }
 
 @group(0) @binding(0) var<uniform> parameters: ShadeParameters;
@@ -35,7 +36,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     var basis = sh_basis(d);
     var value = vec3f(0.0);
     let start = id.x * K * 3u;
-    for (var k = 0u; k < K; k++) {
+    for (var k = parameters.first_coefficient; k < parameters.end_coefficient; k++) {
         let at = start + 3u * k;
         value += basis[k] * vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
     }
@@ -52,4 +53,50 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     colors[parameters.first + id.x] = vec4f(value, 0.0);
+}
+
+// Normal of each surfel, [count].
+@group(0) @binding(4) var<storage, read> normals: array<vec4f>;
+
+@compute @workgroup_size(WORKGROUP)
+fn shade_normals(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= parameters.count {
+        return;
+    }
+    let n = normals[id.x].xyz;
+    let away = dot(n, positions[id.x].xyz - parameters.eye.xyz) > 0.0;
+    colors[parameters.first + id.x] = vec4f(select(n, -n, away) * 0.5 + 0.5, 0.0);
+}
+
+// Linear DC of the asset, [count].
+@group(0) @binding(5) var<storage, read> source_dc: array<vec4f>;
+
+// Of the relit `sh`.
+@compute @workgroup_size(WORKGROUP)
+fn shade_tau(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= parameters.count {
+        return;
+    }
+    let at = id.x * K * 3u;
+    let relit = vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
+    let dc = source_dc[id.x].xyz;
+    let tau = select(vec3f(0.0), relit / dc, dc > vec3f(0.0));
+    let mean = (tau.x + tau.y + tau.z) / 3.0;
+    let stops = clamp(log2(max(mean, 1e-6)) / 3.0, -1.0, 1.0);
+    let cold = vec3f(1.0 + 0.9 * stops, 1.0 + 0.7 * stops, 1.0);
+    let warm = vec3f(1.0, 1.0 - 0.75 * stops, 1.0 - 0.9 * stops);
+    colors[parameters.first + id.x] = vec4f(select(warm, cold, stops < 0.0), 0.0);
+}
+
+// Marks to be laid over the colours, with how much of them in w, [count].
+@group(0) @binding(6) var<storage, read> marks: array<vec4f>;
+
+@compute @workgroup_size(WORKGROUP)
+fn overlay(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= parameters.count {
+        return;
+    }
+    let mark = marks[id.x];
+    let i = parameters.first + id.x;
+    colors[i] = mix(colors[i], vec4f(mark.rgb, 0.0), mark.w);
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use transplat_gpu::Context;
 
@@ -11,8 +11,9 @@ use transplat_gpu::Context;
 ///
 /// # Panics
 /// If there is none.
-pub fn gpu() -> Context {
-    Context::new(true).expect("the tests need a Vulkan driver; `cargo xtask test` installs one")
+pub fn gpu() -> Arc<Context> {
+    let context = Context::new(true);
+    Arc::new(context.expect("the tests need a Vulkan driver; `cargo xtask test` installs one"))
 }
 
 /// The repository's root.

@@ -1,5 +1,7 @@
 //! Every GPU pass against its CPU twin and against the plain f64 oracle.
 
+use std::sync::Arc;
+
 use glam::{Vec2, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, Encoding, ToneMap};
@@ -240,9 +242,9 @@ fn bake_and_rasterize_over_more_than_one_chunk() {
         })
         .collect();
     let camera = camera([48, 48]);
-    let cpu = rasterize(&cloud, &camera, &colors);
-    let got = GpuRasterizer::new(&gpu, &cloud)
-        .and_then(|r| r.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear))
+    let cpu = rasterize(&cloud, &camera, &colors, &[]);
+    let got = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone()))
+        .and_then(|r| r.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear, &[]))
         .expect("the driver works");
     assert!(
         cpu.pixels.iter().any(|p| p[1] > 0.5),
@@ -280,7 +282,7 @@ fn rasterize_every_encoding_degree_and_curve() {
     let gpu = gpu();
     for degree in [0, 3, 8] {
         let cloud = scenes::glossy_sphere_over_plate(300, degree);
-        let on_gpu = GpuRasterizer::new(&gpu, &cloud).expect("it fits");
+        let on_gpu = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
         let camera = camera([96, 64]);
         for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
             let mut spaces = vec![ColorSpace::Linear];
@@ -306,13 +308,13 @@ fn rasterize_every_encoding_degree_and_curve() {
                     camera.eye,
                     space,
                 );
-                let cpu = rasterize(&cloud, &camera, &colors);
+                let cpu = rasterize(&cloud, &camera, &colors, &[]);
                 let paint = Paint::Sh {
                     sh: &cloud.sh,
                     encoding,
                 };
                 let got = on_gpu
-                    .draw(&camera, paint, space)
+                    .draw(&camera, paint, space, &[])
                     .expect("the driver works");
                 let psnr = raster_psnr(&cpu, &got);
                 // 55 dB is half a step of 8 bits; where a target has half floats, blending alone costs that much.
@@ -329,15 +331,15 @@ fn rasterize_every_encoding_degree_and_curve() {
 fn rasterize_depth_and_pictures_larger_than_a_tile() {
     let gpu = gpu();
     let cloud = scenes::sphere_over_plate(300);
-    let on_gpu = GpuRasterizer::new(&gpu, &cloud).expect("it fits");
+    let on_gpu = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
     let colors = vec![[1.0, 0.5, 0.25]; cloud.len()];
     // Wider than one draw: the seam must not show.
     let mut wide = camera([4200, 24]);
     wide.focal = 60.0;
     for camera in [camera([64, 64]), wide] {
-        let cpu = rasterize(&cloud, &camera, &colors);
+        let cpu = rasterize(&cloud, &camera, &colors, &[]);
         let got = on_gpu
-            .draw(&camera, Paint::Colors(&colors), ColorSpace::Linear)
+            .draw(&camera, Paint::Colors(&colors), ColorSpace::Linear, &[])
             .expect("the driver works");
         let psnr = raster_psnr(&cpu, &got);
         assert!(psnr > 55.0, "{} wide: {psnr}", camera.width);
@@ -365,11 +367,11 @@ fn rasterize_extreme_surfels() {
     let colors = vec![[1.0; 3]; cloud.len()];
     for eye in [Vec3::new(3.0, 1.0, 0.5), Vec3::ZERO] {
         let camera = Camera::look_at(eye, Vec3::X * 0.1, Vec3::Z, 1.2, [48, 48], 0.02);
-        let got = GpuRasterizer::new(&gpu, &cloud)
-            .and_then(|r| r.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear))
+        let got = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone()))
+            .and_then(|r| r.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear, &[]))
             .expect("the driver works");
         assert!(got.pixels.iter().flatten().all(|v| v.is_finite()));
-        let cpu = rasterize(&cloud, &camera, &colors);
+        let cpu = rasterize(&cloud, &camera, &colors, &[]);
         assert!(cpu.pixels.iter().flatten().all(|v| v.is_finite()));
         let psnr = raster_psnr(&cpu, &got);
         println!("extreme surfels from {eye}: {psnr:.1} dB");

@@ -322,7 +322,7 @@ fn info_knows_every_kind() {
         "--directions",
         "32",
     ]);
-    let look = folder.write("look.json", r#"{"rotate_target": 90}"#);
+    let look = folder.write("look.json", r#"{"target": {"rotation": 90}}"#);
     for (file, kind) in [
         (&splat, "2DGS"),
         (&bake, "bake"),
@@ -341,7 +341,7 @@ fn a_look_sets_what_the_command_line_leaves_open() {
     let splat = folder.write("a.ply", small_splat(100));
     let look = folder.write(
         "look.json",
-        r#"{"rotate_target": 120, "transfer": {"epsilon": 0.3}}"#,
+        r#"{"target": {"rotation": 120}, "transfer": {"epsilon": 0.3}}"#,
     );
     let city = asset("city.hdr");
     let relight = |more: &[&str], name: &str| {

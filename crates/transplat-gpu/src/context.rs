@@ -1,5 +1,7 @@
 //! The adapter, its limits, and what every pass does with it: pipelines, buffers, submission, readback, errors.
 
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// What can go wrong on the GPU.
@@ -52,6 +54,43 @@ pub struct Context {
     /// Format of the depth channel's target.
     pub(crate) depth_format: wgpu::TextureFormat,
     errors: Arc<Mutex<Option<String>>>,
+    lost: Arc<AtomicBool>,
+    /// Compiled pipelines by source and entry point.
+    passes: Mutex<HashMap<(String, String), Arc<ComputePass>>>,
+}
+
+/// What this program asks of an adapter: all that it offers, since an asset may be large.
+pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+    wgpu::DeviceDescriptor {
+        label: Some("transplat"),
+        required_features: adapter.features() & wgpu::Features::FLOAT32_BLENDABLE,
+        required_limits: adapter.limits(),
+        ..Default::default()
+    }
+}
+
+/// The best of some adapters, software drivers last, as [`Context::new`] chooses it.
+///
+/// # Errors
+/// There is none that can do what this program needs; says what each lacks.
+pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
+    let best = adapters
+        .iter()
+        .filter(|a| is_capable(a))
+        .filter_map(|a| Some((rank(&a.get_info(), true)?, a)))
+        // GL only where nothing better is there.
+        .max_by_key(|(rank, a)| (a.get_info().backend != wgpu::Backend::Gl, *rank));
+    best.map(|(_, adapter)| adapter.clone()).ok_or_else(|| {
+        let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+        GpuError::NoAdapter(if names.is_empty() {
+            "no graphics driver was found; install one (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers)".into()
+        } else {
+            format!(
+                "{} cannot run compute shaders with six storage buffers of 128 MiB and blend float pictures; a newer driver may",
+                names.join(", ")
+            )
+        })
+    })
 }
 
 /// How much we want an adapter; `None` where it does not qualify.
@@ -100,16 +139,14 @@ impl Context {
     }
 
     fn open(adapter: &wgpu::Adapter) -> Result<Self> {
-        let limits = adapter.limits();
-        let blendable = wgpu::Features::FLOAT32_BLENDABLE;
-        let features = adapter.features() & blendable;
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
-            label: Some("transplat"),
-            required_features: features,
-            required_limits: limits.clone(),
-            ..Default::default()
-        }))
-        .map_err(|e| GpuError::NoAdapter(e.to_string()))?;
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&device_descriptor(adapter)))
+                .map_err(|e| GpuError::NoAdapter(e.to_string()))?;
+        Ok(Self::from_device(adapter, device, queue))
+    }
+
+    /// Shares a device that was made from [`device_descriptor`], and takes over what is done with its errors.
+    pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let errors = Arc::new(Mutex::new(None));
         let note = {
             let errors = errors.clone();
@@ -120,18 +157,26 @@ impl Context {
             }
         };
         let note_lost = note.clone();
+        let lost = Arc::new(AtomicBool::new(false));
         device.on_uncaptured_error(Arc::new(move |e| note(e.to_string())));
-        device.set_device_lost_callback(move |reason, text| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                note_lost(format!("the device was lost: {text}"));
+        device.set_device_lost_callback({
+            let lost = lost.clone();
+            move |_, text| {
+                lost.store(true, Ordering::Relaxed);
+                note_lost(format!("the graphics device was lost: {text}"));
             }
         });
-        let wide = features.contains(blendable);
-        Ok(Self {
+        let wide = device
+            .features()
+            .contains(wgpu::Features::FLOAT32_BLENDABLE);
+        let limits = device.limits();
+        Self {
             device,
             queue,
             info: adapter.get_info(),
             limits,
+            lost,
+            passes: Mutex::default(),
             color_format: if wide {
                 wgpu::TextureFormat::Rgba32Float
             } else {
@@ -143,7 +188,18 @@ impl Context {
                 wgpu::TextureFormat::R16Float
             },
             errors,
-        })
+        }
+    }
+
+    /// Whether the device is gone: nothing works on it any more.
+    pub fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
+    }
+
+    /// The first error since it was last asked for, without waiting.
+    pub fn take_error(&self) -> Option<GpuError> {
+        let error = self.errors.lock().ok()?.take();
+        error.map(GpuError::Driver)
     }
 
     /// Name of the adapter with its backend.
@@ -178,7 +234,20 @@ impl Context {
         Ok(())
     }
 
-    pub(crate) fn compute_pass(&self, source: &str, entry: &str) -> ComputePass {
+    /// A pipeline, compiled when it is first asked for.
+    pub(crate) fn compute_pass(&self, source: &str, entry: &str) -> Arc<ComputePass> {
+        let key = (source.to_owned(), entry.to_owned());
+        let kept = self.passes.lock().ok().and_then(|p| p.get(&key).cloned());
+        kept.unwrap_or_else(|| {
+            let pass = Arc::new(self.compile(source, entry));
+            if let Ok(mut passes) = self.passes.lock() {
+                passes.insert(key, pass.clone());
+            }
+            pass
+        })
+    }
+
+    fn compile(&self, source: &str, entry: &str) -> ComputePass {
         let module = self.shader(source);
         let pipeline = self
             .device
@@ -232,6 +301,23 @@ impl Context {
     }
 
     /// Buffers bound in the order of their binding numbers.
+    /// Anything bound to a layout, in any order of binding numbers.
+    pub(crate) fn bind_resources(
+        &self,
+        layout: &wgpu::BindGroupLayout,
+        resources: Vec<(u32, wgpu::BindingResource<'_>)>,
+    ) -> wgpu::BindGroup {
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
+            .into_iter()
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout,
+            entries: &entries,
+        })
+    }
+
     pub(crate) fn bind(
         &self,
         pass: &ComputePass,
@@ -343,7 +429,7 @@ fn is_capable(adapter: &wgpu::Adapter) -> bool {
         .flags
         .contains(wgpu::DownlevelFlags::VERTEX_STORAGE);
     reads_storage_in_vertices
-        && limits.max_storage_buffers_per_shader_stage >= 5
+        && limits.max_storage_buffers_per_shader_stage >= 6
         && limits.max_uniform_buffer_binding_size >= 64 << 10
         && limits.max_compute_invocations_per_workgroup >= 64
         && limits.max_storage_buffer_binding_size >= 128 << 20

@@ -3,6 +3,8 @@
 //! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order comes from
 //! the CPU's sort, which on a software driver is far faster than one in a compute shader.
 
+use std::sync::Arc;
+
 use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
@@ -68,8 +70,8 @@ gpu_struct! {
         linear: u32,
         tone_map: u32,
         identity: u32,
-        unused_a: u32,
-        unused_b: u32,
+        first_coefficient: u32,
+        end_coefficient: u32,
     }
 }
 
@@ -87,26 +89,151 @@ pub enum Paint<'a> {
     Colors(&'a [[f32; 3]]),
 }
 
+/// SH colour on the GPU, `[n][K][3]` by chunk.
+#[derive(Clone, Debug)]
+pub struct ResidentSh {
+    pub(crate) chunks: Vec<wgpu::Buffer>,
+    /// What the coefficients stand for.
+    pub encoding: Encoding,
+}
+
+impl ResidentSh {
+    /// Uploads SH `[n][k][3]`.
+    pub fn upload(context: &Context, sh: &[[f32; 3]], k: usize, encoding: Encoding) -> Self {
+        Self {
+            chunks: sh
+                .chunks(CHUNK * k)
+                .map(|chunk| context.upload(chunk, BufferUsages::STORAGE | BufferUsages::COPY_SRC))
+                .collect(),
+            encoding,
+        }
+    }
+
+    /// A copy that later transfers do not change.
+    pub fn snapshot(&self, context: &Context) -> Self {
+        let mut encoder = context.encoder();
+        let chunks = self
+            .chunks
+            .iter()
+            .map(|from| {
+                let to = context.storage(from.size() as usize);
+                encoder.copy_buffer_to_buffer(from, 0, &to, 0, from.size());
+                to
+            })
+            .collect();
+        context.submit(encoder);
+        Self {
+            chunks,
+            encoding: self.encoding,
+        }
+    }
+}
+
+/// One vector a surfel on the GPU, `[n]` by chunk.
+#[derive(Clone, Debug)]
+pub struct ResidentVectors(Vec<wgpu::Buffer>);
+
+impl ResidentVectors {
+    /// Uploads vectors `[n]`.
+    pub fn upload(context: &Context, vectors: impl Iterator<Item = [f32; 4]>) -> Self {
+        let all: Vec<[f32; 4]> = vectors.collect();
+        let chunks = all.chunks(CHUNK);
+        Self(
+            chunks
+                .map(|c| context.upload(c, BufferUsages::STORAGE))
+                .collect(),
+        )
+    }
+}
+
+/// Which part of an SH function is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All of it.
+    Whole,
+    /// Band 0.
+    Diffuse,
+    /// Bands 1 and up.
+    Specular,
+}
+
+/// What surfels are coloured with, of what is on the GPU already.
+#[derive(Clone, Copy, Debug)]
+pub enum ResidentPaint<'a> {
+    /// SH colour, or a part of it.
+    Sh(&'a ResidentSh, Part),
+    /// Normals `[n]`, turned to the eye.
+    Normals(&'a ResidentVectors),
+    /// Heat map of the ratio: relit SH over the asset's linear DC `[n]`.
+    Tau(&'a ResidentSh, &'a ResidentVectors),
+}
+
+/// Surfels in the order in which they are drawn, farthest first.
+#[derive(Clone, Debug)]
+pub struct Order {
+    buffer: wgpu::Buffer,
+    /// How many are in front of the camera and not hidden.
+    pub drawn: usize,
+}
+
+/// What is drawn into: premultiplied colour, and depth times alpha.
+#[derive(Clone, Debug)]
+pub struct Target {
+    pub(crate) color: wgpu::Texture,
+    pub(crate) depth: wgpu::Texture,
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+}
+
+impl Target {
+    /// A target of `size` pixels, which an adapter must be able to hold.
+    pub fn new(context: &Context, size: [usize; 2]) -> Self {
+        let texture = |format| {
+            context.device.create_texture(&wgpu::TextureDescriptor {
+                label: None,
+                size: extent(size),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::COPY_SRC
+                    | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            })
+        };
+        Self {
+            color: texture(context.color_format),
+            depth: texture(context.depth_format),
+            size,
+        }
+    }
+}
+
+struct SurfelChunk {
+    surfels: wgpu::Buffer,
+    positions: wgpu::Buffer,
+    count: usize,
+}
+
 /// An asset on the GPU, ready to be drawn.
-pub struct GpuRasterizer<'a> {
-    context: &'a Context,
-    cloud: &'a SurfelCloud,
+pub struct GpuRasterizer {
+    context: Arc<Context>,
+    cloud: Arc<SurfelCloud>,
     bounds: Bounds,
-    project: ComputePass,
-    shade: ComputePass,
+    project: Arc<ComputePass>,
     draw: wgpu::RenderPipeline,
-    /// Surfels, and their positions for shading, by chunk.
-    chunks: Vec<(wgpu::Buffer, wgpu::Buffer)>,
+    chunks: Vec<SurfelChunk>,
     projected: wgpu::Buffer,
     colors: wgpu::Buffer,
 }
 
-impl<'a> GpuRasterizer<'a> {
+impl GpuRasterizer {
     /// Uploads an asset.
     ///
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
-    pub fn new(context: &'a Context, cloud: &'a SurfelCloud) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
         let n = cloud.len();
         context.check_fits("the projected asset", n * size_of::<ProjectedSurfel>())?;
         let surfels: Vec<Surfel> = (0..n)
@@ -123,18 +250,18 @@ impl<'a> GpuRasterizer<'a> {
             .chunks(CHUNK)
             .map(|chunk| {
                 let positions: Vec<[f32; 4]> = chunk.iter().map(|s| s.position).collect();
-                (
-                    context.upload(chunk, BufferUsages::STORAGE),
-                    context.upload(&positions, BufferUsages::STORAGE),
-                )
+                SurfelChunk {
+                    surfels: context.upload(chunk, BufferUsages::STORAGE),
+                    positions: context.upload(&positions, BufferUsages::STORAGE),
+                    count: chunk.len(),
+                }
             })
             .collect();
         let rasterizer = Self {
-            context,
-            cloud,
+            context: context.clone(),
+            cloud: cloud.clone(),
             bounds: cloud.bounds(),
             project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
-            shade: context.compute_pass(&shader::rasterize_shade(cloud.sh_degree), "shade"),
             draw: draw_pipeline(context),
             chunks,
             projected: context.storage(n * size_of::<ProjectedSurfel>()),
@@ -144,19 +271,30 @@ impl<'a> GpuRasterizer<'a> {
         Ok(rasterizer)
     }
 
-    /// Draws a view.
+    /// Draws a view; `hidden` `[n]` or empty says which surfels are left out.
     ///
     /// # Errors
     /// The driver failed.
     ///
     /// # Panics
     /// If `paint` is not of the asset's size.
-    pub fn draw(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
-        self.shade(camera, paint, space)?;
-        let mut order = depth_order(&self.cloud.positions, camera);
-        order.reverse();
-        let drawn = order.len();
-        let order = self.context.upload(&order, BufferUsages::STORAGE);
+    pub fn draw(
+        &self,
+        camera: &Camera,
+        paint: Paint<'_>,
+        space: ColorSpace,
+        hidden: &[bool],
+    ) -> Result<Raster> {
+        match paint {
+            Paint::Colors(colors) => self.set_colors(colors),
+            Paint::Sh { sh, encoding } => {
+                let k = coefficient_count(self.cloud.sh_degree);
+                assert_eq!(sh.len(), k * self.cloud.len());
+                let resident = ResidentSh::upload(&self.context, sh, k, encoding);
+                self.shade(camera, ResidentPaint::Sh(&resident, Part::Whole), space);
+            }
+        }
+        let order = self.sort(camera, hidden);
         let mut raster = Raster {
             width: camera.width,
             height: camera.height,
@@ -168,10 +306,34 @@ impl<'a> GpuRasterizer<'a> {
         for y in (0..camera.height).step_by(edge) {
             for x in (0..camera.width).step_by(edge) {
                 let size = [edge.min(camera.width - x), edge.min(camera.height - y)];
-                self.draw_tile(camera, [x, y], size, &order, drawn, &mut raster)?;
+                let target = Target::new(&self.context, size);
+                self.draw_tile(camera, [x, y], &order, &target);
+                self.read_tile(camera, [x, y], &target, &mut raster)?;
             }
         }
         Ok(raster)
+    }
+
+    /// Sorts what is in front of the camera and not hidden.
+    pub fn sort(&self, camera: &Camera, hidden: &[bool]) -> Order {
+        let mut order = depth_order(&self.cloud.positions, camera, hidden);
+        order.reverse();
+        Order {
+            drawn: order.len(),
+            buffer: self.context.upload(&order, BufferUsages::STORAGE),
+        }
+    }
+
+    /// Sets the colour of each surfel.
+    ///
+    /// # Panics
+    /// If there is not one a surfel.
+    pub fn set_colors(&self, colors: &[[f32; 3]]) {
+        assert_eq!(colors.len(), self.cloud.len());
+        let wide: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        self.context
+            .queue
+            .write_buffer(&self.colors, 0, bytemuck::cast_slice(&wide));
     }
 
     fn view(
@@ -202,120 +364,137 @@ impl<'a> GpuRasterizer<'a> {
     }
 
     /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
-    fn depth_unit(&self, camera: &Camera) -> f32 {
+    pub(crate) fn depth_unit(&self, camera: &Camera) -> f32 {
         let bounds = self.bounds;
         (camera.eye.distance(bounds.center) + bounds.radius).max(camera.near)
     }
 
-    fn project(&self, camera: &Camera) {
-        for (i, (surfels, _)) in self.chunks.iter().enumerate() {
-            let first = i * CHUNK;
-            let count = CHUNK.min(self.cloud.len() - first);
-            let view = self.view(camera, [0, 0], [camera.width, camera.height], first, count);
-            let bindings = [(0, &view), (1, surfels), (2, &self.projected)];
+    /// Gives all surfels one colour.
+    pub fn fill_colors(&self, color: [f32; 3]) {
+        self.set_colors(&vec![color; self.cloud.len()]);
+    }
+
+    /// Projects all surfels.
+    pub fn project(&self, camera: &Camera) {
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            let tile = [camera.width, camera.height];
+            let view = self.view(camera, [0, 0], tile, i * CHUNK, chunk.count);
+            let bindings = [(0, &view), (1, &chunk.surfels), (2, &self.projected)];
             let group = self.context.bind(&self.project, &bindings);
-            let mut encoder = self.context.encoder();
-            self.project
-                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
-            self.context.submit(encoder);
+            self.dispatch(&self.project, &group, chunk.count);
         }
     }
 
-    fn shade(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<()> {
-        let (sh, encoding) = match paint {
-            Paint::Colors(colors) => {
-                assert_eq!(colors.len(), self.cloud.len());
-                let wide: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
-                self.context
-                    .queue
-                    .write_buffer(&self.colors, 0, bytemuck::cast_slice(&wide));
-                return Ok(());
-            }
-            Paint::Sh { sh, encoding } => (sh, encoding),
+    fn dispatch(&self, pass: &ComputePass, group: &wgpu::BindGroup, count: usize) {
+        let mut encoder = self.context.encoder();
+        pass.dispatch(&mut encoder, group, [count.div_ceil(WORKGROUP), 1, 1]);
+        self.context.submit(encoder);
+    }
+
+    /// Colours surfels with what is on the GPU, as seen by the camera.
+    pub fn shade(&self, camera: &Camera, paint: ResidentPaint<'_>, space: ColorSpace) {
+        let degree = self.cloud.sh_degree;
+        let (entry, part) = match paint {
+            ResidentPaint::Sh(_, part) => ("shade", part),
+            ResidentPaint::Normals(_) => ("shade_normals", Part::Whole),
+            ResidentPaint::Tau(..) => ("shade_tau", Part::Whole),
         };
-        let k = coefficient_count(self.cloud.sh_degree);
-        assert_eq!(sh.len(), k * self.cloud.len());
+        let encoding = match paint {
+            ResidentPaint::Sh(sh, _) => sh.encoding,
+            _ => Encoding::Linear,
+        };
+        let pass = self
+            .context
+            .compute_pass(&shader::rasterize_shade(degree), entry);
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            let parameters = self.shade_parameters(camera, i, part, encoding, space);
+            let mut bindings = vec![(0, &parameters), (3, &self.colors)];
+            match paint {
+                ResidentPaint::Sh(sh, _) => {
+                    bindings.extend([(1, &chunk.positions), (2, &sh.chunks[i])]);
+                }
+                ResidentPaint::Normals(normals) => {
+                    bindings.extend([(1, &chunk.positions), (4, &normals.0[i])]);
+                }
+                ResidentPaint::Tau(sh, dc) => {
+                    bindings.extend([(2, &sh.chunks[i]), (5, &dc.0[i])]);
+                }
+            }
+            let group = self.context.bind(&pass, &bindings);
+            self.dispatch(&pass, &group, chunk.count);
+        }
+    }
+
+    /// Lays marks `[n]` over the colours, as much of them as their fourth number says.
+    pub fn overlay(&self, camera: &Camera, marks: &ResidentVectors) {
+        let source = shader::rasterize_shade(self.cloud.sh_degree);
+        let pass = self.context.compute_pass(&source, "overlay");
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            let parameters =
+                self.shade_parameters(camera, i, Part::Whole, Encoding::Linear, ColorSpace::Linear);
+            let bindings = [(0, &parameters), (3, &self.colors), (6, &marks.0[i])];
+            let group = self.context.bind(&pass, &bindings);
+            self.dispatch(&pass, &group, chunk.count);
+        }
+    }
+
+    fn shade_parameters(
+        &self,
+        camera: &Camera,
+        chunk: usize,
+        part: Part,
+        encoding: Encoding,
+        space: ColorSpace,
+    ) -> wgpu::Buffer {
         let display = match space {
             ColorSpace::Display(display) => Some(display),
             ColorSpace::Linear => None,
         };
-        for (i, ((_, positions), sh)) in self.chunks.iter().zip(sh.chunks(CHUNK * k)).enumerate() {
-            let count = sh.len() / k;
-            let parameters = ShadeParameters {
-                eye: camera
-                    .eye
-                    .extend(display.map_or(1.0, |d| d.exposure.exp2()))
-                    .to_array(),
-                first: (i * CHUNK) as u32,
-                count: count as u32,
-                encoding: shader::encoding_number(encoding),
-                linear: u32::from(display.is_none()),
-                tone_map: display.map_or(0, |d| shader::tone_number(d.tone_map)),
-                identity: u32::from(
-                    encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
-                ),
-                ..Default::default()
-            };
-            let parameters = self.context.upload(&[parameters], BufferUsages::UNIFORM);
-            let sh = self.context.upload(sh, BufferUsages::STORAGE);
-            let bindings = [
-                (0, &parameters),
-                (1, positions),
-                (2, &sh),
-                (3, &self.colors),
-            ];
-            let group = self.context.bind(&self.shade, &bindings);
-            let mut encoder = self.context.encoder();
-            self.shade
-                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
-            self.context.submit(encoder);
-        }
-        Ok(())
+        let k = coefficient_count(self.cloud.sh_degree);
+        let [first_coefficient, end_coefficient] = match part {
+            Part::Whole => [0, k],
+            Part::Diffuse => [0, 1],
+            Part::Specular => [1, k],
+        };
+        let parameters = ShadeParameters {
+            eye: camera
+                .eye
+                .extend(display.map_or(1.0, |d| d.exposure.exp2()))
+                .to_array(),
+            first: (chunk * CHUNK) as u32,
+            count: self.chunks[chunk].count as u32,
+            encoding: shader::encoding_number(encoding),
+            linear: u32::from(display.is_none()),
+            tone_map: display.map_or(0, |d| shader::tone_number(d.tone_map)),
+            identity: u32::from(
+                encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
+            ),
+            first_coefficient: first_coefficient as u32,
+            end_coefficient: end_coefficient as u32,
+        };
+        self.context.upload(&[parameters], BufferUsages::UNIFORM)
     }
 
-    fn draw_tile(
-        &self,
-        camera: &Camera,
-        origin: [usize; 2],
-        size: [usize; 2],
-        order: &wgpu::Buffer,
-        drawn: usize,
-        raster: &mut Raster,
-    ) -> Result<()> {
-        let target = |format| {
-            self.context
-                .device
-                .create_texture(&wgpu::TextureDescriptor {
-                    label: None,
-                    size: extent(size),
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-                    view_formats: &[],
-                })
-        };
-        let color = target(self.context.color_format);
-        let depth = target(self.context.depth_format);
-        let view = self.view(camera, origin, size, 0, 0);
+    /// Blends the surfels of a part of the picture, which begins at `origin` and is of the target's size.
+    pub fn draw_tile(&self, camera: &Camera, origin: [usize; 2], order: &Order, target: &Target) {
+        let view = self.view(camera, origin, target.size, 0, 0);
         let group = self.context.bind_layout(
             &self.draw.get_bind_group_layout(0),
             &[
                 (0, &view),
                 (1, &self.projected),
                 (2, &self.colors),
-                (3, order),
+                (3, &order.buffer),
             ],
         );
-        for first in (0..drawn.max(1)).step_by(DRAW_AT_ONCE) {
+        for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
             let load = if first == 0 {
                 wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
             } else {
                 wgpu::LoadOp::Load
             };
-            let color_view = color.create_view(&Default::default());
-            let depth_view = depth.create_view(&Default::default());
+            let color_view = target.color.create_view(&Default::default());
+            let depth_view = target.depth.create_view(&Default::default());
             let attachment = |view| {
                 Some(wgpu::RenderPassColorAttachment {
                     view,
@@ -335,17 +514,26 @@ impl<'a> GpuRasterizer<'a> {
                 });
                 pass.set_pipeline(&self.draw);
                 pass.set_bind_group(0, &group, &[]);
-                let last = drawn.min(first + DRAW_AT_ONCE);
+                let last = order.drawn.min(first + DRAW_AT_ONCE);
                 pass.draw(0..4, first as u32..last as u32);
             }
             self.context.submit(encoder);
         }
-        let pixels = self.read_texture(&color, size, 4)?;
-        let depths = self.read_texture(&depth, size, 1)?;
+    }
+
+    fn read_tile(
+        &self,
+        camera: &Camera,
+        origin: [usize; 2],
+        target: &Target,
+        raster: &mut Raster,
+    ) -> Result<()> {
+        let pixels = read_texture(&self.context, &target.color, target.size, 4)?;
+        let depths = read_texture(&self.context, &target.depth, target.size, 1)?;
         let depth_unit = self.depth_unit(camera);
-        for y in 0..size[1] {
-            for x in 0..size[0] {
-                let from = y * size[0] + x;
+        for y in 0..target.size[1] {
+            for x in 0..target.size[0] {
+                let from = y * target.size[0] + x;
                 let to = (origin[1] + y) * raster.width + origin[0] + x;
                 raster.pixels[to].copy_from_slice(&pixels[4 * from..][..4]);
                 let alpha = pixels[4 * from + 3];
@@ -358,61 +546,72 @@ impl<'a> GpuRasterizer<'a> {
         }
         Ok(())
     }
-
-    /// A target's values `[height][width][channels]` as f32.
-    fn read_texture(
-        &self,
-        texture: &wgpu::Texture,
-        size: [usize; 2],
-        channels: usize,
-    ) -> Result<Vec<f32>> {
-        let half = matches!(
-            texture.format(),
-            wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float
-        );
-        let row_bytes = size[0] * channels * if half { 2 } else { 4 };
-        let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
-        let staging = self.context.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: (padded * size[1]) as u64,
-            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.context.encoder();
-        encoder.copy_texture_to_buffer(
-            texture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &staging,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded as u32),
-                    rows_per_image: None,
-                },
-            },
-            extent(size),
-        );
-        self.context.submit(encoder);
-        self.context.read_mapped(&staging, |bytes| {
-            bytes
-                .chunks_exact(padded)
-                .flat_map(|row| {
-                    let row = &row[..row_bytes];
-                    if half {
-                        let values: Vec<u16> = bytemuck::pod_collect_to_vec(row);
-                        values
-                            .into_iter()
-                            .map(|bits| half::f16::from_bits(bits).to_f32())
-                            .collect()
-                    } else {
-                        bytemuck::pod_collect_to_vec::<u8, f32>(row)
-                    }
-                })
-                .collect()
-        })
-    }
 }
 
-fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
+/// A target's values `[height][width][channels]` as f32.
+pub(crate) fn read_texture(
+    context: &Context,
+    texture: &wgpu::Texture,
+    size: [usize; 2],
+    channels: usize,
+) -> Result<Vec<f32>> {
+    let byte = texture.format() == wgpu::TextureFormat::Rgba8Unorm;
+    let half = matches!(
+        texture.format(),
+        wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float
+    );
+    let row_bytes = size[0]
+        * channels
+        * if byte {
+            1
+        } else if half {
+            2
+        } else {
+            4
+        };
+    let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+    let staging = context.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: (padded * size[1]) as u64,
+        usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = context.encoder();
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &staging,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(padded as u32),
+                rows_per_image: None,
+            },
+        },
+        extent(size),
+    );
+    context.submit(encoder);
+    context.read_mapped(&staging, |bytes| {
+        bytes
+            .chunks_exact(padded)
+            .flat_map(|row| {
+                let row = &row[..row_bytes];
+                if byte {
+                    row.iter().map(|v| f32::from(*v) / 255.0).collect()
+                } else if half {
+                    let values: Vec<u16> = bytemuck::pod_collect_to_vec(row);
+                    values
+                        .into_iter()
+                        .map(|bits| half::f16::from_bits(bits).to_f32())
+                        .collect()
+                } else {
+                    bytemuck::pod_collect_to_vec::<u8, f32>(row)
+                }
+            })
+            .collect()
+    })
+}
+
+pub(crate) fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
     wgpu::Extent3d {
         width: width as u32,
         height: height as u32,

@@ -6,6 +6,10 @@ use crate::WORKGROUP;
 use transplat_core::color::{
     AGX_INSET, AGX_OUTSET, Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, ToneMap,
 };
+use transplat_core::ground::GROUND_FADE;
+use transplat_core::present::{
+    Background, CHECKER_EDGE, CHECKER_GREYS, FALSE_COLORS, View, WIPE_LINE,
+};
 use transplat_core::rasterize::{MAX_ALPHA, MIN_ALPHA};
 use transplat_core::sh::{
     SQRT_4PI, band, band_of, basis_constants, coefficient_count, cosine_kernel, exchange_yz,
@@ -200,6 +204,80 @@ pub fn rasterize_shade(degree: usize) -> String {
         literal(f64::from(MAX_STORED))
     );
     out + &color() + include_str!("../../../shaders/rasterize_shade.wgsl")
+}
+
+/// Number of a view's layout in WGSL.
+pub fn layout_number(view: View) -> u32 {
+    match view {
+        View::Before => 0,
+        View::Split => 1,
+        View::SideBySide => 2,
+        View::Difference => 3,
+        View::Depth => 4,
+        _ => 5,
+    }
+}
+
+/// Number of a background in WGSL; on a screen, what is transparent shows the checkerboard.
+pub fn background_number(background: Background) -> u32 {
+    match background {
+        Background::Color(_) => 0,
+        Background::Gradient(..) => 1,
+        Background::Environment => 2,
+        Background::Checker | Background::Transparent => 3,
+    }
+}
+
+/// Source of `present.wgsl`.
+pub fn present() -> String {
+    let mut out = color();
+    for (name, view) in [
+        ("BEFORE", View::Before),
+        ("SPLIT", View::Split),
+        ("SIDE_BY_SIDE", View::SideBySide),
+        ("DIFFERENCE", View::Difference),
+        ("DEPTH", View::Depth),
+    ] {
+        line!(out, "const LAYOUT_{name} = {}u;", layout_number(view));
+    }
+    let black = [0.0; 3];
+    for (name, background) in [
+        ("COLOR", Background::Color(black)),
+        ("GRADIENT", Background::Gradient(black, black)),
+        ("ENVIRONMENT", Background::Environment),
+    ] {
+        let number = background_number(background);
+        line!(out, "const BACKGROUND_{name} = {number}u;");
+    }
+    let vector = |values: &[f32]| {
+        let values: Vec<String> = values.iter().map(|v| literal(f64::from(*v))).collect();
+        format!("vec{}f({})", values.len(), values.join(", "))
+    };
+    line!(out, "const CHECKER_EDGE = {CHECKER_EDGE}u;");
+    line!(out, "const CHECKER_GREYS = {};", vector(&CHECKER_GREYS));
+    line!(out, "const WIPE_LINE = {};", vector(&WIPE_LINE));
+    line!(
+        out,
+        "const GROUND_FADE = {};",
+        literal(f64::from(GROUND_FADE))
+    );
+    let colors: Vec<String> = FALSE_COLORS
+        .iter()
+        .map(|(to, [r, g, b])| vector(&[*r, *g, *b, to.min(1e30)]))
+        .collect();
+    line!(out, "const FALSE_COLOR_COUNT = {}u;", colors.len());
+    line!(
+        out,
+        "const FALSE_COLORS = array<vec4f, {}>({});",
+        colors.len(),
+        colors.join(", ")
+    );
+    out + include_str!("../../../shaders/present.wgsl")
+}
+
+/// Source of `blit.wgsl`.
+pub fn blit() -> String {
+    include_str!("../../../shaders/blit.wgsl").to_owned()
 }
 
 /// What the transfer's source depends on.

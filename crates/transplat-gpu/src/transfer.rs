@@ -1,5 +1,7 @@
 //! Stage *transfer* on the GPU. CPU twin: [`PreparedTransfer::relight_into`].
 
+use std::sync::Arc;
+
 use transplat_core::transfer::{PreparedTransfer, TransferLight};
 use wgpu::BufferUsages;
 
@@ -33,21 +35,21 @@ struct Chunk {
 }
 
 /// A prepared transfer on the GPU: a new light is one upload of its operator and one dispatch a chunk.
-pub struct GpuTransfer<'a> {
-    context: &'a Context,
-    pass: ComputePass,
+pub struct GpuTransfer {
+    context: Arc<Context>,
+    pass: Arc<ComputePass>,
     operator: wgpu::Buffer,
     operator_floats: usize,
     chunks: Vec<Chunk>,
     coefficients: usize,
 }
 
-impl<'a> GpuTransfer<'a> {
+impl GpuTransfer {
     /// Uploads what does not change with the light.
     ///
     /// # Errors
     /// The driver failed.
-    pub fn new(context: &'a Context, prepared: &PreparedTransfer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
         let shape = TransferShape::of(prepared);
         let pass = context.compute_pass(&shader::transfer(shape), "relight");
         let operator_floats = 4 * shape.operator_vectors();
@@ -66,7 +68,7 @@ impl<'a> GpuTransfer<'a> {
             .collect();
         context.wait()?;
         Ok(Self {
-            context,
+            context: context.clone(),
             pass,
             operator,
             operator_floats,
@@ -80,6 +82,17 @@ impl<'a> GpuTransfer<'a> {
     /// # Errors
     /// The driver failed.
     pub fn relight(&self, light: &TransferLight) -> Result<()> {
+        self.submit(light);
+        self.context.wait()
+    }
+
+    /// The last result where it is: linear SH `[count][K][3]` of each chunk.
+    pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
+        self.chunks.iter().map(|c| c.relit.clone()).collect()
+    }
+
+    /// Relights without waiting: what is submitted afterwards sees the result.
+    pub fn submit(&self, light: &TransferLight) {
         let mut floats: Vec<f32> = light.operator.matrices.concat();
         floats.resize(self.operator_floats, 0.0);
         self.context
@@ -94,7 +107,6 @@ impl<'a> GpuTransfer<'a> {
             );
             self.context.submit(encoder);
         }
-        self.context.wait()
     }
 
     /// The last result, linear SH `[n][K][3]`.

@@ -1,5 +1,7 @@
 //! Stage *bake visibility* on the GPU. CPU twin: [`transplat_core::visibility::bake_visibility`].
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use transplat_core::visibility::{
     BakeInput, BakeSurfel as CoreSurfel, DIRECTION_BATCH, MapFrame as CoreFrame, Progress,
@@ -80,9 +82,9 @@ type SurfelChunk = (wgpu::Buffer, usize);
 struct Baker<'a> {
     context: &'a Context,
     resolution: usize,
-    draw_small: ComputePass,
-    draw_large: ComputePass,
-    look_up: ComputePass,
+    draw_small: Arc<ComputePass>,
+    draw_large: Arc<ComputePass>,
+    look_up: Arc<ComputePass>,
     small: Vec<SurfelChunk>,
     large: Vec<SurfelChunk>,
     receivers: Vec<SurfelChunk>,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
+use transplat_core::look::Look;
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
 use transplat_core::transfer::{EPSILON, Preset};
@@ -11,10 +12,27 @@ use transplat_core::visibility::DIRECTIONS;
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(
+    version,
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  transplat                              the viewer, with the bundled scene\n  transplat knot.ply city.hdr            the viewer, with a splat and a light to relight it by\n  transplat knot.ply --source city.hdr   the same, with the light it was captured under"
+)]
 pub struct Cli {
     #[command(subcommand)]
-    pub command: Command,
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub view: ViewArgs,
+}
+
+/// Without a command: the viewer.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// Splats, environments, folders of environments and looks, in any order; the bundled scene with none
+    pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub options: AssetOptions,
+    #[command(flatten)]
+    pub light: LightArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -49,8 +67,14 @@ pub struct OutputArgs {
 
 #[derive(Debug, Args)]
 pub struct AssetArgs {
-    /// The splat: a 2DGS or 3DGS .ply
-    pub asset: PathBuf,
+    /// The splat: a 2DGS or 3DGS .ply; default: the one that --look names
+    pub asset: Option<PathBuf>,
+    #[command(flatten)]
+    pub options: AssetOptions,
+}
+
+#[derive(Clone, Debug, Args)]
+pub struct AssetOptions {
     /// The asset's up axis; default: what a comment "Vertical axis: y" in the file says, else +z
     #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
@@ -104,6 +128,9 @@ pub struct LightArgs {
     /// Strength of the target light
     #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
     pub strength_target: Option<f64>,
+    /// Bring the target's mean irradiance to the source's first
+    #[arg(long)]
+    pub match_strength: bool,
     /// Use a saved bake
     #[arg(long, value_name = "FILE")]
     pub bake: Option<PathBuf>,
@@ -139,9 +166,10 @@ impl LightArgs {
     /// Every file that is read for it, `targets` being the environments behind `--target`.
     pub fn inputs<'a>(
         &'a self,
+        look: &'a Look,
         targets: &'a [(String, PathBuf)],
     ) -> impl Iterator<Item = &'a Path> {
-        let named = [&self.source, &self.bake, &self.look];
+        let named = [&look.source.file, &look.asset, &self.bake, &self.look];
         named
             .into_iter()
             .flatten()
@@ -180,11 +208,11 @@ pub struct RenderArgs {
     /// File format; default: by the output's name, else png
     #[arg(long, value_enum)]
     pub format: Option<PictureFormat>,
-    /// transparent, black, white, #rrggbb or environment [default: transparent]
+    /// transparent, black, white, #rrggbb, checker or environment [default: transparent]
     #[arg(long, value_parser = parse_background)]
     pub background: Option<Background>,
     /// What to show [default: after]
-    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|difference|diffuse|specular|normals|depth|visibility|tau")]
+    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|tau|doubts")]
     pub view: Option<View>,
     /// Tone curve [default: srgb]
     #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]
@@ -344,6 +372,7 @@ fn parse_background(text: &str) -> Result<Background, String> {
     Ok(match text {
         "transparent" => Background::Transparent,
         "environment" => Background::Environment,
+        "checker" => Background::Checker,
         "black" => Background::Color([0.0; 3]),
         "white" => Background::Color([1.0; 3]),
         _ => {
@@ -351,7 +380,7 @@ fn parse_background(text: &str) -> Result<Background, String> {
                 .strip_prefix('#')
                 .filter(|d| d.len() == 6)
                 .and_then(|d| u32::from_str_radix(d, 16).ok())
-                .ok_or("transparent, black, white, #rrggbb or environment is expected")?;
+                .ok_or("transparent, black, white, #rrggbb, checker or environment is expected")?;
             Background::Color([16, 8, 0].map(|shift| (digits >> shift & 255) as f32 / 255.0))
         }
     })
@@ -361,6 +390,15 @@ fn parse_background(text: &str) -> Result<Background, String> {
 mod tests {
     use super::*;
     use clap::CommandFactory;
+
+    #[test]
+    fn there_is_one_command_a_module() {
+        let names: Vec<String> = Cli::command()
+            .get_subcommands()
+            .map(|c| c.get_name().to_owned())
+            .collect();
+        assert_eq!(names, ["relight", "render", "bake", "info"]);
+    }
 
     #[test]
     fn the_command_line_is_consistent() {

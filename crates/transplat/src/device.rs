@@ -1,5 +1,7 @@
 //! Where the stages run: the CPU, or a GPU with the same results.
 
+use std::sync::Arc;
+
 use anyhow::Result;
 use transplat_core::camera::Camera;
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
@@ -14,12 +16,12 @@ use transplat_gpu::{Context, GpuError};
 pub use transplat_gpu::rasterize::Paint;
 
 use crate::cli::DeviceChoice;
-use crate::report::Report;
 
 /// The chosen device.
+#[derive(Clone, Debug)]
 pub enum Device {
     Cpu,
-    Gpu(Box<Context>),
+    Gpu(Arc<Context>),
 }
 
 impl Device {
@@ -27,9 +29,9 @@ impl Device {
     pub fn open(choice: DeviceChoice) -> Result<Self> {
         Ok(match choice {
             DeviceChoice::Cpu => Self::Cpu,
-            DeviceChoice::Gpu => Self::Gpu(Box::new(Context::new(true)?)),
+            DeviceChoice::Gpu => Self::Gpu(Arc::new(Context::new(true)?)),
             DeviceChoice::Auto => match Context::new(false) {
-                Ok(context) => Self::Gpu(Box::new(context)),
+                Ok(context) => Self::Gpu(Arc::new(context)),
                 Err(_) => Self::Cpu,
             },
         })
@@ -74,21 +76,17 @@ impl Device {
         })
     }
 
-    /// An asset too large for the GPU is drawn on the CPU, with a warning.
-    pub fn painter<'a>(
-        &'a self,
-        cloud: &'a SurfelCloud,
-        report: &mut Report,
-    ) -> Result<Painter<'a>> {
+    /// Ready to draw an asset; one too large for the GPU is drawn on the CPU, and the message says so.
+    pub fn painter(&self, cloud: &Arc<SurfelCloud>) -> Result<(Painter, Option<String>)> {
         let Self::Gpu(context) = self else {
-            return Ok(Painter::Cpu(cloud));
+            return Ok((Painter::Cpu(cloud.clone()), None));
         };
         match GpuRasterizer::new(context, cloud) {
-            Ok(rasterizer) => Ok(Painter::Gpu(Box::new(rasterizer))),
-            Err(error @ GpuError::TooLarge { .. }) => {
-                report.warn(format!("drawing on the CPU: {error}"));
-                Ok(Painter::Cpu(cloud))
-            }
+            Ok(rasterizer) => Ok((Painter::Gpu(Box::new(rasterizer)), None)),
+            Err(error @ GpuError::TooLarge { .. }) => Ok((
+                Painter::Cpu(cloud.clone()),
+                Some(format!("drawing on the CPU: {error}")),
+            )),
             Err(error) => Err(error.into()),
         }
     }
@@ -100,7 +98,7 @@ pub enum Transfer<'a> {
         prepared: &'a PreparedTransfer,
         relit: Vec<[f32; 3]>,
     },
-    Gpu(GpuTransfer<'a>),
+    Gpu(GpuTransfer),
 }
 
 impl Transfer<'_> {
@@ -123,20 +121,29 @@ impl Transfer<'_> {
 }
 
 /// An asset on its device, ready to be drawn.
-pub enum Painter<'a> {
-    Cpu(&'a SurfelCloud),
-    Gpu(Box<GpuRasterizer<'a>>),
+pub enum Painter {
+    Cpu(Arc<SurfelCloud>),
+    Gpu(Box<GpuRasterizer>),
 }
 
-impl Painter<'_> {
-    pub fn draw(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
+impl Painter {
+    /// Draws all surfels but the hidden ones (`[n]` or empty).
+    pub fn draw(
+        &self,
+        camera: &Camera,
+        paint: Paint<'_>,
+        space: ColorSpace,
+        hidden: &[bool],
+    ) -> Result<Raster> {
         match (self, paint) {
-            (Self::Gpu(rasterizer), _) => Ok(rasterizer.draw(camera, paint, space)?),
-            (Self::Cpu(cloud), Paint::Colors(colors)) => Ok(rasterize(cloud, camera, colors)),
+            (Self::Gpu(rasterizer), _) => Ok(rasterizer.draw(camera, paint, space, hidden)?),
+            (Self::Cpu(cloud), Paint::Colors(colors)) => {
+                Ok(rasterize(cloud, camera, colors, hidden))
+            }
             (Self::Cpu(cloud), Paint::Sh { sh, encoding }) => {
                 let degree = cloud.sh_degree;
                 let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, space);
-                Ok(rasterize(cloud, camera, &colors))
+                Ok(rasterize(cloud, camera, &colors, hidden))
             }
         }
     }

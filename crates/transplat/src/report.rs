@@ -165,8 +165,17 @@ fn milliseconds(ms: f64) -> String {
 
 /// The most memory this process ever held, where the system tells (Linux).
 fn peak_memory_bytes() -> Option<u64> {
+    memory_field("VmHWM:")
+}
+
+/// The memory this process holds now, where the system tells (Linux).
+pub fn memory_bytes() -> Option<u64> {
+    memory_field("VmRSS:")
+}
+
+fn memory_field(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let line = status.lines().find(|l| l.starts_with(name))?;
     let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib * 1024)
 }

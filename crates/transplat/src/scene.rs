@@ -3,22 +3,24 @@
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::DMat3;
 use indicatif::{ProgressBar, ProgressStyle};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::ground::Ground;
 use transplat_core::load::{
     AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
 };
-use transplat_core::look::Look;
+use transplat_core::look::{Look, is_even};
+use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::visibility::{BakeInput, BakeSettings, Visibility};
 
-use crate::cli::{AssetArgs, LightArgs, Term};
+use crate::cli::{AssetArgs, AssetOptions, LightArgs, Term};
 use crate::device::{Device, Transfer};
 use crate::report::Report;
 
@@ -30,7 +32,7 @@ const ORIENTATION_DIRECTIONS: usize = 64;
 
 /// The asset, loaded, and everything the command line says about it.
 pub struct Scene {
-    pub cloud: SurfelCloud,
+    pub cloud: Arc<SurfelCloud>,
     pub file: AssetFile,
     pub look: Look,
     pub device: Device,
@@ -39,37 +41,24 @@ pub struct Scene {
 impl Scene {
     /// Loads the asset and opens the device.
     pub fn load(args: &AssetArgs, look: Look, report: &mut Report) -> Result<Self> {
-        let (mut cloud, file) = report.time("load", || load_asset(&args.asset))?;
+        let asset = asset_of(args, &look);
+        let (mut cloud, file) = report.time("load", || load_asset(&asset))?;
         if let Some(up) = look.up {
             cloud.up = up;
         }
         if look.linear {
             cloud.encoding = Encoding::StoredLinear;
         }
-        let device = report.time("open device", || Device::open(args.device))?;
-        report.set("asset", args.asset.display().to_string());
+        let device = report.time("open device", || Device::open(args.options.device))?;
+        report.set("asset", asset.display().to_string());
         report.set("surfels", cloud.len());
         report.set("sh_degree", cloud.sh_degree);
         report.set("adapter", device.name());
-        if !file.report.left_out.is_empty() {
-            report.warn(format!(
-                "{}: {} of {} surfels hold values that are no numbers and are left out",
-                args.asset.display(),
-                file.report.left_out.len(),
-                cloud.len()
-            ));
-        }
-        if file.report.kind == AssetKind::Gaussians3d {
-            let flatness = file.report.median_flatness.unwrap_or(0.0);
-            if flatness > DOUBTFUL_FLATNESS {
-                report.warn(format!(
-                    "{}: a 3DGS asset whose Gaussians are not flat (median shortest/second axis {flatness:.2}); its normals, and so its relighting, are only rough. 2DGS training gives better ones",
-                    args.asset.display()
-                ));
-            }
+        for warning in asset_warnings(&asset, &file) {
+            report.warn(warning);
         }
         Ok(Self {
-            cloud,
+            cloud: Arc::new(cloud),
             file,
             look,
             device,
@@ -116,19 +105,46 @@ impl Scene {
         Ok(visibility)
     }
 
-    /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
-    pub fn lights(&self, args: &LightArgs, source: &Path, report: &mut Report) -> Result<Lights> {
-        let mut light = |path: &Path, degrees: f64| {
-            let map = self.load_light(path, report)?;
-            self.project(map.as_ref(), degrees, report)
+    /// Bakes the ground that catches the object's shadow.
+    pub fn bake_ground(&self, report: &mut Report) -> Result<Ground> {
+        let bar = progress_bar("baking the ground", report);
+        let progress = |done: f64| {
+            bar.set_position((done * 1000.0) as u64);
+            ControlFlow::Continue(())
         };
-        let source = light(source, self.look.rotate_source)?;
+        let settings = BakeSettings {
+            directions: self.look.directions,
+        };
+        let ground = report.time("bake", || {
+            Ground::bake(&self.cloud, self.cloud.up, &settings, &progress)
+        })?;
+        bar.finish_and_clear();
+        Ok(ground)
+    }
+
+    /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
+    pub fn lights(&self, args: &LightArgs, report: &mut Report) -> Result<Lights> {
+        let mut light = |path: &Path| {
+            let map = self.load_light(path, report)?;
+            self.project(map.as_ref(), report)
+        };
+        let Some(source_file) = &self.look.source.file else {
+            bail!("no source light");
+        };
+        let source_map = light(source_file)?;
         let mut targets = Vec::new();
-        for (name, path) in targets_of(args)? {
-            let light = light(&path, self.look.rotate_target)?.scaled(self.target_gain());
-            targets.push(Target { name, path, light });
+        for (name, path) in targets_of(args, &self.look)? {
+            let radiance = light(&path)?;
+            targets.push(Target {
+                name,
+                path,
+                radiance,
+            });
         }
-        Ok(Lights { source, targets })
+        Ok(Lights {
+            source: source_map,
+            targets,
+        })
     }
 
     /// Prepares the transfer from the source light.
@@ -178,61 +194,31 @@ impl Scene {
         Ok(prepared)
     }
 
-    /// The target light's strength as a factor.
-    pub fn target_gain(&self) -> f32 {
-        self.look.strength_target.exp2()
-    }
-
-    /// The turn that brings a light, turned by `degrees` about its own up axis, into the asset's coordinates.
-    pub fn asset_from_light(&self, degrees: f64) -> DMat3 {
-        self.cloud.up.asset_from_world() * DMat3::from_rotation_z(degrees.to_radians())
-    }
-
     /// A light's map; none for even light.
     pub fn load_light(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
         }
         let map = report.time("load", || load_environment(path))?;
-        if map.repaired() > 0 {
-            report.warn(format!(
-                "{}: {} pixels are negative or no numbers, and count as black",
-                path.display(),
-                map.repaired()
-            ));
-        }
-        if map.has_clipped_highlights() {
-            report.warn(format!(
-                "{}: a low-dynamic-range picture; its highlights are clipped, so its light is too even",
-                path.display()
-            ));
-        }
-        if map.width() != 2 * map.height() {
-            report.warn(format!(
-                "{}: {} x {} pixels are not twice as wide as high; it is taken as equirectangular all the same",
-                path.display(),
-                map.width(),
-                map.height()
-            ));
+        for warning in map_warnings(path, &map) {
+            report.warn(warning);
         }
         Ok(Some(map))
     }
 
+    /// A map's light, of the highest degree: a look takes the bands that it wants.
     fn project(
         &self,
         map: Option<&EnvironmentMap>,
-        degrees: f64,
         report: &mut Report,
     ) -> Result<IncidentRadiance> {
-        let degree = self.look.transfer.sh_degree;
         match map {
             None => {
                 report.skip("projection of an environment", "even light");
-                Ok(IncidentRadiance::even(degree))
+                Ok(IncidentRadiance::even(MAX_DEGREE))
             }
             Some(map) => report.time("project", || {
-                let light = self.device.project_environment(map, degree)?;
-                Ok(light.rotated(self.asset_from_light(degrees)))
+                self.device.project_environment(map, MAX_DEGREE)
             }),
         }
     }
@@ -242,10 +228,10 @@ impl Scene {
         &self,
         prepared: &PreparedTransfer,
         transfer: &mut Transfer<'_>,
-        target: &Target,
+        name: &str,
+        light: &IncidentRadiance,
         report: &mut Report,
     ) -> Result<Vec<[f32; 3]>> {
-        let (name, light) = (&target.name, &target.light);
         if light.is_black() {
             report.warn(format!(
                 "{name}: the target light is black, and so is the result"
@@ -267,10 +253,19 @@ impl Scene {
     }
 }
 
-/// The lights of a relight, as the transfer sees them.
+/// The lights of a relight as their maps hold them, of the highest degree, not turned yet.
 pub struct Lights {
     pub source: IncidentRadiance,
     pub targets: Vec<Target>,
+}
+
+impl Lights {
+    /// Source and target as the asset sees them.
+    pub fn oriented(&self, scene: &Scene, target: &Target) -> [IncidentRadiance; 2] {
+        scene
+            .look
+            .lights(&self.source, &target.radiance, scene.cloud.up)
+    }
 }
 
 /// One light to relight by.
@@ -278,24 +273,75 @@ pub struct Target {
     /// Of its output.
     pub name: String,
     pub path: PathBuf,
-    /// With the strength that was asked for.
-    pub light: IncidentRadiance,
+    pub radiance: IncidentRadiance,
 }
 
-/// Whether a light's name on the command line stands for uniform white light.
-pub fn is_even(path: &Path) -> bool {
-    path.as_os_str() == "even"
+/// What is odd about an asset.
+pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let found = &file.report;
+    if !found.left_out.is_empty() {
+        warnings.push(format!(
+            "{}: {} surfels hold values that are no numbers and are left out",
+            path.display(),
+            found.left_out.len(),
+        ));
+    }
+    if found.kind == AssetKind::Gaussians3d {
+        let flatness = found.median_flatness.unwrap_or(0.0);
+        if flatness > DOUBTFUL_FLATNESS {
+            warnings.push(format!(
+                "{}: a 3DGS asset whose Gaussians are not flat (median shortest/second axis {flatness:.2}); its normals, and so its relighting, are only rough. 2DGS training gives better ones",
+                path.display()
+            ));
+        }
+    }
+    warnings
+}
+
+/// What is odd about an environment.
+pub fn map_warnings(path: &Path, map: &EnvironmentMap) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if map.repaired() > 0 {
+        warnings.push(format!(
+            "{}: {} pixels are negative or no numbers, and count as black",
+            path.display(),
+            map.repaired()
+        ));
+    }
+    if map.has_clipped_highlights() {
+        warnings.push(format!(
+            "{}: a low-dynamic-range picture; its highlights are clipped, so its light is too even",
+            path.display()
+        ));
+    }
+    if map.width() != 2 * map.height() {
+        warnings.push(format!(
+            "{}: {} x {} pixels are not twice as wide as high; it is taken as equirectangular all the same",
+            path.display(),
+            map.width(),
+            map.height()
+        ));
+    }
+    warnings
+}
+
+/// The asset that is asked for, by the command line or else by the look.
+pub fn asset_of(args: &AssetArgs, look: &Look) -> PathBuf {
+    args.asset
+        .clone()
+        .or_else(|| look.asset.clone())
+        .unwrap_or_else(|| {
+            crate::commands::usage(
+                "the splat to work on is needed: ASSET, or --look FILE with one in it",
+            )
+        })
 }
 
 /// The settings: those of a saved look, and what the command line says over it.
-pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
+pub fn look_of(asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Look> {
     let mut look = match light.and_then(|l| l.look.as_deref()) {
-        Some(path) => {
-            let look = load_look(path)?;
-            look.validate()
-                .with_context(|| path.display().to_string())?;
-            look
-        }
+        Some(path) => load_look(path)?,
         None => Look::default(),
     };
     if let Some(up) = asset.up {
@@ -331,47 +377,49 @@ pub fn look_of(asset: &AssetArgs, light: Option<&LightArgs>) -> Result<Look> {
             ),
         }
     }
+    if let Some(source) = &light.source {
+        look.source.file = Some(source.clone());
+    }
+    if let [target] = &light.target[..] {
+        look.target.file = Some(target.clone());
+    }
     if let Some(degrees) = light.rotate_source {
-        look.rotate_source = degrees;
+        look.source.rotation = degrees;
     }
     if let Some(degrees) = light.rotate_target {
-        look.rotate_target = degrees;
+        look.target.rotation = degrees;
     }
     if let Some(stops) = light.strength_target {
-        look.strength_target = stops as f32;
+        look.target.strength = stops as f32;
     }
+    look.match_strength |= light.match_strength;
     look.validate()?;
     Ok(look)
 }
 
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.
-pub fn targets_of(light: &LightArgs) -> Result<Vec<(String, PathBuf)>> {
+pub fn targets_of(light: &LightArgs, look: &Look) -> Result<Vec<(String, PathBuf)>> {
     let mut targets: Vec<(String, PathBuf)> = Vec::new();
+    let named = match (&light.target[..], &look.target.file) {
+        ([], Some(file)) => std::slice::from_ref(file),
+        (named, _) => named,
+    };
     let stem = |path: &Path| {
         path.file_stem()
             .map_or_else(|| "target".into(), |s| s.to_string_lossy().into_owned())
     };
-    for path in &light.target {
+    for path in named {
         if !path.is_dir() {
             targets.push((stem(path), path.clone()));
             continue;
         }
-        let entries = std::fs::read_dir(path).with_context(|| path.display().to_string())?;
-        let mut inside: Vec<PathBuf> = entries
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|p| {
-                p.extension().is_some_and(|e| {
-                    ["hdr", "exr"].contains(&e.to_string_lossy().to_lowercase().as_str())
-                })
-            })
-            .collect();
+        let inside = environments_in(path)?;
         if inside.is_empty() {
             bail!(
                 "{}: the folder holds no environment (.hdr, .exr)",
                 path.display()
             );
         }
-        inside.sort();
         targets.extend(inside.into_iter().map(|p| (stem(&p), p)));
     }
     // Two files of one name must not write over each other.
@@ -385,6 +433,21 @@ pub fn targets_of(light: &LightArgs) -> Result<Vec<(String, PathBuf)>> {
         }
     }
     Ok(targets)
+}
+
+/// The environments (.hdr, .exr) in a folder, sorted by name.
+pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut inside: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|p| {
+            p.extension().is_some_and(|e| {
+                ["hdr", "exr"].contains(&e.to_string_lossy().to_lowercase().as_str())
+            })
+        })
+        .collect();
+    inside.sort();
+    Ok(inside)
 }
 
 /// A bar on stderr, when that is a terminal and the user did not ask for quiet.

@@ -6,13 +6,14 @@ use transplat_core::export::{check_output, save_bake};
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
 use crate::report::Report;
-use crate::scene::{Scene, look_of};
+use crate::scene::{Scene, asset_of, look_of};
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
-    refuse_overwriting([&*args.asset.asset], [&*args.output])?;
+    let look = look_of(&args.asset.options, None)?;
+    refuse_overwriting([&*asset_of(&args.asset, &look)], [&*args.output])?;
     check_output(&args.output)?;
-    let scene = Scene::load(&args.asset, look_of(&args.asset, None)?, &mut report)?;
+    let scene = Scene::load(&args.asset, look, &mut report)?;
     let visibility = scene.bake(None, &mut report)?;
     report.time("export", || {
         save_bake(&args.output, &scene.cloud, &visibility)

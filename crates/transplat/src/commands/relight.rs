@@ -9,17 +9,18 @@ use transplat_core::export::{check_output, write_relit_ply};
 use crate::cli::RelightArgs;
 use crate::commands::refuse_overwriting;
 use crate::report::Report;
-use crate::scene::{Scene, look_of, targets_of};
+use crate::scene::{Scene, asset_of, look_of, targets_of};
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut report = Report::new("relight", &args.out);
-    let (Some(source), false) = (&args.light.source, args.light.target.is_empty()) else {
+    let look = look_of(&args.asset.options, Some(&args.light))?;
+    let named = targets_of(&args.light, &look)?;
+    if look.source.file.is_none() || named.is_empty() {
         crate::commands::usage(
             "relight needs --source and --target (each an environment, or \"even\")",
         );
-    };
-    let look = look_of(&args.asset, Some(&args.light))?;
-    let named = targets_of(&args.light)?;
+    }
+    let asset = asset_of(&args.asset, &look);
     let many = args.light.target.len() > 1
         || args.light.target.iter().any(|t| t.is_dir())
         || args.output.to_string_lossy().ends_with('/');
@@ -31,21 +32,23 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         }
     };
     let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
-    let inputs = args.light.inputs(&named).chain([&*args.asset.asset]);
+    let inputs = args.light.inputs(&look, &named).chain([&*asset]);
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
     if !many {
         check_output(&args.output)?;
     }
     let scene = Scene::load(&args.asset, look, &mut report)?;
-    let lights = scene.lights(&args.light, source, &mut report)?;
+    let lights = scene.lights(&args.light, &mut report)?;
     if many {
         std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
     }
     let visibility = scene.bake(args.light.bake.as_deref(), &mut report)?;
-    let prepared = scene.prepare(&visibility, &lights.source, &mut report)?;
+    let source = lights.oriented(&scene, &lights.targets[0])[0].clone();
+    let prepared = scene.prepare(&visibility, &source, &mut report)?;
     let mut transfer = scene.device.transfer(&prepared)?;
     for (target, output) in lights.targets.iter().zip(&outputs) {
-        let relit = scene.relight(&prepared, &mut transfer, target, &mut report)?;
+        let [_, light] = lights.oriented(&scene, target);
+        let relit = scene.relight(&prepared, &mut transfer, &target.name, &light, &mut report)?;
         report.time("export", || {
             let stored = encode_sh(relit, scene.cloud.sh_degree, scene.cloud.encoding);
             write_relit_ply(&scene.file, &stored, output)

@@ -1,43 +1,42 @@
 //! `transplat render`: pictures of an asset, as captured or relit.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
-use transplat_core::camera::{Camera, turntable};
-use transplat_core::color::Encoding;
-use transplat_core::environment::EnvironmentMap;
-use transplat_core::export::{write_exr, write_png};
+use transplat_core::camera::{Camera, NEAR, turntable};
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png};
 use transplat_core::load::load_cameras;
 use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
-use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::visibility::Visibility;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
 use crate::commands::refuse_overwriting;
-use crate::device::{Paint, Painter};
+use crate::picture::{Backdrop, Lit, Studio};
 use crate::report::Report;
-use crate::scene::{Lights, Scene, look_of, progress_bar, targets_of};
+use crate::scene::{Lights, Scene, asset_of, look_of, progress_bar, targets_of};
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
 const MAX_SAMPLES: usize = 1 << 28;
 
-/// Nothing nearer to the eye than this share of the object's radius is drawn.
-const NEAR: f32 = 0.02;
-
 pub fn run(args: &RenderArgs) -> Result<()> {
     let mut report = Report::new("render", &args.out);
-    if args.camera.cameras.is_none() && args.camera.turntable.is_none() && args.camera.eye.is_none()
-    {
+    let look = settings(args)?;
+    let has_camera = args.camera.cameras.is_some()
+        || args.camera.turntable.is_some()
+        || args.camera.eye.is_some()
+        || look.camera.is_some();
+    if !has_camera {
         crate::commands::usage(
-            "a camera is needed: --cameras TRANSFORMS.json, --turntable N or --eye X,Y,Z",
+            "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
         );
     }
-    let look = settings(args)?;
-    let relit = args.light.source.is_some();
-    let targets = targets_of(&args.light)?;
+    let relit = look.source.file.is_some();
+    let targets = targets_of(&args.light, &look)?;
     if relit == targets.is_empty() {
         crate::commands::usage(
             "--source and --target belong together; \"even\" stands for a light that nobody knows",
@@ -53,14 +52,15 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         }
         _ => look.view,
     };
+    let asset = asset_of(&args.asset, &look);
     let scene = Scene::load(&args.asset, look, &mut report)?;
-    let frames = frames(args, &scene.cloud)?;
+    let frames = frames(args, &scene)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
     let inputs = args
         .light
-        .inputs(&targets)
-        .chain([&*args.asset.asset])
+        .inputs(&scene.look, &targets)
+        .chain([&*asset])
         .chain(cameras);
     refuse_overwriting(
         inputs,
@@ -69,14 +69,18 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             .iter()
             .map(PathBuf::as_path),
     )?;
-    if output.format == PictureFormat::Exr && !scene.look.display.is_identity() {
-        report.warn("exposure and tone map are for PNG; an EXR stays linear");
+    let linear = output.format == PictureFormat::Exr;
+    if linear && !(scene.look.display.is_identity() && !scene.look.false_color) {
+        report.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
     }
-    let lights = match &args.light.source {
-        Some(source) if view.needs_relit() => {
-            Some(scene.lights(&args.light, source, &mut report)?)
-        }
-        _ => None,
+    // Matching the background's strength takes the lights as well.
+    let needs_lights = view.needs_relit()
+        || scene.look.shadow_catcher
+        || (scene.look.match_strength && scene.look.background == Background::Environment);
+    let lights = if needs_lights && relit {
+        Some(scene.lights(&args.light, &mut report)?)
+    } else {
+        None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
     let visibility = if needs_bake {
@@ -85,47 +89,42 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         report.skip("bake", "this view needs no visibility");
         None
     };
+    let (painter, warning) = scene.device.painter(&scene.cloud)?;
+    if let Some(warning) = warning {
+        report.warn(warning);
+    }
+    let mut studio = Studio::new(&scene.cloud, scene.look.clone(), view, linear, painter);
+    if let (Some(visibility), View::Visibility) = (&visibility, view) {
+        studio.openness = visibility.openness().iter().map(|o| [*o; 3]).collect();
+    }
+    if scene.look.shadow_catcher && lights.is_some() {
+        studio.ground = Some(scene.bake_ground(&mut report)?);
+    }
     let shots = Shots {
         args,
-        view,
         frames: &frames,
         output: &output,
-        space: match output.format {
-            PictureFormat::Png => ColorSpace::Display(scene.look.display),
-            PictureFormat::Exr => ColorSpace::Linear,
-        },
-        painter: scene.device.painter(&scene.cloud, &mut report)?,
+        studio,
         scene: &scene,
-        visibility: visibility.as_ref(),
-        openness: match &visibility {
-            Some(visibility) if view == View::Visibility => {
-                visibility.openness().iter().map(|o| [*o; 3]).collect()
-            }
-            _ => Vec::new(),
-        },
     };
-    let written = match &lights {
-        Some(lights) => shots.relit(lights, &mut report)?,
-        None => {
+    let written = match (&lights, &visibility) {
+        (Some(lights), Some(visibility)) if view.needs_relit() => {
+            shots.relit(lights, visibility, &mut report)?
+        }
+        _ => {
             if relit {
                 report.skip("transfer", "this view shows no relit colour");
             }
-            // The same picture for each target, but for its background.
-            let named = targets
-                .iter()
-                .map(|(name, path)| (Some(&**name), Some(&**path)));
-            let each: Vec<_> = if relit {
-                named.collect()
-            } else {
-                vec![(None, None)]
-            };
+            // The same picture for each target, but for its background and ground.
             let mut written = 0;
-            for (name, path) in each {
-                let mut nothing = Relit::default();
-                if let Some(path) = path {
-                    nothing.map = shots.background_map(path, &mut report)?;
-                }
-                written += shots.take(name, &nothing, &mut report)?;
+            for (i, (name, path)) in targets.iter().enumerate() {
+                let mut lit = Lit::default();
+                let maps = lights.as_ref().map(|l| [&l.source, &l.targets[i].radiance]);
+                shots.surround(&mut lit, path, maps, &mut report)?;
+                written += shots.take(Some(name), &lit, &mut report)?;
+            }
+            if targets.is_empty() {
+                written = shots.take(None, &Lit::default(), &mut report)?;
             }
             written
         }
@@ -139,7 +138,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 }
 
 fn settings(args: &RenderArgs) -> Result<Look> {
-    let mut look = look_of(&args.asset, Some(&args.light))?;
+    let mut look = look_of(&args.asset.options, Some(&args.light))?;
     if let Some(view) = args.view {
         look.view = view;
     }
@@ -156,8 +155,8 @@ fn settings(args: &RenderArgs) -> Result<Look> {
 }
 
 /// The cameras to draw, each with its own number.
-fn frames(args: &RenderArgs, cloud: &SurfelCloud) -> Result<Vec<(usize, Camera)>> {
-    let all = cameras(&args.camera, args.size, cloud)?;
+fn frames(args: &RenderArgs, scene: &Scene) -> Result<Vec<(usize, Camera)>> {
+    let all = cameras(&args.camera, args.size, &scene.look, &scene.cloud)?;
     let samples = all.first().map_or(0, |c| {
         c.width * c.height * usize::from(args.supersample).pow(2)
     });
@@ -181,6 +180,7 @@ fn frames(args: &RenderArgs, cloud: &SurfelCloud) -> Result<Vec<(usize, Camera)>
 fn cameras(
     args: &CameraArgs,
     size: Option<[usize; 2]>,
+    look: &Look,
     cloud: &SurfelCloud,
 ) -> Result<Vec<Camera>> {
     let bounds = cloud.bounds();
@@ -200,6 +200,10 @@ fn cameras(
     if let Some(eye) = args.eye {
         let target = args.look_at.map_or(bounds.center, Vec3::from_array);
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
+        return Ok(vec![camera]);
+    }
+    if let (Some(pose), None) = (&look.camera, args.turntable) {
+        let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
         return Ok(vec![camera]);
     }
     let count = args.turntable.unwrap_or(1) as usize;
@@ -282,69 +286,81 @@ impl<'a> Output<'a> {
     }
 }
 
-/// What a target light makes of the asset; empty where nothing is relit.
-#[derive(Default)]
-struct Relit {
-    /// Linear SH `[n][K][3]`, already the part that the view shows.
-    sh: Vec<[f32; 3]>,
-    /// Colours of a channel that is none of the light's.
-    colors: Vec<[f32; 3]>,
-    map: Option<EnvironmentMap>,
-}
-
 struct Shots<'a> {
     args: &'a RenderArgs,
-    view: View,
     frames: &'a [(usize, Camera)],
     output: &'a Output<'a>,
-    space: ColorSpace,
-    painter: Painter<'a>,
+    studio: Studio,
     scene: &'a Scene,
-    visibility: Option<&'a Visibility>,
-    /// As surfel colours; empty unless it is what is shown.
-    openness: Vec<[f32; 3]>,
 }
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(&self, lights: &Lights, report: &mut Report) -> Result<usize> {
-        let Some(visibility) = self.visibility else {
-            bail!("a relit view without visibility");
-        };
-        let prepared = self.scene.prepare(visibility, &lights.source, report)?;
-        let mut transfer = self.scene.device.transfer(&prepared)?;
+    fn relit(
+        &self,
+        lights: &Lights,
+        visibility: &Visibility,
+        report: &mut Report,
+    ) -> Result<usize> {
+        let scene = self.scene;
+        let source = lights.oriented(scene, &lights.targets[0])[0].clone();
+        let prepared = scene.prepare(visibility, &source, report)?;
+        let mut transfer = scene.device.transfer(&prepared)?;
         let mut written = 0;
         for target in &lights.targets {
-            let mut relit = Relit {
-                map: self.background_map(&target.path, report)?,
-                ..Relit::default()
-            };
-            let sh = self
-                .scene
-                .relight(&prepared, &mut transfer, target, report)?;
-            match self.view {
-                View::Tau => relit.colors = present::tau_colors(&prepared.tau(&sh)),
-                View::Diffuse | View::Specular => {
-                    let diffuse = self.view == View::Diffuse;
-                    relit.sh = present::part_of_sh(&sh, prepared.coefficients(), diffuse);
-                }
-                _ => relit.sh = sh,
-            }
-            written += self.take(Some(&target.name), &relit, report)?;
+            let light = lights.oriented(scene, target);
+            let sh = scene.relight(&prepared, &mut transfer, &target.name, &light[1], report)?;
+            let mut lit = Lit::of(self.studio.view, sh, &scene.cloud, visibility, &prepared);
+            let maps = [&lights.source, &target.radiance];
+            self.surround(&mut lit, &target.path, Some(maps), report)?;
+            written += self.take(Some(&target.name), &lit, report)?;
         }
         Ok(written)
     }
 
-    /// The map behind the object, where it is shown; maps are large, so only one is held at a time.
-    fn background_map(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
-        if self.scene.look.background == Background::Environment {
-            self.scene.load_light(path, report)
-        } else {
-            Ok(None)
+    /// What is around the object under a target: maps behind it where they are shown (they are large, so only one target's are held
+    /// at a time), and the shadow on the ground.
+    fn surround(
+        &self,
+        lit: &mut Lit,
+        target: &Path,
+        maps: Option<[&IncidentRadiance; 2]>,
+        report: &mut Report,
+    ) -> Result<()> {
+        let look = &self.scene.look;
+        if let (Some(ground), Some([_, map])) = (&self.studio.ground, maps) {
+            lit.ground = ground.lit_share(&look.target.orient(map, self.scene.cloud.up));
         }
+        if look.background != Background::Environment {
+            return Ok(());
+        }
+        let view = self.studio.view;
+        let matched = maps.map_or(1.0, |[source, target]| look.match_gain(source, target));
+        let sides = [
+            (look.source.file.as_deref(), &look.source, 1.0),
+            (Some(target), &look.target, matched),
+        ];
+        for (side, (path, settings, gain)) in sides.into_iter().enumerate() {
+            let shown = match view {
+                View::Before => side == 0,
+                View::Split | View::SideBySide => true,
+                _ => side == 1,
+            };
+            let Some(path) = path.filter(|_| shown) else {
+                continue;
+            };
+            let map = self.scene.load_light(path, report)?;
+            let map = map.unwrap_or_else(EnvironmentMap::even);
+            lit.backdrops[side] = Some(Backdrop {
+                map: Arc::new(map.blurred(look.background_blur)),
+                map_from_asset: settings.map_from_asset(self.scene.cloud.up),
+                gain: settings.gain().map(|g| g * gain),
+            });
+        }
+        Ok(())
     }
 
-    fn take(&self, target: Option<&str>, relit: &Relit, report: &mut Report) -> Result<usize> {
+    fn take(&self, target: Option<&str>, lit: &Lit, report: &mut Report) -> Result<usize> {
         if !self.output.is_file {
             let folder = self.output.folder(target);
             std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
@@ -354,89 +370,19 @@ impl Shots<'_> {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             let path = self.output.picture(target, *number);
             let factor = usize::from(self.args.supersample);
-            let camera = camera.supersampled(factor);
-            let raster = report.time("rasterize", || {
-                let mut raster = self.picture(&camera, relit)?;
-                self.fill_background(&mut raster, &camera, relit);
-                anyhow::Ok(raster.downsampled(factor))
-            })?;
+            let raster = report.time("rasterize", || self.studio.take(camera, factor, lit))?;
             report.time("export", || match self.output.format {
                 PictureFormat::Png => write_png(
                     &path,
                     raster.width,
                     raster.height,
                     &present::straight(&raster),
+                    PngBits::Eight,
                 ),
-                PictureFormat::Exr => write_exr(&path, &raster),
+                PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
             })?;
         }
         bar.finish_and_clear();
         Ok(self.frames.len())
-    }
-
-    fn picture(&self, camera: &Camera, relit: &Relit) -> Result<Raster> {
-        let cloud = &self.scene.cloud;
-        let draw = |paint, space| self.painter.draw(camera, paint, space);
-        let before = || {
-            draw(
-                Paint::Sh {
-                    sh: &cloud.sh,
-                    encoding: cloud.encoding,
-                },
-                self.space,
-            )
-        };
-        let after = || {
-            draw(
-                Paint::Sh {
-                    sh: &relit.sh,
-                    encoding: Encoding::Linear,
-                },
-                self.space,
-            )
-        };
-        Ok(match self.view {
-            View::Before => before()?,
-            View::After | View::Diffuse | View::Specular => after()?,
-            View::Split => present::split(&before()?, &after()?),
-            View::Difference => present::difference(&before()?, &after()?, self.space),
-            View::Depth => {
-                let white = vec![[1.0; 3]; cloud.len()];
-                present::depth_picture(&draw(Paint::Colors(&white), present::PLAIN)?, self.space)
-            }
-            View::Normals => {
-                let colors = present::normal_colors(cloud, camera.eye, self.space);
-                draw(Paint::Colors(&colors), present::PLAIN)?
-            }
-            View::Visibility => draw(Paint::Colors(&self.openness), present::PLAIN)?,
-            View::Tau => draw(Paint::Colors(&relit.colors), present::PLAIN)?,
-        })
-    }
-
-    fn fill_background(&self, raster: &mut Raster, camera: &Camera, relit: &Relit) {
-        let scene = self.scene;
-        match scene.look.background {
-            Background::Transparent => {}
-            Background::Color(color) => {
-                let color = match self.space {
-                    ColorSpace::Display(_) => color,
-                    ColorSpace::Linear => color.map(transplat_core::color::srgb_decode),
-                };
-                present::composite(raster, |_, _| color);
-            }
-            Background::Environment => {
-                let even = EnvironmentMap::even();
-                let map = relit.map.as_ref().unwrap_or(&even);
-                let world_from_asset = scene.asset_from_light(scene.look.rotate_target).transpose();
-                let behind = present::environment_behind(
-                    map,
-                    camera,
-                    world_from_asset,
-                    scene.target_gain(),
-                    self.space,
-                );
-                present::composite(raster, behind);
-            }
-        }
     }
 }

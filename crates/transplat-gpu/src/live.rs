@@ -1,0 +1,529 @@
+//! The stages from the transfer on, kept on the GPU and run only where something changed: what a window shows.
+//!
+//! Each stage remembers what it last ran with. A frame asks for a picture; a stage whose inputs are the same as last time is left out,
+//! and [`Passes`] counts those that ran.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use glam::Vec3;
+use transplat_core::camera::Camera;
+use transplat_core::color::{Display, Encoding};
+use transplat_core::present::{PLAIN, View};
+use transplat_core::rasterize::ColorSpace;
+use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::{PreparedTransfer, TransferLight};
+
+use crate::context::{Context, Result};
+use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
+use crate::rasterize::{
+    GpuRasterizer, Order, Part, ResidentPaint, ResidentSh, ResidentVectors, Target, extent,
+    read_texture,
+};
+use crate::transfer::GpuTransfer;
+
+/// How often each stage ran.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Passes {
+    /// Transfers to another light.
+    pub transfer: usize,
+    /// Sorts by depth.
+    pub sort: usize,
+    /// Projections of the surfels to the screen.
+    pub project: usize,
+    /// Colourings of the surfels.
+    pub shade: usize,
+    /// Blendings of all surfels.
+    pub draw: usize,
+    /// Pictures made for the screen.
+    pub present: usize,
+    /// Maps uploaded to be seen behind the object.
+    pub backdrop: usize,
+}
+
+/// An asset on the GPU; made on any thread.
+pub struct LiveAsset {
+    rasterizer: GpuRasterizer,
+    stored: ResidentSh,
+    normals: ResidentVectors,
+    bounds: Bounds,
+}
+
+impl LiveAsset {
+    /// Uploads an asset.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
+        let k = coefficient_count(cloud.sh_degree);
+        Ok(Self {
+            rasterizer: GpuRasterizer::new(context, cloud)?,
+            stored: ResidentSh::upload(context, &cloud.sh, k, cloud.encoding),
+            normals: ResidentVectors::upload(
+                context,
+                (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array()),
+            ),
+            bounds: cloud.bounds(),
+        })
+    }
+}
+
+/// A prepared transfer on the GPU; made on any thread.
+pub struct LiveTransfer {
+    transfer: GpuTransfer,
+    relit: ResidentSh,
+    source_dc: ResidentVectors,
+}
+
+impl LiveTransfer {
+    /// Uploads a prepared transfer.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
+        let transfer = GpuTransfer::new(context, prepared)?;
+        Ok(Self {
+            relit: ResidentSh {
+                chunks: transfer.relit(),
+                encoding: Encoding::Linear,
+            },
+            source_dc: ResidentVectors::upload(
+                context,
+                prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]),
+            ),
+            transfer,
+        })
+    }
+}
+
+/// What is asked of a frame.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Everything that is not the surfels' own colour.
+    pub presentation: Presentation,
+    /// Whether the left side of a comparison is the pinned look instead of the capture.
+    pub against_pinned: bool,
+    /// Whether marks are laid over the surfels.
+    pub marks: bool,
+    /// Surfels that are not drawn, `[n]` or empty, and a number that differs where they do.
+    pub hidden: (Arc<Vec<bool>>, u64),
+}
+
+/// A stage's memory: whether its inputs are new.
+#[derive(Debug)]
+struct Memory<T>(Option<T>);
+
+impl<T> Default for Memory<T> {
+    fn default() -> Self {
+        Self(None)
+    }
+}
+
+impl<T: PartialEq> Memory<T> {
+    fn is_new(&mut self, inputs: T) -> bool {
+        let new = self.0.as_ref() != Some(&inputs);
+        self.0 = Some(inputs);
+        new
+    }
+}
+
+/// What one side of a comparison is painted with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum SidePaint {
+    Stored,
+    Relit(Part),
+    Pinned,
+    Normals,
+    Tau,
+    Visibility,
+    Doubts,
+    /// Depth shows no colour.
+    White,
+}
+
+#[derive(Default)]
+struct Side {
+    target: Option<Target>,
+    shaded: Memory<(SidePaint, Vec3, ColorSpace, Option<u64>, [u64; 3])>,
+    /// Counts up whenever the target is drawn anew.
+    version: u64,
+}
+
+struct Screen {
+    view: wgpu::TextureView,
+    texture: wgpu::Texture,
+    size: [usize; 2],
+    blit: wgpu::BindGroup,
+}
+
+/// Stages and pictures of one window.
+pub struct Live {
+    context: Arc<Context>,
+    present: PresentPass,
+    blit: Blit,
+    asset: Option<LiveAsset>,
+    transfer: Option<LiveTransfer>,
+    pinned: Option<(ResidentSh, Display)>,
+    visibility: Vec<[f32; 3]>,
+    doubts: Vec<[f32; 3]>,
+    marks: Option<ResidentVectors>,
+    backdrops: [Option<Backdrop>; 2],
+    ground: Option<GroundLit>,
+    sides: [Side; 2],
+    order: Option<Order>,
+    screen: Option<Screen>,
+    sorted: Memory<(Vec3, Vec3, u64, u64)>,
+    projected: Memory<(Camera, u64)>,
+    presented: Memory<(Presentation, [u64; 2], u64)>,
+    /// Count up with each new asset, relight, set of colours, marks and texture.
+    asset_version: u64,
+    relit_version: u64,
+    colors_version: u64,
+    marks_version: u64,
+    texture_version: u64,
+    passes: Passes,
+    gpu_micros: Arc<AtomicU64>,
+}
+
+impl Live {
+    /// Compiles what every frame needs, for a window of a format.
+    pub fn new(context: &Arc<Context>, window: wgpu::TextureFormat) -> Self {
+        Self {
+            present: PresentPass::new(context),
+            blit: Blit::new(context, window),
+            context: context.clone(),
+            asset: None,
+            transfer: None,
+            pinned: None,
+            visibility: Vec::new(),
+            doubts: Vec::new(),
+            marks: None,
+            backdrops: [None, None],
+            ground: None,
+            sides: Default::default(),
+            order: None,
+            screen: None,
+            sorted: Memory::default(),
+            projected: Memory::default(),
+            presented: Memory::default(),
+            asset_version: 0,
+            relit_version: 0,
+            colors_version: 0,
+            marks_version: 0,
+            texture_version: 0,
+            passes: Passes::default(),
+            gpu_micros: Arc::default(),
+        }
+    }
+
+    /// How often each stage ran so far.
+    pub fn passes(&self) -> Passes {
+        self.passes
+    }
+
+    /// How long the last finished frame took from its first command to its end on the GPU, in milliseconds.
+    pub fn frame_ms(&self) -> f64 {
+        self.gpu_micros.load(Ordering::Relaxed) as f64 / 1e3
+    }
+
+    /// How many surfels the last frame drew.
+    pub fn drawn(&self) -> usize {
+        self.order.as_ref().map_or(0, |o| o.drawn)
+    }
+
+    /// Whether there is something relit to be shown.
+    pub fn has_relit(&self) -> bool {
+        self.relit_version > 0 && self.transfer.is_some()
+    }
+
+    /// Shows another asset; what was made of the last one is dropped.
+    pub fn set_asset(&mut self, asset: LiveAsset) {
+        self.asset = Some(asset);
+        self.transfer = None;
+        self.relit_version = 0;
+        self.pinned = None;
+        self.visibility.clear();
+        self.doubts.clear();
+        self.marks = None;
+        self.ground = None;
+        self.asset_version += 1;
+        self.texture_version += 1;
+    }
+
+    /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
+    pub fn set_transfer(&mut self, transfer: LiveTransfer) {
+        self.transfer = Some(transfer);
+    }
+
+    /// Relights by another light: one pass.
+    pub fn relight(&mut self, light: &TransferLight) {
+        if let Some(transfer) = &self.transfer {
+            transfer.transfer.submit(light);
+            self.relit_version += 1;
+            self.passes.transfer += 1;
+        }
+    }
+
+    /// Keeps what is shown relit now, to compare others with it.
+    pub fn pin(&mut self, display: Display) {
+        let relit = self.transfer.as_ref().map(|t| &t.relit);
+        self.pinned = relit.map(|r| (r.snapshot(&self.context), display));
+        self.colors_version += 1;
+    }
+
+    /// Sets the surfel colours of the channel *visibility*.
+    pub fn set_visibility(&mut self, colors: Vec<[f32; 3]>) {
+        self.visibility = colors;
+        self.colors_version += 1;
+    }
+
+    /// Sets the surfel colours of the channel *doubts*, and the marks with their weight.
+    pub fn set_doubts(&mut self, colors: Vec<[f32; 3]>, marks: impl Iterator<Item = [f32; 4]>) {
+        self.doubts = colors;
+        self.marks = Some(ResidentVectors::upload(&self.context, marks));
+        self.colors_version += 1;
+        self.marks_version += 1;
+    }
+
+    /// Sets the map behind one side: 0 is what is as captured, 1 what is relit.
+    pub fn set_backdrop(&mut self, side: usize, backdrop: Option<Backdrop>) {
+        self.passes.backdrop += usize::from(backdrop.is_some());
+        self.backdrops[side] = backdrop;
+        self.texture_version += 1;
+    }
+
+    /// Sets the lit share of the ground, `[GROUND_CELLS^2]`.
+    pub fn set_ground(&mut self, lit: &[f32]) {
+        self.ground = Some(GroundLit::new(&self.context, lit));
+        self.texture_version += 1;
+    }
+
+    /// The object's bounds.
+    pub fn bounds(&self) -> Option<Bounds> {
+        self.asset.as_ref().map(|a| a.bounds)
+    }
+
+    /// Brings the screen's picture up to date, and tells whether anything ran.
+    pub fn frame(&mut self, frame: &Frame) -> bool {
+        let Some(asset) = self.asset.take() else {
+            return false;
+        };
+        let before = self.passes;
+        let start = Instant::now();
+        let mut frame = frame.clone();
+        let presentation = &mut frame.presentation;
+        presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
+        self.draw_sides(&asset, &frame);
+        let presentation = &frame.presentation;
+        self.size_screen(presentation.size);
+        let versions = [self.sides[0].version, self.sides[1].version];
+        if self
+            .presented
+            .is_new((*presentation, versions, self.texture_version))
+        {
+            self.present(presentation);
+        }
+        self.asset = Some(asset);
+        let ran = self.passes != before;
+        if ran {
+            let micros = self.gpu_micros.clone();
+            self.context.queue.on_submitted_work_done(move || {
+                micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
+            });
+        }
+        ran
+    }
+
+    fn draw_sides(&mut self, asset: &LiveAsset, frame: &Frame) {
+        let view = frame.presentation.view;
+        let camera = &frame.presentation.camera;
+        let forward = camera.view_from_world.transpose() * Vec3::Z;
+        let (hidden, hidden_version) = &frame.hidden;
+        let sort_key = (camera.eye, forward, *hidden_version, self.asset_version);
+        let mut moved = false;
+        if self.sorted.is_new(sort_key) || self.order.is_none() {
+            self.order = Some(asset.rasterizer.sort(camera, hidden));
+            self.passes.sort += 1;
+            moved = true;
+        }
+        if self.projected.is_new((*camera, self.asset_version)) {
+            asset.rasterizer.project(camera);
+            self.passes.project += 1;
+            moved = true;
+        }
+        if moved {
+            // Neither side is what the camera sees any more, the one not shown now included.
+            for side in &mut self.sides {
+                side.shaded = Memory::default();
+            }
+        }
+        let wanted = [
+            (view == View::Before || view.has_two_sides()).then(|| self.left_paint(frame)),
+            (view != View::Before).then(|| self.right_paint(view)),
+        ];
+        for (side, paint) in wanted.into_iter().enumerate() {
+            if let Some(paint) = paint {
+                self.draw_side(asset, frame, side, paint);
+            }
+        }
+    }
+
+    fn left_paint(&self, frame: &Frame) -> SidePaint {
+        if frame.against_pinned && self.pinned.is_some() && frame.presentation.view != View::Before
+        {
+            SidePaint::Pinned
+        } else {
+            SidePaint::Stored
+        }
+    }
+
+    fn right_paint(&self, view: View) -> SidePaint {
+        match view {
+            View::Normals => SidePaint::Normals,
+            View::Depth => SidePaint::White,
+            View::Visibility if !self.visibility.is_empty() => SidePaint::Visibility,
+            View::Doubts if !self.doubts.is_empty() => SidePaint::Doubts,
+            View::Visibility | View::Doubts => SidePaint::White,
+            // Until something is relit, the capture is what there is.
+            _ if !self.has_relit() => SidePaint::Stored,
+            View::Diffuse => SidePaint::Relit(Part::Diffuse),
+            View::Specular => SidePaint::Relit(Part::Specular),
+            View::Tau => SidePaint::Tau,
+            _ => SidePaint::Relit(Part::Whole),
+        }
+    }
+
+    fn draw_side(&mut self, asset: &LiveAsset, frame: &Frame, side: usize, paint: SidePaint) {
+        let camera = &frame.presentation.camera;
+        let size = [camera.width, camera.height];
+        let pinned = self.pinned.as_ref();
+        let space = match paint {
+            SidePaint::Stored | SidePaint::Relit(_) => {
+                ColorSpace::Display(shading_display(&frame.presentation))
+            }
+            SidePaint::Pinned => pinned.map_or(PLAIN, |(_, display)| ColorSpace::Display(*display)),
+            _ => PLAIN,
+        };
+        let marks = (frame.marks && self.marks.is_some()).then_some(self.marks_version);
+        let paint_version = match paint {
+            SidePaint::Relit(_) | SidePaint::Tau => self.relit_version,
+            SidePaint::Pinned | SidePaint::Visibility | SidePaint::Doubts => self.colors_version,
+            _ => 0,
+        };
+        let state = &mut self.sides[side];
+        let resized = state.target.as_ref().is_none_or(|t| t.size != size);
+        let versions = [paint_version, self.asset_version, 0];
+        let key = (paint, camera.eye, space, marks, versions);
+        if !state.shaded.is_new(key) && !resized {
+            return;
+        }
+        if resized {
+            state.target = Some(Target::new(&self.context, size));
+        }
+        let rasterizer = &asset.rasterizer;
+        let resident = match (paint, &self.transfer) {
+            (SidePaint::Relit(part), Some(t)) => Some(ResidentPaint::Sh(&t.relit, part)),
+            (SidePaint::Tau, Some(t)) => Some(ResidentPaint::Tau(&t.relit, &t.source_dc)),
+            (SidePaint::Pinned, _) => pinned.map(|(sh, _)| ResidentPaint::Sh(sh, Part::Whole)),
+            (SidePaint::Stored, _) => Some(ResidentPaint::Sh(&asset.stored, Part::Whole)),
+            (SidePaint::Normals, _) => Some(ResidentPaint::Normals(&asset.normals)),
+            _ => None,
+        };
+        match (resident, paint) {
+            (Some(resident), _) => rasterizer.shade(camera, resident, space),
+            (None, SidePaint::Visibility) => rasterizer.set_colors(&self.visibility),
+            (None, SidePaint::Doubts) => rasterizer.set_colors(&self.doubts),
+            (None, _) => rasterizer.fill_colors([1.0; 3]),
+        }
+        self.passes.shade += 1;
+        if let (Some(_), Some(marks)) = (marks, &self.marks) {
+            rasterizer.overlay(camera, marks);
+        }
+        if let (Some(order), Some(target)) = (&self.order, &self.sides[side].target) {
+            rasterizer.draw_tile(camera, [0, 0], order, target);
+            self.passes.draw += 1;
+            self.sides[side].version += 1;
+        }
+    }
+
+    fn size_screen(&mut self, size: [usize; 2]) {
+        if self.screen.as_ref().is_some_and(|s| s.size == size) {
+            return;
+        }
+        let texture = self
+            .context
+            .device
+            .create_texture(&wgpu::TextureDescriptor {
+                label: Some("screen"),
+                size: extent(size),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: SCREEN_FORMAT,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_SRC,
+                view_formats: &[],
+            });
+        let view = texture.create_view(&Default::default());
+        self.screen = Some(Screen {
+            blit: self.blit.bind(&self.context, &view),
+            texture,
+            view,
+            size,
+        });
+        self.presented = Memory::default();
+    }
+
+    fn present(&mut self, presentation: &Presentation) {
+        // A side that the view does not show stands in for the other.
+        let targets = self.sides.each_ref().map(|s| s.target.as_ref());
+        let (Some(screen), Some(any)) = (&self.screen, targets[0].or(targets[1])) else {
+            return;
+        };
+        self.present.present(
+            &self.context,
+            presentation,
+            targets.map(|t| t.unwrap_or(any)),
+            self.backdrops.each_ref().map(Option::as_ref),
+            self.ground.as_ref(),
+            &screen.view,
+        );
+        self.passes.present += 1;
+    }
+
+    /// Draws the screen's picture over the viewport of a window's pass.
+    pub fn paint(&self, pass: &mut wgpu::RenderPass<'_>) {
+        if let Some(screen) = &self.screen {
+            self.blit.draw(pass, &screen.blit);
+        }
+    }
+
+    /// Reads the screen's picture back, `[height][width][4]`, 0 to 1: for tests, never to show it.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn read_screen(&self) -> Result<(Vec<f32>, [usize; 2])> {
+        match &self.screen {
+            Some(screen) => Ok((
+                read_texture(&self.context, &screen.texture, screen.size, 4)?,
+                screen.size,
+            )),
+            None => Ok((Vec::new(), [0, 0])),
+        }
+    }
+}
+
+/// The display that surfels are coloured with: false colours are made of the sRGB curve alone.
+fn shading_display(presentation: &Presentation) -> Display {
+    if presentation.false_color {
+        Display {
+            exposure: presentation.display.exposure,
+            ..Display::default()
+        }
+    } else {
+        presentation.display
+    }
+}

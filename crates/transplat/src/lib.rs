@@ -1,0 +1,34 @@
+//! The program `transplat`: its commands and its viewer. The mathematics is in `transplat_core`, its GPU passes in `transplat_gpu`.
+
+mod cli;
+mod commands;
+mod device;
+mod picture;
+mod report;
+mod scene;
+pub mod viewer;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use cli::{Cli, Command};
+
+/// Runs what the command line asks for.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match &cli.command {
+        Some(Command::Relight(args)) => commands::relight::run(args),
+        Some(Command::Render(args)) => commands::render::run(args),
+        Some(Command::Bake(args)) => commands::bake::run(args),
+        Some(Command::Info(args)) => commands::info::run(args),
+        None => commands::view::run(&cli.view),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("transplat: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

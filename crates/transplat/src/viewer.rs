@@ -1,0 +1,89 @@
+//! The viewer: live relighting in a window.
+
+mod app;
+mod baking;
+mod export;
+mod files;
+mod jobs;
+mod lights;
+mod navigation;
+mod panels;
+mod preferences;
+mod probes;
+mod session;
+mod shelf;
+mod shortcuts;
+mod viewport;
+mod widgets;
+
+use std::sync::Arc;
+
+use anyhow::{Result, anyhow};
+use eframe::egui;
+use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
+
+pub use app::{Opening, Viewer};
+pub use export::Task;
+
+/// How a window's device is made: the best adapter with all its limits, software drivers last.
+pub fn wgpu_setup() -> WgpuSetup {
+    let mut setup = WgpuSetupCreateNew::without_display_handle();
+    setup.native_adapter_selector = Some(Arc::new(|adapters, surface| {
+        let fitting: Vec<_> = adapters
+            .iter()
+            .filter(|a| surface.is_none_or(|s| a.is_surface_supported(s)))
+            .cloned()
+            .collect();
+        transplat_gpu::choose_adapter(&fitting).map_err(|e| e.to_string())
+    }));
+    setup.device_descriptor = Arc::new(transplat_gpu::device_descriptor);
+    WgpuSetup::CreateNew(setup)
+}
+
+/// Opens the window, and returns when it is closed.
+///
+/// # Errors
+/// There is no display, or no adapter that can draw.
+pub fn open(opening: Opening) -> Result<()> {
+    let mut options = eframe::NativeOptions {
+        viewport: egui::ViewportBuilder::default()
+            .with_title("transplat")
+            .with_app_id("transplat")
+            .with_inner_size([1280.0, 800.0])
+            .with_min_inner_size([640.0, 420.0])
+            .with_drag_and_drop(true),
+        ..Default::default()
+    };
+    options.wgpu_options.wgpu_setup = wgpu_setup();
+    let created = eframe::run_native(
+        "transplat",
+        options,
+        Box::new(|cc| Ok(Box::new(Viewer::new(cc, opening)?))),
+    );
+    created.map_err(|error| anyhow!("{}", plain(&error.to_string())))
+}
+
+/// What a window's failure means in plain words.
+fn plain(error: &str) -> String {
+    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()));
+    if cfg!(target_os = "linux") && !has_display {
+        return "there is no display to open a window on; the commands relight, render, bake and info work without one (see transplat --help)".into();
+    }
+    let no_adapter = [
+        "No suitable graphics adapter",
+        "Failed to create surface",
+        "no graphics driver",
+        "adapter",
+    ]
+    .iter()
+    .any(|text| error.contains(text));
+    if no_adapter {
+        format!(
+            "no graphics adapter can draw the window ({error}). Install a Vulkan driver (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers); the commands work without one (--device cpu)"
+        )
+    } else {
+        format!("the window could not be opened: {error}")
+    }
+}

@@ -1,0 +1,539 @@
+//! Pictures and splats out, off the interface's thread: each picture goes the way of `transplat render` with the same look.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, bail};
+use serde::{Deserialize, Serialize};
+use transplat_core::camera::Camera;
+use transplat_core::color::{Display, encode_sh};
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
+use transplat_core::ground::Ground;
+use transplat_core::load::AssetFile;
+use transplat_core::look::{CameraPose, Look};
+use transplat_core::present::{self, Background, View};
+use transplat_core::rasterize::Raster;
+use transplat_core::surfels::{SurfelCloud, UpAxis};
+use transplat_core::transfer::PreparedTransfer;
+use transplat_core::visibility::{BakeSettings, Visibility};
+
+use super::jobs::{Handle, Kind};
+use super::lights::{Light, load_map};
+use super::navigation::wrap;
+use super::session::{Event, SOURCE, Session, TARGET};
+use crate::device::{Device, Painter};
+use crate::picture::{Backdrop, Lit, Studio};
+
+/// Pictures with more samples than this would not fit.
+const MAX_SAMPLES: usize = 1 << 28;
+
+/// Format of saved pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Format {
+    #[default]
+    Png8,
+    Png16,
+    ExrHalf,
+    ExrFloat,
+}
+
+impl Format {
+    pub const ALL: [(&'static str, Self); 4] = [
+        ("PNG, 8 bit", Self::Png8),
+        ("PNG, 16 bit", Self::Png16),
+        ("EXR, half", Self::ExrHalf),
+        ("EXR, float", Self::ExrFloat),
+    ];
+
+    pub fn is_linear(self) -> bool {
+        matches!(self, Self::ExrHalf | Self::ExrFloat)
+    }
+
+    pub fn extension(self) -> &'static str {
+        if self.is_linear() { "exr" } else { "png" }
+    }
+}
+
+/// Which sides are saved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sides {
+    /// What is shown.
+    #[default]
+    Shown,
+    /// Before and after, a picture each.
+    Each,
+}
+
+/// What turns on a turntable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Turn {
+    #[default]
+    Camera,
+    Light,
+}
+
+/// How pictures are saved; kept from start to start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ExportSettings {
+    pub size: [usize; 2],
+    pub format: Format,
+    pub supersample: usize,
+    pub transparent: bool,
+    pub sides: Sides,
+    pub pattern: String,
+    pub folder: String,
+    pub frames: usize,
+    pub turn: Turn,
+}
+
+impl Default for ExportSettings {
+    fn default() -> Self {
+        Self {
+            size: [1920, 1080],
+            format: Format::default(),
+            supersample: 2,
+            transparent: false,
+            sides: Sides::default(),
+            pattern: "{asset}_{light}_{view}".into(),
+            folder: directories::UserDirs::new()
+                .and_then(|d| d.picture_dir().map(|p| p.display().to_string()))
+                .unwrap_or_else(|| ".".into()),
+            frames: 36,
+            turn: Turn::default(),
+        }
+    }
+}
+
+/// What is saved.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Task {
+    /// One picture (or one a side); into a named file, or by folder and pattern.
+    Screenshot(Option<PathBuf>),
+    /// The same to the clipboard.
+    Clipboard,
+    /// One file a light of the shelf.
+    EachLight,
+    /// One file with a picture a light of the shelf.
+    ContactSheet,
+    /// Numbered frames.
+    Turntable,
+    /// The relit splat.
+    Splat(PathBuf),
+}
+
+/// Everything that an export reads, as it was when it was asked for.
+struct Snapshot {
+    device: Device,
+    cloud: Arc<SurfelCloud>,
+    file: Arc<AssetFile>,
+    name: String,
+    look: Look,
+    pose: CameraPose,
+    up: UpAxis,
+    radius: f32,
+    visibility: Arc<Visibility>,
+    ground: Option<Ground>,
+    lights: [Arc<Light>; 2],
+    shelf: Vec<Arc<Light>>,
+    /// A pinned look with its lights, where that is compared with.
+    pinned: Option<(Look, [Arc<Light>; 2])>,
+    settings: ExportSettings,
+}
+
+/// Starts an export; what cannot be started is told.
+pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {
+    let (Some(asset), Some(visibility)) = (&session.asset, &session.visibility) else {
+        session.error("there is nothing to save yet");
+        return;
+    };
+    let of = |path: &Option<PathBuf>| {
+        let path = path.as_deref()?;
+        session.lights.get(path).cloned()
+    };
+    let pinned = session
+        .pinned
+        .as_ref()
+        .filter(|_| session.against_pinned)
+        .and_then(|look| {
+            Some((
+                look.clone(),
+                [of(&look.source.file)?, of(&look.target.file)?],
+            ))
+        });
+    let mut look = session.look.clone();
+    if settings.transparent {
+        look.background = Background::Transparent;
+    }
+    let snapshot = Snapshot {
+        device: session.device.clone(),
+        cloud: asset.cloud.clone(),
+        file: asset.file.clone(),
+        name: asset.name(),
+        pose: session.pose,
+        up: session.up(),
+        radius: asset.bounds.radius,
+        visibility: visibility.clone(),
+        ground: session.ground(),
+        lights: session.sides.clone(),
+        shelf: shelf
+            .iter()
+            .filter_map(|p| session.lights.get(p).cloned())
+            .collect(),
+        pinned,
+        settings: settings.clone(),
+        look,
+    };
+    let label = match &task {
+        Task::Splat(path) => format!("writing {}", path.display()),
+        Task::Clipboard => "drawing a picture for the clipboard".into(),
+        _ => "drawing pictures".to_owned(),
+    };
+    let work = move |handle: &Handle<Event>| match snapshot.run(&task, handle) {
+        Ok(event) => Some(event),
+        Err(_) if handle.is_cancelled() => None,
+        Err(error) => Some(Event::Failed(format!("{error:#}"))),
+    };
+    session.jobs.start(Kind::Export, label, work, Event::Failed);
+}
+
+impl Snapshot {
+    fn run(mut self, task: &Task, handle: &Handle<Event>) -> Result<Event> {
+        if let Task::Splat(path) = task {
+            return self.write_splat(path);
+        }
+        let [width, height] = self.settings.size;
+        let factor = self.settings.supersample;
+        if width * height * factor * factor > MAX_SAMPLES {
+            bail!(
+                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible"
+            );
+        }
+        if self.look.shadow_catcher && self.ground.is_none() {
+            let settings = BakeSettings {
+                directions: self.look.directions,
+            };
+            let report = |_| handle.progress(0.0);
+            self.ground = Some(Ground::bake(&self.cloud, self.up, &settings, &report)?);
+        }
+        match task {
+            Task::Screenshot(Some(path)) => {
+                let raster = self.picture(self.look.view, &self.lights[TARGET])?;
+                self.write(path, &raster)?;
+                Ok(saved(std::slice::from_ref(path)))
+            }
+            Task::Screenshot(None) => {
+                let views = self.views();
+                let mut written = Vec::new();
+                for (i, view) in views.iter().enumerate() {
+                    handle_step(handle, i, views.len())?;
+                    let light = &self.lights[TARGET];
+                    let raster = self.picture(*view, light)?;
+                    let path = self.named(&light.name(), *view, None);
+                    self.write(&path, &raster)?;
+                    written.push(path);
+                }
+                Ok(saved(&written))
+            }
+            Task::Clipboard => {
+                let raster = self.picture(self.look.view, &self.lights[TARGET])?;
+                let bytes = present::straight(&raster)
+                    .iter()
+                    .flatten()
+                    .map(|v| (v * 255.0 + 0.5) as u8)
+                    .collect();
+                Ok(Event::Clipboard([raster.width, raster.height], bytes))
+            }
+            Task::EachLight => {
+                let mut written = Vec::new();
+                self.need_shelf()?;
+                for (i, light) in self.shelf.iter().enumerate() {
+                    handle_step(handle, i, self.shelf.len())?;
+                    let raster = self.picture(self.look.view, light)?;
+                    let path = self.named(&light.name(), self.look.view, None);
+                    self.write(&path, &raster)?;
+                    written.push(path);
+                }
+                Ok(saved(&written))
+            }
+            Task::ContactSheet => self.contact_sheet(handle),
+            Task::Turntable => self.turntable(handle),
+            Task::Splat(_) => bail!("not a picture"),
+        }
+    }
+
+    fn need_shelf(&self) -> Result<()> {
+        if self.shelf.is_empty() {
+            bail!("the shelf holds no light yet; drop environments on the window first");
+        }
+        Ok(())
+    }
+
+    fn views(&self) -> Vec<View> {
+        match self.settings.sides {
+            Sides::Shown => vec![self.look.view],
+            Sides::Each => vec![View::Before, View::After],
+        }
+    }
+
+    fn camera(&self) -> Camera {
+        Camera::from_pose(&self.pose, self.up, self.settings.size, self.radius)
+    }
+
+    fn painter(&self) -> Result<Painter> {
+        Ok(self.device.painter(&self.cloud)?.0)
+    }
+
+    fn picture(&self, view: View, target: &Arc<Light>) -> Result<Raster> {
+        let studio = self.studio(view)?;
+        let lit = self.lit(&self.look, view, target)?;
+        studio.take(&self.camera(), self.settings.supersample, &lit)
+    }
+
+    fn studio(&self, view: View) -> Result<Studio> {
+        let linear = self.settings.format.is_linear();
+        let look = self.look.clone();
+        let mut studio = Studio::new(&self.cloud, look, view, linear, self.painter()?);
+        if view == View::Visibility {
+            studio.openness = self.visibility.openness().iter().map(|o| [*o; 3]).collect();
+        }
+        studio.ground = self.ground.clone();
+        Ok(studio)
+    }
+
+    fn relit(
+        &self,
+        look: &Look,
+        source: &Light,
+        target: &Light,
+    ) -> Result<(PreparedTransfer, Vec<[f32; 3]>)> {
+        let [source, target] = look.lights(&source.radiance, &target.radiance, self.up);
+        let prepared =
+            PreparedTransfer::new(&self.cloud, &self.visibility, &source, &look.transfer)?;
+        let mut transfer = self.device.transfer(&prepared)?;
+        transfer.change_light(&prepared.light(&target))?;
+        let sh = transfer.result()?;
+        drop(transfer);
+        Ok((prepared, sh))
+    }
+
+    /// What the lights make of the asset, for a view.
+    fn lit(&self, look: &Look, view: View, target: &Arc<Light>) -> Result<Lit> {
+        let source = &self.lights[SOURCE];
+        let mut lit = if view.needs_relit() {
+            let (prepared, sh) = self.relit(look, source, target)?;
+            Lit::of(view, sh, &self.cloud, &self.visibility, &prepared)
+        } else {
+            Lit::default()
+        };
+        if let (Some((pinned, lights)), true) = (&self.pinned, view.has_two_sides()) {
+            let (_, sh) = self.relit(pinned, &lights[SOURCE], &lights[TARGET])?;
+            let display = Display { ..pinned.display };
+            lit.before = Some((sh, display));
+        }
+        if let Some(ground) = &self.ground {
+            lit.ground = ground.lit_share(&look.target.orient(&target.radiance, self.up));
+        }
+        if look.background == Background::Environment {
+            let matched = look.match_gain(&source.radiance, &target.radiance);
+            let sides = [(source, &look.source, 1.0), (target, &look.target, matched)];
+            for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
+                let shown = match view {
+                    View::Before => side == SOURCE,
+                    View::Split | View::SideBySide => true,
+                    _ => side == TARGET,
+                };
+                if shown {
+                    let map = load_map(light)?;
+                    lit.backdrops[side] = Some(Backdrop {
+                        map: Arc::new(map.blurred(look.background_blur)),
+                        map_from_asset: settings.map_from_asset(self.up),
+                        gain: settings.gain().map(|g| g * gain),
+                    });
+                }
+            }
+        }
+        Ok(lit)
+    }
+
+    fn write(&self, path: &Path, raster: &Raster) -> Result<()> {
+        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+        }
+        let (width, height) = (raster.width, raster.height);
+        let png = |bits| write_png(path, width, height, &present::straight(raster), bits);
+        match self.settings.format {
+            Format::Png8 => png(PngBits::Eight)?,
+            Format::Png16 => png(PngBits::Sixteen)?,
+            Format::ExrHalf => write_exr(path, raster, ExrFloats::Half)?,
+            Format::ExrFloat => write_exr(path, raster, ExrFloats::Full)?,
+        }
+        Ok(())
+    }
+
+    /// A file's name by the pattern; one that is taken gets a number, nothing is written over.
+    fn named(&self, light: &str, view: View, frame: Option<usize>) -> PathBuf {
+        let view = serde_json::to_value(view).ok();
+        let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");
+        let mut stem = self
+            .settings
+            .pattern
+            .replace("{asset}", &self.name)
+            .replace("{light}", light)
+            .replace("{view}", view)
+            .replace(['/', '\\'], "-");
+        if let Some(frame) = frame {
+            let number = format!("{frame:03}");
+            if stem.contains("{n}") {
+                stem = stem.replace("{n}", &number);
+            } else {
+                stem = format!("{stem}_{number}");
+            }
+        }
+        let stem = stem.replace("{n}", "");
+        free_name(
+            Path::new(&self.settings.folder),
+            &stem,
+            self.settings.format.extension(),
+        )
+    }
+
+    /// Pictures in rows, as wide as high about, each with its light's map in the corner.
+    fn contact_sheet(&self, handle: &Handle<Event>) -> Result<Event> {
+        self.need_shelf()?;
+        let count = self.shelf.len();
+        let columns = (count as f64).sqrt().ceil() as usize;
+        let rows = count.div_ceil(columns);
+        let [width, height] = self.settings.size;
+        if width * columns * height * rows > MAX_SAMPLES {
+            bail!("{count} pictures of {width} x {height} make too large a sheet; lower the size");
+        }
+        let blank = if self.settings.format.is_linear() {
+            0.0
+        } else {
+            0.1
+        };
+        let mut sheet = Raster {
+            width: width * columns,
+            height: height * rows,
+            pixels: vec![[blank, blank, blank, 1.0]; width * columns * height * rows],
+            depth: Vec::new(),
+        };
+        for (i, light) in self.shelf.iter().enumerate() {
+            handle_step(handle, i, count)?;
+            let mut picture = self.picture(self.look.view, light)?;
+            self.add_map(&mut picture, light);
+            let origin = (i / columns) * height * sheet.width + (i % columns) * width;
+            for (y, row) in picture.pixels.chunks_exact(width).enumerate() {
+                sheet.pixels[origin + y * sheet.width..][..width].copy_from_slice(row);
+            }
+        }
+        let path = self.named("lights", self.look.view, None);
+        self.write(&path, &sheet)?;
+        Ok(saved(&[path]))
+    }
+
+    fn add_map(&self, picture: &mut Raster, light: &Light) {
+        let (width, edge) = (picture.width / 4, picture.width / 40);
+        let map = EnvironmentMap::reduced(&light.small, width.max(2));
+        let height = width / 2;
+        let display = Display::default();
+        for y in 0..height.min(picture.height.saturating_sub(edge)) {
+            for x in 0..width {
+                let (mx, my) = (x * map.width() / width, y * map.height() / height);
+                let radiance =
+                    map.pixels()[my * map.width() + mx].map(|v| v * light.thumbnail_gain);
+                let [r, g, b] = if self.settings.format.is_linear() {
+                    radiance
+                } else {
+                    display.encode(radiance).map(|v| v.min(1.0))
+                };
+                let at = (picture.height - edge - height + y) * picture.width + edge + x;
+                picture.pixels[at] = [r, g, b, 1.0];
+            }
+        }
+    }
+
+    fn turntable(&self, handle: &Handle<Event>) -> Result<Event> {
+        let frames = self.settings.frames.max(1);
+        let target = &self.lights[TARGET];
+        let view = self.look.view;
+        let studio = self.studio(view)?;
+        // The camera's turn changes no light: one relight does for all frames.
+        let fixed = match self.settings.turn {
+            Turn::Camera => Some(self.lit(&self.look, view, target)?),
+            Turn::Light => None,
+        };
+        let mut written = Vec::new();
+        for frame in 0..frames {
+            handle_step(handle, frame, frames)?;
+            let turn = 360.0 * frame as f64 / frames as f64;
+            let mut pose = self.pose;
+            let turned;
+            let lit = match &fixed {
+                Some(lit) => {
+                    pose.azimuth = wrap(pose.azimuth + turn);
+                    lit
+                }
+                None => {
+                    let mut look = self.look.clone();
+                    look.target.rotation += turn;
+                    turned = self.lit(&look, view, target)?;
+                    &turned
+                }
+            };
+            let camera = Camera::from_pose(&pose, self.up, self.settings.size, self.radius);
+            let raster = studio.take(&camera, self.settings.supersample, lit)?;
+            let path = self.named(&target.name(), view, Some(frame));
+            self.write(&path, &raster)?;
+            written.push(path);
+        }
+        Ok(saved(&written))
+    }
+
+    fn write_splat(&self, path: &Path) -> Result<Event> {
+        if path.canonicalize().ok() == self.file.path.canonicalize().ok() && path.exists() {
+            bail!(
+                "{}: is the capture itself and would be lost; choose another name",
+                path.display()
+            );
+        }
+        let (_, relit) = self.relit(&self.look, &self.lights[SOURCE], &self.lights[TARGET])?;
+        let stored = encode_sh(relit, self.cloud.sh_degree, self.cloud.encoding);
+        write_relit_ply(&self.file, &stored, path)?;
+        Ok(saved(&[path.to_owned()]))
+    }
+}
+
+fn handle_step(handle: &Handle<Event>, done: usize, of: usize) -> Result<()> {
+    if handle.progress(done as f64 / of as f64).is_break() {
+        bail!("cancelled");
+    }
+    Ok(())
+}
+
+fn saved(paths: &[PathBuf]) -> Event {
+    Event::Done(match paths {
+        [one] => format!("saved {}", one.display()),
+        [first, .., last] => format!(
+            "saved {} pictures, {} to {}",
+            paths.len(),
+            first.display(),
+            last.file_name().unwrap_or_default().to_string_lossy()
+        ),
+        [] => "nothing was saved".into(),
+    })
+}
+
+/// `folder/stem.extension`, or with the first number that is free.
+pub fn free_name(folder: &Path, stem: &str, extension: &str) -> PathBuf {
+    let plain = folder.join(format!("{stem}.{extension}"));
+    if !plain.exists() {
+        return plain;
+    }
+    (2..)
+        .map(|i| folder.join(format!("{stem}-{i}.{extension}")))
+        .find(|p| !p.exists())
+        .unwrap_or(plain)
+}

@@ -1,0 +1,86 @@
+//! Files in and out: dialogs, drops, and the bundled scene.
+
+use std::path::{Path, PathBuf};
+
+use super::jobs::Kind;
+use super::session::{Event, SaveKind, Session};
+
+/// A file of the bundled scene: beside the program, where a package puts it, or in the sources that it was built from.
+pub fn bundled(name: &str) -> Option<PathBuf> {
+    let program = std::env::current_exe().ok();
+    let folder = program.as_deref().and_then(Path::parent);
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets");
+    let places = [
+        folder.map(|f| f.join("assets")),
+        folder.map(|f| f.join("../share/transplat/assets")),
+        Some(sources),
+    ];
+    places
+        .into_iter()
+        .flatten()
+        .map(|place| place.join(name))
+        .find(|path| path.is_file())
+        .map(|path| path.canonicalize().unwrap_or(path))
+}
+
+/// The environments of the bundled scene; the first is the one that its splat was captured under.
+pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"];
+
+/// The splat of the bundled scene.
+pub const BUNDLED_SPLAT: &str = "teapot.ply";
+
+/// What a file dialog is for.
+#[derive(Clone, Debug)]
+pub enum Dialog {
+    Open,
+    OpenFolder,
+    Save(SaveKind, String),
+}
+
+/// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown it ends as if nothing had been chosen: the path
+/// field of the menu serves then.
+pub fn ask(session: &mut Session, dialog: Dialog) {
+    if session.jobs.is_running(Kind::Dialog) {
+        return;
+    }
+    let work = move |_: &super::jobs::Handle<Event>| match dialog {
+        Dialog::Open => rfd::FileDialog::new()
+            .set_title("Open splats, environments, looks")
+            .add_filter(
+                "All that opens",
+                &["ply", "hdr", "exr", "png", "jpg", "jpeg", "json"],
+            )
+            .add_filter("Splats", &["ply"])
+            .add_filter("Environments", &["hdr", "exr", "png", "jpg", "jpeg"])
+            .add_filter("Looks", &["json"])
+            .pick_files()
+            .map(Event::Files),
+        Dialog::OpenFolder => rfd::FileDialog::new()
+            .set_title("Open a folder of environments")
+            .pick_folder()
+            .map(|folder| Event::Files(vec![folder])),
+        Dialog::Save(SaveKind::Folder, _) => rfd::FileDialog::new()
+            .set_title("Folder for pictures")
+            .pick_folder()
+            .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
+        Dialog::Save(kind, name) => {
+            let (title, filter, extensions): (_, _, &[&str]) = match kind {
+                SaveKind::Look => ("Save look", "Look", &["json"]),
+                SaveKind::Splat => ("Export relit splat", "Splat", &["ply"]),
+                _ => ("Save picture", "Picture", &["png", "exr"]),
+            };
+            rfd::FileDialog::new()
+                .set_title(title)
+                .add_filter(filter, extensions)
+                .set_file_name(name)
+                .save_file()
+                .map(|path| Event::SaveTo(path, kind))
+        }
+    };
+    session.jobs.start(
+        Kind::Dialog,
+        "waiting for the file dialog",
+        work,
+        Event::Failed,
+    );
+}

@@ -1,0 +1,196 @@
+//! Work off the interface's thread, with progress and cancel.
+
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Instant;
+
+use eframe::egui;
+
+/// What a job is doing, for those who must not start it twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Load,
+    Bake,
+    Ground,
+    Light,
+    Prepare,
+    Doubts,
+    Backdrop(usize),
+    Export,
+    Dialog,
+}
+
+/// A job that runs.
+pub struct Job {
+    pub id: u64,
+    pub kind: Kind,
+    /// For the user: what is being done, to what.
+    pub label: String,
+    pub started: Instant,
+    signals: Arc<Signals>,
+}
+
+#[derive(Default)]
+struct Signals {
+    per_mille: AtomicU32,
+    cancelled: AtomicBool,
+}
+
+impl Job {
+    /// How far it is, 0 to 1.
+    pub fn progress(&self) -> f32 {
+        self.signals.per_mille.load(Ordering::Relaxed) as f32 / 1e3
+    }
+
+    /// Whether it looks out for being stopped.
+    pub fn can_be_cancelled(&self) -> bool {
+        matches!(
+            self.kind,
+            Kind::Load | Kind::Bake | Kind::Ground | Kind::Export
+        )
+    }
+
+    /// Asks it to stop; what it would have yielded is dropped.
+    pub fn cancel(&self) {
+        self.signals.cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A job's own side.
+pub struct Handle<E> {
+    id: u64,
+    sender: Sender<Message<E>>,
+    signals: Arc<Signals>,
+    context: egui::Context,
+}
+
+impl<E> Handle<E> {
+    /// Tells how far it is, and learns whether to go on.
+    pub fn progress(&self, done: f64) -> ControlFlow<()> {
+        let per_mille = (done * 1e3) as u32;
+        if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
+            self.context.request_repaint();
+        }
+        if self.is_cancelled() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    }
+
+    pub fn is_cancelled(&self) -> bool {
+        self.signals.cancelled.load(Ordering::Relaxed)
+    }
+
+    /// Yields something before the end.
+    pub fn send(&self, event: E) {
+        self.post(Some(event), false);
+    }
+
+    fn post(&self, event: Option<E>, ended: bool) {
+        // Nobody listens any more once the window is closed.
+        let _ = self.sender.send(Message {
+            id: self.id,
+            event,
+            ended,
+        });
+        self.context.request_repaint();
+    }
+}
+
+struct Message<E> {
+    id: u64,
+    event: Option<E>,
+    ended: bool,
+}
+
+/// All jobs, and what they yield.
+pub struct Jobs<E> {
+    sender: Sender<Message<E>>,
+    receiver: Receiver<Message<E>>,
+    running: Vec<Job>,
+    next: u64,
+    context: egui::Context,
+}
+
+impl<E: Send + 'static> Jobs<E> {
+    pub fn new(context: &egui::Context) -> Self {
+        let (sender, receiver) = channel();
+        Self {
+            sender,
+            receiver,
+            running: Vec::new(),
+            next: 1,
+            context: context.clone(),
+        }
+    }
+
+    /// Starts one; `failed` makes an event of the message should it break down.
+    pub fn start(
+        &mut self,
+        kind: Kind,
+        label: impl Into<String>,
+        work: impl FnOnce(&Handle<E>) -> Option<E> + Send + 'static,
+        failed: impl FnOnce(String) -> E + Send + 'static,
+    ) -> u64 {
+        let id = self.next;
+        self.next += 1;
+        let signals = Arc::<Signals>::default();
+        let handle = Handle {
+            id,
+            sender: self.sender.clone(),
+            signals: signals.clone(),
+            context: self.context.clone(),
+        };
+        self.running.push(Job {
+            id,
+            kind,
+            label: label.into(),
+            started: Instant::now(),
+            signals,
+        });
+        std::thread::spawn(move || {
+            let result = catch_unwind(AssertUnwindSafe(|| work(&handle)));
+            let event = result.unwrap_or_else(|_| {
+                Some(failed("an internal error; the scene is as it was".into()))
+            });
+            handle.post(event, true);
+        });
+        id
+    }
+
+    /// Everything that was yielded since the last call; of cancelled jobs nothing.
+    pub fn events(&mut self) -> Vec<E> {
+        let mut events = Vec::new();
+        while let Ok(message) = self.receiver.try_recv() {
+            let at = self.running.iter().position(|j| j.id == message.id);
+            let cancelled =
+                at.is_none_or(|i| self.running[i].signals.cancelled.load(Ordering::Relaxed));
+            if message.ended
+                && let Some(i) = at
+            {
+                self.running.remove(i);
+            }
+            events.extend(message.event.filter(|_| !cancelled));
+        }
+        events
+    }
+
+    pub fn running(&self) -> &[Job] {
+        &self.running
+    }
+
+    pub fn is_running(&self, kind: Kind) -> bool {
+        self.running.iter().any(|j| j.kind == kind)
+    }
+
+    /// Cancels all jobs of a kind.
+    pub fn cancel(&self, kind: Kind) {
+        for job in self.running.iter().filter(|j| j.kind == kind) {
+            job.cancel();
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Environments as the viewer keeps them: their light, a small map for thumbnails and probes, and the whole map only while it is seen.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Result;
+use transplat_core::color::luminance;
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::load::load_environment;
+use transplat_core::look::is_even;
+use transplat_core::sh::MAX_DEGREE;
+use transplat_gpu::Context;
+
+use crate::scene::map_warnings;
+
+/// Width of the small map.
+const SMALL_WIDTH: usize = 256;
+
+/// What is kept of an environment.
+#[derive(Debug)]
+pub struct Light {
+    /// Its file, or `even`.
+    pub path: PathBuf,
+    /// To the highest degree, as the map lies in its file.
+    pub radiance: IncidentRadiance,
+    pub small: EnvironmentMap,
+    pub size: [usize; 2],
+    pub warnings: Vec<String>,
+    /// What brings its mean luminance to middle grey: for thumbnails.
+    pub thumbnail_gain: f32,
+}
+
+impl Light {
+    /// Uniform white light.
+    pub fn even() -> Self {
+        Self {
+            path: transplat_core::look::EVEN.into(),
+            radiance: IncidentRadiance::even(MAX_DEGREE),
+            small: EnvironmentMap::even(),
+            size: [0, 0],
+            warnings: Vec::new(),
+            thumbnail_gain: 1.0,
+        }
+    }
+
+    /// Reads a file and projects it, on the GPU.
+    pub fn load(context: &Context, path: &Path) -> Result<Self> {
+        if is_even(path) {
+            return Ok(Self::even());
+        }
+        let map = load_environment(path)?;
+        let radiance = transplat_gpu::environment::project_environment(context, &map, MAX_DEGREE)?;
+        let small = map.reduced(SMALL_WIDTH);
+        // The logarithmic mean is not led astray by a sun.
+        let logs: f32 = small
+            .pixels()
+            .iter()
+            .map(|p| luminance(*p).max(1e-6).ln())
+            .sum();
+        let mean = (logs / small.pixels().len() as f32).exp();
+        Ok(Self {
+            path: path.to_owned(),
+            radiance,
+            size: [map.width(), map.height()],
+            warnings: map_warnings(path, &map),
+            thumbnail_gain: 0.18 / mean,
+            small,
+        })
+    }
+
+    pub fn is_even(&self) -> bool {
+        is_even(&self.path)
+    }
+
+    /// For the user.
+    pub fn name(&self) -> String {
+        light_name(&self.path)
+    }
+}
+
+/// A light's name for the user.
+pub fn light_name(path: &Path) -> String {
+    if is_even(path) {
+        return "even light".into();
+    }
+    path.file_stem().map_or_else(
+        || path.display().to_string(),
+        |stem| stem.to_string_lossy().into_owned(),
+    )
+}
+
+/// Reads the whole map again, to be seen behind the object.
+pub fn load_map(light: &Light) -> Result<Arc<EnvironmentMap>> {
+    Ok(Arc::new(if light.is_even() {
+        EnvironmentMap::even()
+    } else {
+        load_environment(&light.path)?
+    }))
+}

@@ -1,0 +1,251 @@
+//! The splat: what it is, how it stands, what of it is hidden, and the surfel that was clicked.
+
+use eframe::egui::{self, Ui};
+use glam::Vec3;
+use transplat_core::load::AssetKind;
+use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::{Hide, UpAxis};
+
+use crate::viewer::app::Viewer;
+use crate::viewer::navigation;
+use crate::viewer::viewport::doubt_name;
+use crate::viewer::widgets::{Control, fact, switch, thousands};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    let Some(asset) = &session.asset else {
+        ui.label("No splat is open.");
+        return;
+    };
+    fact(ui, "file", asset.path.display().to_string());
+    let kind = match asset.file.report.kind {
+        AssetKind::Surfels2d => "2D surfels",
+        AssetKind::Gaussians3d => "3D Gaussians, flattened",
+    };
+    let (n, degree) = (asset.cloud.len(), asset.cloud.sh_degree);
+    fact(
+        ui,
+        "holds",
+        format!("{} {kind}, SH degree {degree}", thousands(n)),
+    );
+    for warning in &asset.warnings {
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+    let up = session.up();
+    ui.horizontal(|ui| {
+        ui.label("Up axis");
+        for (name, axis) in UpAxis::ALL {
+            let chosen = ui.selectable_label(up == axis, name).on_hover_text(
+                "Which way is up in the splat's own coordinates. Lights, ground and camera follow.",
+            );
+            if chosen.clicked() && up != axis {
+                session.look.up = Some(axis);
+                let size = session.viewport;
+                if let Some(asset) = &session.asset {
+                    session.pose = navigation::first_pose(&asset.cloud, &asset.bounds, size);
+                }
+            }
+        }
+    });
+    let mut linear = session.look.linear;
+    if switch(
+        ui,
+        "Colour is linear",
+        "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
+        &mut linear,
+    )
+    .changed()
+    {
+        let look = transplat_core::look::Look {
+            linear,
+            camera: Some(session.pose),
+            ..session.look.clone()
+        };
+        if let Some(asset) = &session.asset {
+            let path = asset.path.clone();
+            session.load_asset(path, look);
+        }
+    }
+    let mut turned = 0.0;
+    let turn = egui::DragValue::new(&mut turned).suffix("°").speed(0.5);
+    let drag = ui
+        .horizontal(|ui| {
+            ui.label("Turn the object");
+            ui.add(turn)
+        })
+        .inner
+        .on_hover_text(
+            "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
+        );
+    drag.widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Turn the object"));
+    if drag.changed() {
+        // The object's turn is the camera's and the light's together the other way.
+        let session = &mut viewer.session;
+        session.pose.azimuth = navigation::wrap(session.pose.azimuth - turned);
+        session.look.target.rotation = navigation::wrap(session.look.target.rotation - turned);
+    }
+    ui.separator();
+    hide(ui, &mut viewer.session.look.hide);
+    ui.separator();
+    inspected(ui, viewer);
+}
+
+fn hide(ui: &mut Ui, hide: &mut Hide) {
+    ui.label("Hide (nothing is edited)");
+    Control {
+        label: "Faint",
+        unit: "",
+        tip: "Surfels of less opacity than this are not drawn: takes away haze.",
+        range: 0.0..=1.0,
+        default: 0.0,
+        decimals: 3,
+        logarithmic: false,
+    }
+    .show(ui, &mut hide.min_opacity);
+    Control {
+        label: "Large",
+        unit: " radii",
+        tip: "Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none.",
+        range: 0.001..=1.0,
+        default: 1.0,
+        decimals: 3,
+        logarithmic: true,
+    }
+    .show(ui, &mut hide.max_size);
+    switch(
+        ui,
+        "Crop box",
+        "What lies outside of a box around the object is not drawn.",
+        &mut hide.crop,
+    );
+    if hide.crop {
+        for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
+            ui.horizontal(|ui| {
+                ui.label(name);
+                let (mut low, mut high) = (hide.crop_min[axis], hide.crop_max[axis]);
+                for (value, side) in [(&mut low, "from"), (&mut high, "to")] {
+                    let drag = egui::DragValue::new(value)
+                        .speed(0.01)
+                        .range(-3.0..=3.0)
+                        .suffix(" radii");
+                    let response = ui.add(drag).on_hover_text(
+                        "A side of the box, in the object's radius around its centre.",
+                    );
+                    response.widget_info(|| {
+                        egui::WidgetInfo::labeled(
+                            egui::Role::SpinButton,
+                            true,
+                            format!("Crop {name} {side}"),
+                        )
+                    });
+                }
+                hide.crop_min[axis] = low.min(high);
+                hide.crop_max[axis] = high.max(low);
+            });
+        }
+    }
+    if !hide.is_off() && ui.button("Show everything").clicked() {
+        *hide = Hide::default();
+    }
+}
+
+fn inspected(ui: &mut Ui, viewer: &Viewer) {
+    let session = &viewer.session;
+    let (Some(i), Some(asset)) = (viewer.viewport.inspected, &session.asset) else {
+        ui.weak("Click the object to inspect a surfel.");
+        return;
+    };
+    if i >= asset.cloud.len() {
+        return;
+    }
+    let cloud = &asset.cloud;
+    let vector = |v: Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
+    ui.label(format!("Surfel {}", thousands(i)));
+    fact(ui, "position", vector(cloud.positions[i]));
+    fact(
+        ui,
+        "size",
+        format!("{:.2e} x {:.2e}", cloud.scales[i].x, cloud.scales[i].y),
+    );
+    fact(ui, "opacity", format!("{:.3}", cloud.opacities[i]));
+    if let Some(visibility) = &session.visibility {
+        let two = if visibility.two_sided[i] {
+            ", two-sided"
+        } else {
+            ""
+        };
+        fact(
+            ui,
+            "normal",
+            format!("{}{two}", vector(visibility.normals[i])),
+        );
+        let row = &visibility.open[i * visibility.directions..][..visibility.directions];
+        let open = row.iter().map(|o| f32::from(*o)).sum::<f32>() / (255.0 * row.len() as f32);
+        fact(ui, "sees", format!("{:.0} % of the sphere", 100.0 * open));
+        lobe(ui, row);
+    }
+    if let Some(prepared) = &session.prepared
+        && i < prepared.dc_over_irradiance.len()
+    {
+        let [_, target] = session.oriented_lights();
+        let light = prepared.light(&target);
+        let relit = prepared.relight_one(&light, i);
+        let k = coefficient_count(cloud.sh_degree);
+        let (dc, relit_dc) = (prepared.dc[i], relit[0]);
+        let ratio = |c: usize| {
+            if dc[c] > 0.0 {
+                relit_dc[c] / dc[c]
+            } else {
+                0.0
+            }
+        };
+        fact(
+            ui,
+            "tau",
+            format!("{:.3}, {:.3}, {:.3}", ratio(0), ratio(1), ratio(2)),
+        );
+        fact(
+            ui,
+            "epsilon's share",
+            format!(
+                "{:.0} % of what it is divided by",
+                100.0 * prepared.epsilon_share(i)
+            ),
+        );
+        let bands: Vec<String> = (0..=cloud.sh_degree)
+            .map(|l| {
+                let norm = |f: &[[f32; 3]]| {
+                    let band = &f[transplat_core::sh::band(l)];
+                    band.iter().flatten().map(|v| v * v).sum::<f32>().sqrt()
+                };
+                format!(
+                    "{l}: {:.3} > {:.3}",
+                    norm(&cloud.sh[i * k..][..k]),
+                    norm(&relit)
+                )
+            })
+            .collect();
+        fact(ui, "SH bands, stored > relit (linear)", bands.join("  "));
+    }
+    if let Some(Some(doubt)) = session.doubts.get(i) {
+        ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
+    }
+}
+
+/// Which directions a surfel sees, as a map of the sphere.
+fn lobe(ui: &mut Ui, row: &[u8]) {
+    let (rect, response) = ui.allocate_exact_size(egui::vec2(160.0, 80.0), egui::Sense::hover());
+    response.on_hover_text("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself.");
+    let painter = ui.painter_at(rect);
+    painter.rect_filled(rect, 2.0, egui::Color32::from_gray(40));
+    for (d, open) in transplat_core::sh::fibonacci_sphere(row.len())
+        .iter()
+        .zip(row)
+    {
+        let u = 0.5 - d[1].atan2(d[0]) as f32 / std::f32::consts::TAU;
+        let v = d[2].clamp(-1.0, 1.0).acos() as f32 / std::f32::consts::PI;
+        let at = rect.min + egui::vec2(u * rect.width(), v * rect.height());
+        let size = (rect.area() / row.len() as f32).sqrt() * 0.55;
+        painter.circle_filled(at, size.max(1.0), egui::Color32::from_gray(*open));
+    }
+}

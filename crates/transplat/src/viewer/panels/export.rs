@@ -1,0 +1,141 @@
+//! Pictures and splats out.
+
+use eframe::egui::{self, Ui};
+
+use crate::viewer::app::Viewer;
+use crate::viewer::export::{Format, Sides, Task, Turn};
+use crate::viewer::files::{Dialog, ask};
+use crate::viewer::session::SaveKind;
+use crate::viewer::widgets::{choice, switch};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    let settings = &mut viewer.preferences.export;
+    ui.horizontal(|ui| {
+        for (i, name) in ["Width", "Height"].into_iter().enumerate() {
+            let drag = egui::DragValue::new(&mut settings.size[i])
+                .range(1..=16384)
+                .suffix(" px");
+            let response = ui.add(drag).on_hover_text(format!(
+                "{name} of saved pictures; beyond the largest texture they are drawn in tiles."
+            ));
+            response.widget_info(|| {
+                egui::WidgetInfo::labeled(egui::Role::SpinButton, true, format!("Picture {name}"))
+            });
+        }
+        if ui
+            .button("as here")
+            .on_hover_text("The viewport's own size.")
+            .clicked()
+        {
+            settings.size = viewer.session.viewport;
+        }
+    });
+    choice(
+        ui,
+        "Format",
+        "PNG is for screens, with exposure and tone mapping; EXR is linear light with premultiplied alpha.",
+        &mut settings.format,
+        &Format::ALL,
+    );
+    choice(
+        ui,
+        "Samples",
+        "Samples a pixel along each edge: more give smoother edges and take longer.",
+        &mut settings.supersample,
+        &[("1 x 1", 1), ("2 x 2", 2), ("3 x 3", 3), ("4 x 4", 4)],
+    );
+    switch(
+        ui,
+        "Transparent background",
+        "Leaves out what is behind the object; a caught shadow stays.",
+        &mut settings.transparent,
+    );
+    choice(
+        ui,
+        "Sides",
+        "What is shown, or before and after as a picture each.",
+        &mut settings.sides,
+        &[
+            ("as shown", Sides::Shown),
+            ("before and after", Sides::Each),
+        ],
+    );
+    ui.horizontal(|ui| {
+        let field = egui::TextEdit::singleline(&mut settings.folder).desired_width(150.0);
+        let label = ui.label("Folder");
+        ui.add(field)
+            .labelled_by(label.id)
+            .on_hover_text("Where pictures are saved.");
+        if ui.button("…").on_hover_text("Choose a folder.").clicked() {
+            ask(
+                &mut viewer.session,
+                Dialog::Save(SaveKind::Folder, String::new()),
+            );
+        }
+    });
+    ui.horizontal(|ui| {
+        let label = ui.label("Name");
+        let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
+        ui.add(field).labelled_by(label.id).on_hover_text("Name of pictures: {asset}, {light}, {view} and {n} (the frame's number) stand for what they say.");
+    });
+    let mut task = None;
+    ui.horizontal_wrapped(|ui| {
+        if ui
+            .button("Save picture")
+            .on_hover_text("As it is shown. (F12)")
+            .clicked()
+        {
+            task = Some(Task::Screenshot(None));
+        }
+        if ui
+            .button("Copy")
+            .on_hover_text("The picture to the clipboard. (ctrl + shift + C)")
+            .clicked()
+        {
+            task = Some(Task::Clipboard);
+        }
+        if ui
+            .button("One per light")
+            .on_hover_text("A file for each light of the shelf.")
+            .clicked()
+        {
+            task = Some(Task::EachLight);
+        }
+        if ui
+            .button("Contact sheet")
+            .on_hover_text("One file with a picture for each light of the shelf.")
+            .clicked()
+        {
+            task = Some(Task::ContactSheet);
+        }
+    });
+    ui.separator();
+    let settings = &mut viewer.preferences.export;
+    ui.horizontal(|ui| {
+        let drag = egui::DragValue::new(&mut settings.frames)
+            .range(2..=10_000)
+            .suffix(" frames");
+        let response = ui.add(drag).on_hover_text("Frames of a whole turn.");
+        response.widget_info(|| {
+            egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Turntable frames")
+        });
+        ui.selectable_value(&mut settings.turn, Turn::Camera, "camera")
+            .on_hover_text("The camera goes round the object.");
+        ui.selectable_value(&mut settings.turn, Turn::Light, "light")
+            .on_hover_text("The light goes round the object.");
+    });
+    if ui
+        .button("Save turntable")
+        .on_hover_text("Numbered frames of a whole turn.")
+        .clicked()
+    {
+        task = Some(Task::Turntable);
+    }
+    ui.separator();
+    if ui.button("Export relit splat…").on_hover_text("As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)").clicked() {
+        viewer.ask_for_splat();
+    }
+    if let Some(task) = task {
+        viewer.export(task);
+    }
+}

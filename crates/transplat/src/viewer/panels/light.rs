@@ -1,0 +1,130 @@
+//! One of the two lights: how it is turned, how strong it is.
+
+use eframe::egui::Ui;
+use transplat_core::surfels::UpAxis;
+
+use crate::viewer::app::Viewer;
+use crate::viewer::session::{SOURCE, TARGET};
+use crate::viewer::widgets::{Control, angle, fact, reset, switch};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
+    let session = &mut viewer.session;
+    let light = session.sides[side].clone();
+    if side == SOURCE && light.is_even() {
+        ui.label("even light (assumed): nobody told what it was captured under");
+        ui.weak(
+            "Drop the environment of the capture on the slot “captured under”, if there is one.",
+        );
+    } else {
+        fact(ui, "file", light.path.display().to_string());
+        if light.size[0] > 0 {
+            fact(
+                ui,
+                "holds",
+                format!("{} x {} pixels", light.size[0], light.size[1]),
+            );
+        }
+    }
+    for warning in &light.warnings {
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+    if !light.is_even() && ui.button("Use even light instead").clicked() {
+        session.set_light(side, transplat_core::look::EVEN.into());
+    }
+    let settings = if side == SOURCE {
+        &mut session.look.source
+    } else {
+        &mut session.look.target
+    };
+    angle(
+        ui,
+        "Rotation",
+        if side == SOURCE {
+            "Turns the light of the capture about the up axis, until it fits the highlights and shadows that the splat shows."
+        } else {
+            "Turns the light about the up axis: sun and shadows go round the object. Shift + right drag in the viewport does the same."
+        },
+        &mut settings.rotation,
+    );
+    angle(
+        ui,
+        "Tilt",
+        "Tips the whole light over: a low sun rises, the horizon slants.",
+        &mut settings.tilt,
+    );
+    Control {
+        label: "Strength",
+        unit: " stops",
+        tip: if side == SOURCE {
+            "How strong the light of the capture was: a stronger one leaves a darker object."
+        } else {
+            "How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel View."
+        },
+        range: -8.0..=8.0,
+        default: 0.0,
+        decimals: 2,
+        logarithmic: false,
+    }
+    .show(ui, &mut settings.strength);
+    ui.horizontal(|ui| {
+        let response = ui.color_edit_button_rgb(&mut settings.tint);
+        reset(
+            response,
+            "Colour that the light is multiplied by.",
+            &mut settings.tint,
+            [1.0; 3],
+        );
+        ui.label("Tint");
+        if settings.tint != [1.0; 3] && ui.small_button("white").clicked() {
+            settings.tint = [1.0; 3];
+        }
+    });
+    switch(
+        ui,
+        "Mirrored",
+        "Turns left and right of the environment round, for maps that were stored so.",
+        &mut settings.mirror,
+    );
+    ui.horizontal(|ui| {
+        ui.label("Up in the map");
+        for (name, axis) in UpAxis::ALL {
+            ui.selectable_value(&mut settings.up, axis, name)
+                .on_hover_text("Which axis of the map points up; +z is an upright panorama.");
+        }
+    });
+    if side == TARGET {
+        target_only(ui, viewer);
+    }
+}
+
+fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    let told = session.stops_over_source.map_or(String::new(), |stops| {
+        let word = if stops < 0.0 { "darker" } else { "brighter" };
+        format!(": now {:.1} stops {word}", stops.abs())
+    });
+    switch(
+        ui,
+        &format!("Match the source's strength{told}"),
+        "Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)",
+        &mut session.look.match_strength,
+    );
+    let locked = &mut viewer.viewport.light_locked_to_camera;
+    let response = ui
+        .horizontal(|ui| {
+            ui.label("Locked to");
+            let world = ui.selectable_label(!*locked, "world");
+            let camera = ui.selectable_label(*locked, "camera");
+            if world.clicked() {
+                *locked = false;
+            }
+            if camera.clicked() {
+                *locked = true;
+            }
+            world | camera
+        })
+        .inner;
+    response.on_hover_text(
+        "Locked to the camera, the light turns as one orbits: the shading stays, the object turns.",
+    );
+}

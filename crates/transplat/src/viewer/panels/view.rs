@@ -1,0 +1,211 @@
+//! What is shown and how: camera, background, display.
+
+use eframe::egui::Ui;
+use transplat_core::color::ToneMap;
+use transplat_core::look::{BLUR, DIFFERENCE_SCALE, FOV};
+use transplat_core::present::{Background, View};
+
+use crate::viewer::app::Viewer;
+use crate::viewer::navigation::{self, Preset};
+use crate::viewer::widgets::{Control, choice, switch};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    display(ui, viewer);
+    ui.separator();
+    background(ui, viewer);
+    ui.separator();
+    camera(ui, viewer);
+    let session = &mut viewer.session;
+    if session.look.view == View::Difference {
+        ui.separator();
+        Control {
+            label: "Difference x",
+            unit: "",
+            tip: "What the difference of the two pictures is multiplied by; grey is none.",
+            range: DIFFERENCE_SCALE,
+            default: 1.0,
+            decimals: 1,
+            logarithmic: true,
+        }
+        .show(ui, &mut session.look.difference_scale);
+    }
+}
+
+fn display(ui: &mut Ui, viewer: &mut Viewer) {
+    let look = &mut viewer.session.look;
+    Control {
+        label: "Exposure",
+        unit: " stops",
+        tip: "Brightness of the picture alone; no light changes. The light's strength is in the panel Target light.",
+        range: -8.0..=8.0,
+        default: 0.0,
+        decimals: 2,
+        logarithmic: false,
+    }
+    .show(ui, &mut look.display.exposure);
+    choice(
+        ui,
+        "Tone mapping",
+        "How bright colours are brought into what a screen can show. sRGB without exposure shows “before” as it was trained.",
+        &mut look.display.tone_map,
+        &[
+            ("sRGB", ToneMap::Srgb),
+            ("Khronos PBR neutral", ToneMap::Neutral),
+            ("AgX", ToneMap::Agx),
+            ("ACES", ToneMap::Aces),
+            ("none (linear)", ToneMap::None),
+        ],
+    );
+    switch(
+        ui,
+        "False-colour exposure",
+        "Shows how many stops from middle grey each part of the picture is.",
+        &mut look.false_color,
+    );
+}
+
+fn background(ui: &mut Ui, viewer: &mut Viewer) {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Kind {
+        Environment,
+        Color,
+        Gradient,
+        Checker,
+        Transparent,
+    }
+    let look = &mut viewer.session.look;
+    let mut kind = match look.background {
+        Background::Environment => Kind::Environment,
+        Background::Color(_) => Kind::Color,
+        Background::Gradient(..) => Kind::Gradient,
+        Background::Checker => Kind::Checker,
+        Background::Transparent => Kind::Transparent,
+    };
+    let changed = choice(
+        ui,
+        "Background",
+        "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.",
+        &mut kind,
+        &[
+            ("environment", Kind::Environment),
+            ("colour", Kind::Color),
+            ("gradient", Kind::Gradient),
+            ("checker", Kind::Checker),
+            ("transparent", Kind::Transparent),
+        ],
+    );
+    if changed {
+        look.background = match kind {
+            Kind::Environment => Background::Environment,
+            Kind::Color => Background::Color([0.18; 3]),
+            Kind::Gradient => Background::Gradient([0.32; 3], [0.12; 3]),
+            Kind::Checker => Background::Checker,
+            Kind::Transparent => Background::Transparent,
+        };
+    }
+    match &mut look.background {
+        Background::Environment => {
+            Control {
+                label: "Blur",
+                unit: "°",
+                tip: "Blurs the environment behind the object; the light on it stays.",
+                range: 0.0..=30.0f32.min(*BLUR.end()),
+                default: 2.0,
+                decimals: 1,
+                logarithmic: false,
+            }
+            .show(ui, &mut look.background_blur);
+        }
+        Background::Color(color) => color_field(ui, "Colour", color),
+        Background::Gradient(top, bottom) => {
+            color_field(ui, "Top", top);
+            color_field(ui, "Bottom", bottom);
+        }
+        Background::Checker | Background::Transparent => {}
+    }
+    switch(
+        ui,
+        "Shadow on the ground",
+        "The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.",
+        &mut look.shadow_catcher,
+    );
+}
+
+/// A display-encoded colour.
+fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
+    ui.horizontal(|ui| {
+        let mut bytes = color.map(|v| (v * 255.0).round() as u8);
+        if ui
+            .color_edit_button_srgb(&mut bytes)
+            .on_hover_text("Colour of the background.")
+            .changed()
+        {
+            *color = bytes.map(|b| f32::from(b) / 255.0);
+        }
+        ui.label(label);
+    });
+}
+
+fn camera(ui: &mut Ui, viewer: &mut Viewer) {
+    ui.horizontal_wrapped(|ui| {
+        for (name, preset) in Preset::ALL {
+            if ui
+                .button(name)
+                .on_hover_text("Looks at the object from there.")
+                .clicked()
+            {
+                navigation::look_from(&mut viewer.session.pose, preset);
+            }
+        }
+        if ui
+            .button("Frame")
+            .on_hover_text("Shows all of the object. (F)")
+            .clicked()
+        {
+            frame(viewer);
+        }
+    });
+    let session = &mut viewer.session;
+    ui.horizontal(|ui| {
+        let tip = "Parallel lines stay parallel in an orthographic view. (O)";
+        ui.selectable_value(&mut session.pose.orthographic, false, "perspective")
+            .on_hover_text(tip);
+        ui.selectable_value(&mut session.pose.orthographic, true, "orthographic")
+            .on_hover_text(tip);
+    });
+    let mut fov = session.pose.fov;
+    let changed = Control {
+        label: "Field of view",
+        unit: "°",
+        tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
+        range: *FOV.start()..=120.0,
+        default: 35.0,
+        decimals: 1,
+        logarithmic: false,
+    }
+    .show(ui, &mut fov)
+    .changed();
+    if changed {
+        navigation::set_fov(&mut session.pose, fov);
+    }
+    switch(ui, "Grid", "A grid on the ground. (G)", &mut session.grid);
+    switch(
+        ui,
+        "Light probes",
+        "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
+        &mut viewer.preferences.probes,
+    );
+}
+
+/// Shows all of the object.
+pub fn frame(viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    if let Some(asset) = &session.asset {
+        navigation::frame_object(
+            &asset.cloud,
+            &asset.bounds,
+            &mut session.pose,
+            session.viewport,
+        );
+    }
+}

@@ -1,0 +1,111 @@
+//! What comes back at the next start.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use transplat_core::color::Display;
+use transplat_core::look::Look;
+use transplat_core::present::Background;
+use transplat_core::transfer::TransferSettings;
+
+use super::export::ExportSettings;
+
+/// Files that are remembered as recent.
+const RECENT: usize = 12;
+
+/// Kept from start to start. What belongs to one scene (lights' turns, camera, what is hidden) is kept in looks instead.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Preferences {
+    pub transfer: TransferSettings,
+    pub display: Display,
+    pub background: Background,
+    pub background_blur: f32,
+    pub match_strength: bool,
+    pub grid: bool,
+    pub probes: bool,
+    pub shelf: Vec<PathBuf>,
+    pub recent: Vec<PathBuf>,
+    pub export: ExportSettings,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self {
+            transfer: TransferSettings::default(),
+            display: Display::default(),
+            background: Background::Environment,
+            background_blur: 2.0,
+            match_strength: false,
+            grid: false,
+            probes: true,
+            shelf: Vec::new(),
+            recent: Vec::new(),
+            export: ExportSettings::default(),
+        }
+    }
+}
+
+impl Preferences {
+    /// A look with the settings that are kept; settings that are out of range (an older program wrote them) fall back to the defaults.
+    pub fn look(&self) -> Look {
+        let look = Look {
+            transfer: self.transfer.clone(),
+            display: self.display,
+            background: self.background,
+            background_blur: self.background_blur,
+            match_strength: self.match_strength,
+            ..Look::default()
+        };
+        if look.validate().is_ok() {
+            look
+        } else {
+            Self::default().look()
+        }
+    }
+
+    /// Takes over what is kept of a look.
+    pub fn keep(&mut self, look: &Look) {
+        self.transfer = look.transfer.clone();
+        self.display = look.display;
+        self.background = look.background;
+        self.background_blur = look.background_blur;
+        self.match_strength = look.match_strength;
+    }
+
+    /// Puts a file first among the recent ones.
+    pub fn remember(&mut self, path: &Path) {
+        self.recent.retain(|p| p != path);
+        self.recent.insert(0, path.to_owned());
+        self.recent.truncate(RECENT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_comes_back_and_what_is_wrong_does_not() {
+        let mut preferences = Preferences::default();
+        let mut look = preferences.look();
+        look.transfer.sh_degree = 5;
+        look.display.exposure = 1.5;
+        preferences.keep(&look);
+        let text = serde_json::to_string(&preferences).expect("plain data");
+        let back: Preferences = serde_json::from_str(&text).expect("its own text");
+        assert_eq!(back.look(), look);
+        preferences.transfer.sh_degree = 99;
+        assert_eq!(preferences.look(), Preferences::default().look());
+    }
+
+    #[test]
+    fn recent_files_are_few_and_each_is_there_once() {
+        let mut preferences = Preferences::default();
+        for i in 0..40 {
+            preferences.remember(Path::new(&format!("{}.ply", i % 15)));
+        }
+        assert_eq!(preferences.recent.len(), RECENT);
+        assert_eq!(preferences.recent[0], Path::new("9.ply"));
+    }
+}

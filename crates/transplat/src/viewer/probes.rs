@@ -1,0 +1,158 @@
+//! What the method sees of the lights: a grey and a mirror ball under each, and each environment beside its SH projection.
+
+use eframe::egui::{self, Color32, ColorImage, TextureHandle};
+use glam::{DMat3, Vec3};
+use rayon::prelude::*;
+use transplat_core::color::Display;
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
+
+use super::lights::Light;
+
+/// Pixels across a ball.
+const BALL: usize = 64;
+
+/// Reflectance of the grey ball.
+const GREY: f32 = 0.5;
+
+/// Pixels across a map.
+const MAP_WIDTH: usize = 128;
+
+/// All that the pictures of one light depend on.
+#[derive(Clone, PartialEq)]
+pub struct Key {
+    pub light: std::path::PathBuf,
+    pub oriented: IncidentRadiance,
+    pub map_from_asset: DMat3,
+    pub gain: [f32; 3],
+    pub display: Display,
+    /// Rows of the camera's rotation.
+    pub view: glam::Mat3,
+}
+
+/// The pictures of one light.
+pub struct Probe {
+    key: Key,
+    pub grey: TextureHandle,
+    pub mirror: TextureHandle,
+    pub map: TextureHandle,
+    pub sh: TextureHandle,
+}
+
+impl Probe {
+    /// Keeps the pictures up to date.
+    pub fn update(
+        probe: &mut Option<Self>,
+        context: &egui::Context,
+        name: &str,
+        key: Key,
+        light: &Light,
+    ) {
+        if probe.as_ref().is_some_and(|p| p.key == key) {
+            return;
+        }
+        let encode = |radiance: [f32; 3]| color(key.display.encode(radiance));
+        let turn = key.map_from_asset.as_mat3();
+        let seen = |d: Vec3| -> [f32; 3] {
+            let radiance = light.small.sample(turn * d);
+            std::array::from_fn(|c| radiance[c] * key.gain[c])
+        };
+        let irradiance = convolved(&key.oriented);
+        let asset_from_view = key.view.transpose();
+        let grey = ball(|normal, _| {
+            let n = (asset_from_view * normal).to_array();
+            let e = evaluate_sh(&irradiance, key.oriented.degree, n);
+            encode(e.map(|e| GREY / std::f32::consts::PI * e.max(0.0)))
+        });
+        let mirror = ball(|normal, towards| {
+            let away = -towards;
+            let reflected = away - 2.0 * away.dot(normal) * normal;
+            encode(seen(asset_from_view * reflected))
+        });
+        // The maps as they lie in their file, one beside the other: what is lost is seen at once.
+        let height = MAP_WIDTH / 2;
+        let map = picture([MAP_WIDTH, height], |x, y| {
+            let d = map_direction(x, y);
+            let radiance = light.small.sample(d);
+            encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
+        });
+        let asset_from_map = turn.transpose();
+        let sh = picture([MAP_WIDTH, height], |x, y| {
+            let d = (asset_from_map * map_direction(x, y)).to_array();
+            let radiance = evaluate_sh(&key.oriented.coefficients, key.oriented.degree, d);
+            encode(radiance.map(|v| v.max(0.0)))
+        });
+        let load = |part: &str, image: ColorImage| {
+            context.load_texture(
+                format!("{name} {part}"),
+                image,
+                egui::TextureOptions::LINEAR,
+            )
+        };
+        *probe = Some(Self {
+            key,
+            grey: load("grey", grey),
+            mirror: load("mirror", mirror),
+            map: load("map", map),
+            sh: load("sh", sh),
+        });
+    }
+}
+
+fn map_direction(x: usize, y: usize) -> Vec3 {
+    let height = MAP_WIDTH / 2;
+    let (sin_t, cos_t) = (std::f32::consts::PI * (y as f32 + 0.5) / height as f32).sin_cos();
+    let azimuth = std::f32::consts::PI * (1.0 - 2.0 * (x as f32 + 0.5) / MAP_WIDTH as f32);
+    Vec3::new(sin_t * azimuth.cos(), sin_t * azimuth.sin(), cos_t)
+}
+
+/// Irradiance coefficients: each band times the cosine's.
+fn convolved(light: &IncidentRadiance) -> Vec<[f32; 3]> {
+    light
+        .coefficients
+        .iter()
+        .enumerate()
+        .map(|(i, c)| c.map(|v| v * cosine_kernel(band_of(i)) as f32))
+        .collect()
+}
+
+/// A ball seen from far away: `shade` gets the normal and the direction to the eye, in the view's coordinates.
+fn ball(shade: impl Fn(Vec3, Vec3) -> Color32 + Sync) -> ColorImage {
+    picture([BALL, BALL], |x, y| {
+        let at = |v: usize| (v as f32 + 0.5) / BALL as f32 * 2.0 - 1.0;
+        let (x, y) = (at(x), at(y));
+        let r2 = x * x + y * y;
+        let edge = 1.0 / BALL as f32;
+        let cover = ((1.0 - r2.sqrt()) / edge).clamp(0.0, 1.0);
+        if cover <= 0.0 {
+            return Color32::TRANSPARENT;
+        }
+        let normal = Vec3::new(x, y, -(1.0 - r2).max(0.0).sqrt()).normalize();
+        shade(normal, Vec3::NEG_Z).gamma_multiply(cover)
+    })
+}
+
+fn picture(size: [usize; 2], pixel: impl Fn(usize, usize) -> Color32 + Sync) -> ColorImage {
+    let pixels = (0..size[0] * size[1])
+        .into_par_iter()
+        .map(|i| pixel(i % size[0], i / size[0]))
+        .collect();
+    ColorImage::new(size, pixels)
+}
+
+fn color(encoded: [f32; 3]) -> Color32 {
+    let [r, g, b] = encoded.map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+    Color32::from_rgb(r, g, b)
+}
+
+/// A light's thumbnail, at an exposure of its own.
+pub fn thumbnail(context: &egui::Context, light: &Light, width: usize) -> TextureHandle {
+    let map: EnvironmentMap = light.small.reduced(width);
+    let display = Display::default();
+    let image = picture([map.width(), map.height()], |x, y| {
+        let radiance = map.pixels()[y * map.width() + x];
+        color(display.encode(radiance.map(|v| v * light.thumbnail_gain)))
+    });
+    let name = light.path.display().to_string();
+    context.load_texture(name, image, egui::TextureOptions::LINEAR)
+}

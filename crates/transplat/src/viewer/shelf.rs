@@ -1,0 +1,250 @@
+//! The light shelf: a thumbnail an environment, and the two slots.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui};
+
+use super::lights::light_name;
+use super::probes::thumbnail;
+use super::session::{SIDES, SOURCE, Session, TARGET};
+
+/// Size of a thumbnail in points.
+const THUMBNAIL: egui::Vec2 = egui::vec2(112.0, 56.0);
+
+/// Pixels across a thumbnail.
+const THUMBNAIL_PIXELS: usize = 224;
+
+/// The shelf's height in points.
+pub const HEIGHT: f32 = 104.0;
+
+/// What the shelf keeps from frame to frame.
+#[derive(Default)]
+pub struct Shelf {
+    pub paths: Vec<PathBuf>,
+    thumbnails: HashMap<PathBuf, TextureHandle>,
+    /// Where the slots are in the window, for what is dropped on them.
+    pub slots: [Option<Rect>; 2],
+    /// The clicked "add" asks for files.
+    pub wants_files: bool,
+}
+
+/// A light that is dragged along the shelf or onto a slot.
+#[derive(Clone)]
+struct Dragged(usize);
+
+impl Shelf {
+    /// Puts a light on the shelf, unless it is there.
+    pub fn add(&mut self, session: &mut Session, path: &Path) {
+        if !self.paths.iter().any(|p| p == path) {
+            self.paths.push(path.to_owned());
+        }
+        session.request_light(path);
+    }
+
+    /// A light that could not be read leaves the shelf.
+    pub fn forget(&mut self, path: &Path) {
+        self.paths.retain(|p| p != path);
+    }
+
+    fn texture(&mut self, ui: &Ui, session: &Session, path: &Path) -> Option<TextureHandle> {
+        if let Some(texture) = self.thumbnails.get(path) {
+            return Some(texture.clone());
+        }
+        let light = session.lights.get(path)?;
+        let texture = thumbnail(ui.ctx(), light, THUMBNAIL_PIXELS);
+        self.thumbnails.insert(path.to_owned(), texture.clone());
+        Some(texture)
+    }
+
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+        ui.horizontal(|ui| {
+            self.slot(ui, session, SOURCE);
+            ui.vertical(|ui| {
+                ui.add_space(26.0);
+                let swap = ui.button("⇄").on_hover_text(
+                    "Swap the two lights with their turns and strengths: relights by what it was captured under. (X)",
+                );
+                swap.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, "Swap lights"));
+                if swap.clicked() {
+                    session.swap_lights();
+                }
+            });
+            self.slot(ui, session, TARGET);
+            ui.separator();
+            egui::ScrollArea::horizontal().auto_shrink([false, false]).show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    for i in 0..self.paths.len() {
+                        if i >= self.paths.len() {
+                            break;
+                        }
+                        self.entry(ui, session, i);
+                    }
+                    self.add_button(ui);
+                });
+            });
+        });
+    }
+
+    fn slot(&mut self, ui: &mut Ui, session: &mut Session, side: usize) {
+        let light = session.sides[side].clone();
+        let settings = if side == SOURCE {
+            &session.look.source
+        } else {
+            &session.look.target
+        };
+        let wanted = settings.file.clone().unwrap_or_else(|| light.path.clone());
+        ui.vertical(|ui| {
+            ui.set_width(THUMBNAIL.x);
+            ui.label(egui::RichText::new(SIDES[side]).small().strong());
+            let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click());
+            self.slots[side] = Some(rect);
+            let name = if side == SOURCE && light.is_even() {
+                "even light (assumed)".to_owned()
+            } else {
+                light.name()
+            };
+            response.widget_info(|| {
+                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{}: {name}", SIDES[side]))
+            });
+            let texture = self.texture(ui, session, &light.path);
+            paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
+            if session.is_loading(&wanted) {
+                ui.put(rect, egui::Spinner::new());
+            }
+            ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
+            let tip = if side == SOURCE {
+                "The light that the splat was captured under. Drop an environment here, or drag one from the shelf. A wrong one makes a wrong relight."
+            } else {
+                "The light that the splat is relit by. Drop an environment here, or click one on the shelf."
+            };
+            let response = response.on_hover_text(format!("{name}\n\n{tip}"));
+            if let Some(dragged) = response.dnd_release_payload::<Dragged>()
+                && let Some(path) = self.paths.get(dragged.0)
+            {
+                session.set_light(side, path.clone());
+            }
+            response.context_menu(|ui| {
+                if ui.button("Even light").clicked() {
+                    session.set_light(side, transplat_core::look::EVEN.into());
+                    ui.close();
+                }
+                if ui.button("Put on the shelf").clicked() && !light.is_even() {
+                    self.add(session, &light.path);
+                    ui.close();
+                }
+            });
+        });
+    }
+
+    fn entry(&mut self, ui: &mut Ui, session: &mut Session, index: usize) {
+        let path = self.paths[index].clone();
+        let name = light_name(&path);
+        let selected = session.sides[TARGET].path == path;
+        let mut removed = false;
+        ui.vertical(|ui| {
+            ui.set_width(THUMBNAIL.x);
+            ui.add_space(17.0);
+            let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
+            response.widget_info(|| {
+                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Light {name}"))
+            });
+            let texture = self.texture(ui, session, &path);
+            paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
+            if session.is_loading(&path) {
+                ui.put(rect, egui::Spinner::new());
+            }
+            if index < 9 {
+                let badge = rect.left_top() + egui::vec2(10.0, 9.0);
+                ui.painter().circle_filled(badge, 8.0, Color32::from_black_alpha(150));
+                let font = egui::FontId::proportional(11.0);
+                ui.painter().text(badge, Align2::CENTER_CENTER, index + 1, font, Color32::WHITE);
+            }
+            ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
+            response.dnd_set_drag_payload(Dragged(index));
+            if let Some(dragged) = response.dnd_release_payload::<Dragged>() {
+                let moved = self.paths.remove(dragged.0);
+                self.paths.insert(index.min(self.paths.len()), moved);
+            }
+            let tip = match session.lights.get(&path) {
+                Some(light) => format!(
+                    "{}\n{} x {} pixels\nClick: relight by it. Drag: onto a slot, or to another place. Right click: more.",
+                    path.display(),
+                    light.size[0],
+                    light.size[1]
+                ),
+                None => path.display().to_string(),
+            };
+            let response = response.on_hover_text(tip);
+            if response.clicked() {
+                session.set_light(TARGET, path.clone());
+            }
+            response.context_menu(|ui| {
+                if ui.button("Relight by it").clicked() {
+                    session.set_light(TARGET, path.clone());
+                    ui.close();
+                }
+                if ui.button("Captured under it").clicked() {
+                    session.set_light(SOURCE, path.clone());
+                    ui.close();
+                }
+                if index > 0 && ui.button("Move left").clicked() {
+                    self.paths.swap(index, index - 1);
+                    ui.close();
+                }
+                if index + 1 < self.paths.len() && ui.button("Move right").clicked() {
+                    self.paths.swap(index, index + 1);
+                    ui.close();
+                }
+                if ui.button("Remove from the shelf").clicked() {
+                    removed = true;
+                    ui.close();
+                }
+            });
+        });
+        if removed {
+            self.forget(&path);
+        }
+    }
+
+    fn add_button(&mut self, ui: &mut Ui) {
+        ui.vertical(|ui| {
+            ui.add_space(17.0);
+            let button = egui::Button::new("+").min_size(egui::vec2(44.0, THUMBNAIL.y));
+            let response = ui
+                .add(button)
+                .on_hover_text("Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.");
+            response.widget_info(|| {
+                egui::WidgetInfo::labeled(egui::Role::Button, true, "Add environments")
+            });
+            self.wants_files |= response.clicked();
+        });
+    }
+}
+
+fn paint_thumbnail(
+    ui: &Ui,
+    rect: Rect,
+    texture: Option<&TextureHandle>,
+    selected: bool,
+    hovered: bool,
+) {
+    let painter = ui.painter();
+    match texture {
+        Some(texture) => {
+            let uv = Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
+            painter.image(texture.id(), rect, uv, Color32::WHITE);
+        }
+        None => {
+            painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
+        }
+    }
+    let stroke = if selected {
+        Stroke::new(2.5, ui.visuals().selection.bg_fill)
+    } else if hovered {
+        Stroke::new(1.5, ui.visuals().text_color())
+    } else {
+        Stroke::new(1.0, ui.visuals().weak_text_color())
+    };
+    painter.rect_stroke(rect, 2.0, stroke, egui::StrokeKind::Outside);
+}

@@ -1,0 +1,206 @@
+//! The keyboard: one table, read by the program and shown to the user.
+
+use eframe::egui::{Key, Modifiers};
+
+/// What a key does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    Open,
+    OpenFolder,
+    SaveLook,
+    ExportSplat,
+    Screenshot,
+    Copy,
+    Undo,
+    Redo,
+    Frame,
+    Orthographic,
+    Front,
+    Right,
+    Top,
+    NextCompare,
+    Pin,
+    Grid,
+    Probes,
+    Marks,
+    Background,
+    Match,
+    Swap,
+    Panels,
+    Help,
+    NudgeLeft,
+    NudgeRight,
+    NudgeUp,
+    NudgeDown,
+}
+
+/// Key, modifiers, action, and what is said of it.
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 28] = [
+    (Modifiers::CTRL, Key::O, Action::Open, "open files"),
+    (
+        CTRL_SHIFT,
+        Key::O,
+        Action::OpenFolder,
+        "open a folder of environments",
+    ),
+    (Modifiers::CTRL, Key::S, Action::SaveLook, "save the look"),
+    (
+        Modifiers::CTRL,
+        Key::E,
+        Action::ExportSplat,
+        "export the relit splat",
+    ),
+    (
+        Modifiers::NONE,
+        Key::F12,
+        Action::Screenshot,
+        "save a picture",
+    ),
+    (CTRL_SHIFT, Key::C, Action::Copy, "copy the picture"),
+    (CTRL_SHIFT, Key::Z, Action::Redo, "redo"),
+    (Modifiers::CTRL, Key::Z, Action::Undo, "undo"),
+    (Modifiers::CTRL, Key::Y, Action::Redo, "redo"),
+    (Modifiers::NONE, Key::F, Action::Frame, "frame the object"),
+    (
+        Modifiers::NONE,
+        Key::O,
+        Action::Orthographic,
+        "perspective or orthographic",
+    ),
+    (
+        Modifiers::CTRL,
+        Key::Num1,
+        Action::Front,
+        "look from the front",
+    ),
+    (
+        Modifiers::CTRL,
+        Key::Num2,
+        Action::Right,
+        "look from the right",
+    ),
+    (Modifiers::CTRL, Key::Num3, Action::Top, "look from the top"),
+    (
+        Modifiers::NONE,
+        Key::C,
+        Action::NextCompare,
+        "next way to compare",
+    ),
+    (
+        Modifiers::NONE,
+        Key::P,
+        Action::Pin,
+        "pin the look, to compare others with it",
+    ),
+    (Modifiers::NONE, Key::G, Action::Grid, "grid"),
+    (Modifiers::NONE, Key::L, Action::Probes, "light probes"),
+    (
+        Modifiers::NONE,
+        Key::K,
+        Action::Marks,
+        "mark doubtful surfels",
+    ),
+    (
+        Modifiers::NONE,
+        Key::N,
+        Action::Background,
+        "environment or plain background",
+    ),
+    (
+        Modifiers::NONE,
+        Key::M,
+        Action::Match,
+        "match the lights' strength",
+    ),
+    (Modifiers::NONE, Key::X, Action::Swap, "swap the two lights"),
+    (
+        Modifiers::NONE,
+        Key::Tab,
+        Action::Panels,
+        "panels on and off",
+    ),
+    (Modifiers::NONE, Key::F1, Action::Help, "this sheet"),
+    (
+        Modifiers::NONE,
+        Key::ArrowLeft,
+        Action::NudgeLeft,
+        "turn the light 5° (shift: 1°)",
+    ),
+    (
+        Modifiers::NONE,
+        Key::ArrowRight,
+        Action::NudgeRight,
+        "turn the light back",
+    ),
+    (
+        Modifiers::NONE,
+        Key::ArrowUp,
+        Action::NudgeUp,
+        "tilt the light 5° (shift: 1°)",
+    ),
+    (
+        Modifiers::NONE,
+        Key::ArrowDown,
+        Action::NudgeDown,
+        "tilt the light back",
+    ),
+];
+
+const CTRL_SHIFT: Modifiers = Modifiers {
+    alt: false,
+    ctrl: true,
+    shift: true,
+    mac_cmd: false,
+    command: false,
+};
+
+/// What the mouse and held keys do, for the sheet.
+pub const GESTURES: [(&str, &str); 13] = [
+    ("left drag", "orbit"),
+    ("middle drag, shift + left drag", "pan"),
+    ("wheel", "zoom to the pointer"),
+    ("right drag", "look around; with W A S D Q E fly"),
+    ("shift + right drag", "turn and tilt the target light"),
+    ("click", "inspect a surfel"),
+    ("double click", "turn about this point of the surface"),
+    ("double click on a slider", "back to the default"),
+    ("drag the wipe's line", "move the split"),
+    ("hold B", "before"),
+    ("1 to 9", "relight by this light of the shelf"),
+    ("ctrl + / ctrl -", "larger and smaller text"),
+    ("?", "this sheet"),
+];
+
+/// A shortcut as text.
+pub fn name(modifiers: Modifiers, key: Key) -> String {
+    let mut out = String::new();
+    if modifiers.ctrl {
+        out += "ctrl + ";
+    }
+    if modifiers.shift {
+        out += "shift + ";
+    }
+    out + key.symbol_or_name()
+}
+
+/// The shortcut of an action as text, for menus.
+pub fn of(action: Action) -> String {
+    SHORTCUTS
+        .iter()
+        .find(|(_, _, a, _)| *a == action)
+        .map_or(String::new(), |(modifiers, key, ..)| name(*modifiers, *key))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_key_does_two_things() {
+        for (i, a) in SHORTCUTS.iter().enumerate() {
+            for b in &SHORTCUTS[i + 1..] {
+                assert!((a.0, a.1) != (b.0, b.1), "{}", name(a.0, a.1));
+            }
+        }
+    }
+}

@@ -1,0 +1,371 @@
+//! The viewport: what is seen of the asset, and what the mouse does there.
+
+use std::sync::{Arc, Mutex};
+
+use eframe::egui::{self, Align2, Color32, PointerButton, Pos2, Rect, Sense, Stroke, Ui};
+use eframe::{egui_wgpu, wgpu};
+use glam::{Vec2, Vec3};
+use transplat_core::camera::Camera;
+use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View};
+use transplat_core::rasterize::{Pick, pick};
+use transplat_gpu::live::Live;
+
+use super::navigation;
+use super::session::Session;
+
+/// A frame on the GPU that takes longer than this makes a drag step down in quality.
+const SLOW_FRAME_MS: f64 = 40.0;
+
+/// How long after the last move the full quality comes back, in seconds.
+const SETTLE_S: f64 = 0.2;
+
+/// Coarsest step of quality: edges are divided by it.
+const MAX_STEP: usize = 4;
+
+/// Points from the wipe's line within which it is taken.
+const WIPE_REACH: f32 = 6.0;
+
+/// What the viewport keeps from frame to frame.
+pub struct Viewport {
+    pub rect: Rect,
+    last_move: f64,
+    step: usize,
+    dragging_wipe: bool,
+    /// The surfel that was clicked.
+    pub inspected: Option<usize>,
+    /// The light turns with the camera.
+    pub light_locked_to_camera: bool,
+    last_azimuth: Option<f64>,
+}
+
+impl Default for Viewport {
+    fn default() -> Self {
+        Self {
+            rect: Rect::NOTHING,
+            last_move: -1e9,
+            step: 1,
+            dragging_wipe: false,
+            inspected: None,
+            light_locked_to_camera: false,
+            last_azimuth: None,
+        }
+    }
+}
+
+struct Paint(Arc<Mutex<Live>>);
+
+impl egui_wgpu::CallbackTrait for Paint {
+    fn paint(
+        &self,
+        _info: egui::PaintCallbackInfo,
+        pass: &mut wgpu::RenderPass<'static>,
+        _resources: &egui_wgpu::CallbackResources,
+    ) {
+        let live = self.0.lock().unwrap_or_else(|p| p.into_inner());
+        live.paint(pass);
+    }
+}
+
+impl Viewport {
+    /// Shows the asset in all the room there is; `hold_before` shows it as captured for now.
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hold_before: bool) {
+        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        self.rect = rect;
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Canvas, true, "Viewport"));
+        let before = (session.pose, session.look.target.clone(), session.look.wipe);
+        self.navigate(ui, session, &response);
+        self.turn_light_with_camera(session);
+        let now = ui.input(|i| i.time);
+        if before != (session.pose, session.look.target.clone(), session.look.wipe) {
+            self.last_move = now;
+        }
+        let view = if hold_before {
+            View::Before
+        } else {
+            session.look.view
+        };
+        let pixels = self.picture_size(ui, session, now);
+        session.viewport = pixels;
+        let frame = session.frame(pixels, view);
+        if let Some(frame) = frame {
+            session.live().frame(&frame);
+            let callback = Paint(session.live.clone());
+            ui.painter()
+                .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
+        }
+        self.annotate(ui, session, view);
+    }
+
+    /// Pixels of the picture: those of the screen, or fewer while something moves and frames are slow.
+    fn picture_size(&mut self, ui: &Ui, session: &Session, now: f64) -> [usize; 2] {
+        let moving = now - self.last_move < SETTLE_S;
+        if moving {
+            let ms = session.live().frame_ms();
+            if ms > SLOW_FRAME_MS && self.step < MAX_STEP {
+                self.step += 1;
+            } else if ms < SLOW_FRAME_MS / 3.0 && self.step > 1 {
+                self.step -= 1;
+            }
+            ui.request_repaint_after_secs(SETTLE_S as f32 + 0.02);
+        } else {
+            self.step = 1;
+        }
+        let scale = ui.pixels_per_point() / self.step as f32;
+        let pixels = |points: f32| ((points * scale).round() as usize).clamp(1, 8192);
+        [pixels(self.rect.width()), pixels(self.rect.height())]
+    }
+
+    /// From a place in the window to the picture's pixels and its camera.
+    fn camera_at(&self, session: &Session, at: Pos2) -> Option<(Camera, usize, usize)> {
+        let asset = session.asset.as_ref()?;
+        let size = [
+            self.rect.width().max(1.0) as usize,
+            self.rect.height().max(1.0) as usize,
+        ];
+        let whole = Camera::from_pose(&session.pose, session.up(), size, asset.bounds.radius);
+        let at = at - self.rect.min;
+        if session.look.view == View::SideBySide {
+            let half = crate::picture::half(&whole);
+            let x = at.x as usize % half.width.max(1);
+            return Some((half, x, at.y as usize));
+        }
+        Some((whole, at.x as usize, at.y as usize))
+    }
+
+    fn pick_at(&self, session: &Session, at: Pos2) -> Option<Pick> {
+        let (camera, x, y) = self.camera_at(session, at)?;
+        let asset = session.asset.as_ref()?;
+        pick(&asset.cloud, &camera, &session.hidden, x, y)
+    }
+
+    fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
+        let up = session.up();
+        let radius = session.asset.as_ref().map_or(1.0, |a| a.bounds.radius);
+        let shorter = self.rect.width().min(self.rect.height()).max(1.0);
+        let drag = Vec2::new(response.drag_delta().x, response.drag_delta().y);
+        let shift = ui.input(|i| i.modifiers.shift);
+        self.drag_wipe(ui, session, response);
+        if self.dragging_wipe {
+            return;
+        }
+        let pose = &mut session.pose;
+        if response.dragged_by(PointerButton::Middle)
+            || (shift && response.dragged_by(PointerButton::Primary))
+        {
+            navigation::pan(pose, up, drag, shorter);
+        } else if response.dragged_by(PointerButton::Primary) {
+            navigation::orbit(pose, drag);
+        } else if response.dragged_by(PointerButton::Secondary) {
+            if shift {
+                let target = &mut session.look.target;
+                target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(drag.x));
+                target.tilt = navigation::wrap(target.tilt + 0.5 * f64::from(drag.y));
+            } else {
+                navigation::look_around(pose, up, drag);
+                self.fly(ui, session, radius);
+            }
+        }
+        if let Some(pointer) = response.hover_pos() {
+            let scroll = ui.input(|i| i.smooth_scroll_delta().y + 300.0 * i.zoom_delta().ln());
+            if scroll != 0.0 {
+                let from_middle = pointer - self.rect.center();
+                let at = Vec2::new(from_middle.x, from_middle.y);
+                let factor = (-scroll / 300.0).exp();
+                navigation::zoom(&mut session.pose, up, factor, at, shorter, radius);
+            }
+        }
+        if response.double_clicked() {
+            if let Some(at) = response.interact_pointer_pos()
+                && let Some(pick) = self.pick_at(session, at)
+            {
+                navigation::set_pivot(&mut session.pose, up, pick.position);
+            }
+        } else if response.clicked() {
+            let at = response.interact_pointer_pos();
+            let picked = at.and_then(|at| self.pick_at(session, at));
+            self.inspected = picked.map(|p| p.surfel);
+        }
+    }
+
+    fn fly(&mut self, ui: &Ui, session: &mut Session, radius: f32) {
+        let step = ui.input(|i| {
+            let key = |key| if i.key_down(key) { 1.0f32 } else { 0.0 };
+            use egui::Key::{A, D, E, Q, S, W};
+            Vec3::new(key(D) - key(A), key(E) - key(Q), key(W) - key(S)) * i.stable_dt.min(0.1)
+        });
+        if step != Vec3::ZERO {
+            let up = session.up();
+            navigation::fly(&mut session.pose, up, step * radius * 1.5);
+        }
+        ui.request_repaint();
+    }
+
+    fn drag_wipe(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
+        if session.look.view != View::Split {
+            self.dragging_wipe = false;
+            return;
+        }
+        let line = self.rect.left() + session.look.wipe * self.rect.width();
+        let near = |at: Option<Pos2>| at.is_some_and(|p| (p.x - line).abs() <= WIPE_REACH);
+        if near(response.hover_pos()) || self.dragging_wipe {
+            ui.set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
+        }
+        if response.drag_started_by(PointerButton::Primary) {
+            self.dragging_wipe = near(ui.input(|i| i.pointer.press_origin()));
+        }
+        if self.dragging_wipe {
+            if let Some(at) = response.interact_pointer_pos() {
+                let share = (at.x - self.rect.left()) / self.rect.width().max(1.0);
+                session.look.wipe = share.clamp(0.0, 1.0);
+            }
+            if response.drag_stopped() {
+                self.dragging_wipe = false;
+            }
+        }
+    }
+
+    /// A light that is locked to the camera turns as the camera does.
+    fn turn_light_with_camera(&mut self, session: &mut Session) {
+        let azimuth = session.pose.azimuth;
+        if let (true, Some(last)) = (self.light_locked_to_camera, self.last_azimuth) {
+            let turned = navigation::wrap(azimuth - last);
+            let target = &mut session.look.target;
+            if turned != 0.0 {
+                target.rotation = navigation::wrap(target.rotation + turned);
+            }
+        }
+        self.last_azimuth = Some(azimuth);
+    }
+
+    /// Text and legends over the picture.
+    fn annotate(&self, ui: &Ui, session: &Session, view: View) {
+        let painter = ui.painter_at(self.rect);
+        let tag = |at: Pos2, anchor: Align2, text: &str| {
+            let font = egui::FontId::proportional(13.0);
+            let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+            let rect = anchor.anchor_size(at, galley.size());
+            painter.rect_filled(
+                rect.expand2(egui::vec2(6.0, 3.0)),
+                4.0,
+                Color32::from_black_alpha(140),
+            );
+            painter.galley(rect.min, galley, Color32::WHITE);
+        };
+        let [left, right] = if session.against_pinned && session.pinned.is_some() {
+            ["pinned look", "this look"]
+        } else {
+            ["before", "after"]
+        };
+        let (top, margin) = (self.rect.top() + 14.0, 14.0);
+        match view {
+            View::Split => {
+                let x = self.rect.left() + session.look.wipe * self.rect.width();
+                tag(egui::pos2(x - margin, top), Align2::RIGHT_TOP, left);
+                tag(egui::pos2(x + margin, top), Align2::LEFT_TOP, right);
+                let handle = egui::pos2(x, self.rect.center().y);
+                painter.circle(
+                    handle,
+                    7.0,
+                    Color32::from_gray(230),
+                    Stroke::new(1.5, Color32::from_gray(60)),
+                );
+            }
+            View::SideBySide => {
+                let at = |share: f32| egui::pos2(self.rect.left() + share * self.rect.width(), top);
+                tag(at(0.25), Align2::CENTER_TOP, left);
+                tag(at(0.75), Align2::CENTER_TOP, right);
+            }
+            View::Before => tag(
+                egui::pos2(self.rect.center().x, top),
+                Align2::CENTER_TOP,
+                "before: as captured",
+            ),
+            View::Difference => tag(
+                egui::pos2(self.rect.center().x, top),
+                Align2::CENTER_TOP,
+                &format!("{right} minus {left}, x {}", session.look.difference_scale),
+            ),
+            _ => {}
+        }
+        let corner = egui::pos2(self.rect.left() + 12.0, self.rect.bottom() - 12.0);
+        let encoded = |c: [f32; 3]| {
+            let [r, g, b] = c.map(|v| (v * 255.0) as u8);
+            Color32::from_rgb(r, g, b)
+        };
+        let legend = |entries: &[(Color32, String)]| {
+            let height = 18.0 * entries.len() as f32 + 10.0;
+            let rect = Rect::from_min_max(
+                egui::pos2(corner.x, corner.y - height),
+                egui::pos2(corner.x + 250.0, corner.y),
+            );
+            painter.rect_filled(rect, 4.0, Color32::from_black_alpha(150));
+            for (i, (color, text)) in entries.iter().enumerate() {
+                let y = rect.top() + 5.0 + 18.0 * i as f32;
+                let swatch = Rect::from_min_size(
+                    egui::pos2(rect.left() + 6.0, y + 3.0),
+                    egui::vec2(12.0, 12.0),
+                );
+                painter.rect_filled(swatch, 2.0, *color);
+                painter.text(
+                    egui::pos2(rect.left() + 26.0, y + 9.0),
+                    Align2::LEFT_CENTER,
+                    text,
+                    egui::FontId::proportional(12.0),
+                    Color32::WHITE,
+                );
+            }
+        };
+        if view == View::Tau {
+            let stops = [-3.0f32, -1.5, 0.0, 1.5, 3.0];
+            let colors = transplat_core::present::tau_colors(&stops.map(|s| [s.exp2(); 3]));
+            let entries: Vec<_> = stops
+                .iter()
+                .zip(colors)
+                .map(|(s, c)| (encoded(c), format!("{s:+.1} stops by the new light")))
+                .collect();
+            legend(&entries);
+        } else if view == View::Doubts || session.show_marks {
+            let shares = session.shares.unwrap_or_default();
+            let mut entries: Vec<_> = Doubt::ALL
+                .iter()
+                .zip(shares)
+                .map(|(d, share)| {
+                    (
+                        encoded(d.color()),
+                        format!("{} ({:.1} %)", doubt_name(*d), 100.0 * share),
+                    )
+                })
+                .collect();
+            if view == View::Doubts {
+                entries.push((encoded(NO_DOUBT), "nothing doubtful".into()));
+            }
+            legend(&entries);
+        } else if session.look.false_color && view.is_light() {
+            let mut from = String::from("under");
+            let entries: Vec<_> = FALSE_COLORS
+                .iter()
+                .map(|(to, color)| {
+                    let text = if to.is_finite() {
+                        format!("{from} {to:+.1} stops from middle grey")
+                    } else {
+                        format!("over {}", from.trim_end_matches(" to"))
+                    };
+                    from = format!("{to:+.1} to");
+                    (encoded(*color), text)
+                })
+                .collect();
+            legend(&entries);
+        }
+    }
+}
+
+/// A doubt's name for the user.
+pub fn doubt_name(doubt: Doubt) -> &'static str {
+    match doubt {
+        Doubt::LeftOut => "left out: broken or too faint",
+        Doubt::DarkSource => "dark under the source light",
+        Doubt::Clipped => "captured clipped at white",
+        Doubt::AtLimit => "ratio beyond 3 stops",
+        Doubt::AmbiguousNormal => "ambiguous normal",
+    }
+}

@@ -1,0 +1,126 @@
+//! Controls as every panel has them: a label, a unit, a tooltip that says what it does to the picture, reset by double click.
+
+use std::ops::RangeInclusive;
+
+use eframe::egui::{self, Response, Ui};
+use eframe::emath::Numeric;
+
+/// A slider.
+pub struct Control<'a, T> {
+    pub label: &'a str,
+    pub unit: &'a str,
+    pub tip: &'a str,
+    pub range: RangeInclusive<T>,
+    pub default: T,
+    pub decimals: usize,
+    pub logarithmic: bool,
+}
+
+impl<T: Numeric> Control<'_, T> {
+    pub fn show(self, ui: &mut Ui, value: &mut T) -> Response {
+        let slider = egui::Slider::new(value, self.range)
+            .text(self.label)
+            .suffix(self.unit)
+            .max_decimals(self.decimals)
+            .logarithmic(self.logarithmic)
+            .clamping(egui::SliderClamping::Always);
+        let response = ui.add(slider);
+        reset(response, self.tip, value, self.default)
+    }
+}
+
+/// Adds the tooltip, and the reset to a response.
+pub fn reset<T>(mut response: Response, tip: &str, value: &mut T, default: T) -> Response {
+    if response.double_clicked() {
+        *value = default;
+        response.mark_changed();
+    }
+    response.on_hover_text(format!("{tip}\n\nDouble click: back to the default."))
+}
+
+/// An angle in degrees that goes round.
+pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
+    let response = Control {
+        label,
+        unit: "°",
+        tip,
+        range: -180.0..=180.0,
+        default: 0.0,
+        decimals: 1,
+        logarithmic: false,
+    }
+    .show(ui, value);
+    response
+}
+
+/// A switch.
+pub fn switch(ui: &mut Ui, label: &str, tip: &str, value: &mut bool) -> Response {
+    ui.checkbox(value, label).on_hover_text(tip)
+}
+
+/// A choice of few.
+pub fn choice<T: PartialEq + Copy>(
+    ui: &mut Ui,
+    label: &str,
+    tip: &str,
+    value: &mut T,
+    options: &[(&str, T)],
+) -> bool {
+    let before = *value;
+    let name = options
+        .iter()
+        .find(|(_, v)| *v == before)
+        .map_or("", |(name, _)| name);
+    egui::ComboBox::from_label(label)
+        .selected_text(name)
+        .show_ui(ui, |ui| {
+            for (name, option) in options {
+                ui.selectable_value(value, *option, *name);
+            }
+        })
+        .response
+        .on_hover_text(tip);
+    *value != before
+}
+
+/// A line of a name and what is known of it.
+pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
+    ui.horizontal_wrapped(|ui| {
+        ui.weak(name);
+        ui.label(value.into());
+    });
+}
+
+/// `1234567` as `1,234,567`.
+pub fn thousands(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// A time for people.
+pub fn milliseconds(ms: f64) -> String {
+    if ms >= 1000.0 {
+        format!("{:.1} s", ms / 1000.0)
+    } else if ms >= 10.0 {
+        format!("{ms:.0} ms")
+    } else {
+        format!("{ms:.1} ms")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn large_numbers_are_grouped() {
+        assert_eq!(super::thousands(30), "30");
+        assert_eq!(super::thousands(1234567), "1,234,567");
+        assert_eq!(super::thousands(100000), "100,000");
+    }
+}

@@ -1,0 +1,206 @@
+// Stage present: from pictures of surfels to the picture on the screen. CPU twins: transplat_core::present and transplat_core::ground.
+// The constants in capitals, srgb_decode, display and FALSE_COLORS come from in front of this file.
+
+struct PresentParameters {
+    // Rows of the rotation from the asset to the view. In w: focal length, backdrop's focal length, depth unit.
+    right: vec4f,
+    down: vec4f,
+    forward: vec4f,
+    // In w the exposure as a factor.
+    eye: vec4f,
+    // Rows of the turn from the asset to the map of the source light (behind what is as captured), in w its gain per channel.
+    before_x: vec4f,
+    before_y: vec4f,
+    before_z: vec4f,
+    // The same of the target light (behind what is relit).
+    after_x: vec4f,
+    after_y: vec4f,
+    after_z: vec4f,
+    // Middle of the ground, and half its edge.
+    ground: vec4f,
+    // Axes of the ground; in w whether it catches shadows, and the spacing of the grid (0: none).
+    ground_u: vec4f,
+    ground_v: vec4f,
+    // Colours of the background.
+    first: vec4f,
+    second: vec4f,
+    // Size of the screen, and its principal point.
+    size: vec2f,
+    principal: vec2f,
+    // Nearest and farthest depth.
+    depth_range: vec2f,
+    difference_scale: f32,
+    // LAYOUT_*, BACKGROUND_*, TONE_*
+    arrangement: u32,
+    background: u32,
+    tone_map: u32,
+    wipe_column: u32,
+    false_color: u32,
+}
+
+@group(0) @binding(0) var<uniform> parameters: PresentParameters;
+@group(0) @binding(1) var before_color: texture_2d<f32>;
+@group(0) @binding(2) var after_color: texture_2d<f32>;
+@group(0) @binding(3) var after_depth: texture_2d<f32>;
+@group(0) @binding(4) var before_map: texture_2d<f32>;
+@group(0) @binding(5) var after_map: texture_2d<f32>;
+@group(0) @binding(6) var ground_lit: texture_2d<f32>;
+@group(0) @binding(7) var map_sampler: sampler;
+@group(0) @binding(8) var ground_sampler: sampler;
+
+const PI = 3.14159265358979;
+
+@vertex
+fn corner(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4f {
+    return vec4f(f32(vertex & 1u) * 4.0 - 1.0, f32(vertex >> 1u) * 4.0 - 1.0, 0.5, 1.0);
+}
+
+// Where a direction of the map lies in its picture, 0 to 1.
+fn map_at(d: vec3f) -> vec2f {
+    let u = 0.5 - atan2(d.y, d.x) / (2.0 * PI);
+    return vec2f(u, acos(clamp(d.z, -1.0, 1.0)) / PI);
+}
+
+// Direction in the asset's coordinates of a pixel of one layer.
+fn ray(at: vec2f, focal: f32) -> vec3f {
+    let view = vec3f(at - parameters.principal, focal);
+    let d = view.x * parameters.right.xyz + view.y * parameters.down.xyz + view.z * parameters.forward.xyz;
+    return normalize(d);
+}
+
+fn environment(at: vec2f, after: bool) -> vec3f {
+    let d = ray(at, parameters.down.w);
+    var radiance: vec3f;
+    if after {
+        let there = vec3f(dot(parameters.after_x.xyz, d), dot(parameters.after_y.xyz, d), dot(parameters.after_z.xyz, d));
+        let gain = vec3f(parameters.after_x.w, parameters.after_y.w, parameters.after_z.w);
+        radiance = gain * textureSampleLevel(after_map, map_sampler, map_at(there), 0.0).rgb;
+    } else {
+        let there = vec3f(dot(parameters.before_x.xyz, d), dot(parameters.before_y.xyz, d), dot(parameters.before_z.xyz, d));
+        let gain = vec3f(parameters.before_x.w, parameters.before_y.w, parameters.before_z.w);
+        radiance = gain * textureSampleLevel(before_map, map_sampler, map_at(there), 0.0).rgb;
+    }
+    return display(radiance * parameters.eye.w, parameters.tone_map);
+}
+
+fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
+    switch parameters.background {
+        case BACKGROUND_COLOR: {
+            return vec4f(parameters.first.rgb, 1.0);
+        }
+        case BACKGROUND_GRADIENT: {
+            let t = pixel.y / parameters.size.y;
+            return vec4f(mix(parameters.first.rgb, parameters.second.rgb, t), 1.0);
+        }
+        case BACKGROUND_ENVIRONMENT: {
+            return vec4f(environment(at, after), 1.0);
+        }
+        default: {
+            // The checkerboard; and on a screen what shows where a picture is transparent.
+            let square = vec2u(pixel) / CHECKER_EDGE;
+            let odd = (square.x + square.y) % 2u == 1u;
+            return vec4f(vec3f(select(CHECKER_GREYS.x, CHECKER_GREYS.y, odd)), 1.0);
+        }
+    }
+}
+
+// What lies between background and object: the caught shadow, and the grid.
+fn with_ground(behind: vec4f, at: vec2f) -> vec4f {
+    let d = ray(at, parameters.right.w);
+    let normal = cross(parameters.ground_u.xyz, parameters.ground_v.xyz);
+    let falls = dot(d, normal);
+    let height = dot(parameters.eye.xyz - parameters.ground.xyz, normal);
+    let meets = height / -falls;
+    let p = parameters.eye.xyz + d * meets - parameters.ground.xyz;
+    let on_plane = vec2f(dot(p, parameters.ground_u.xyz), dot(p, parameters.ground_v.xyz));
+    var out = behind;
+    if height > 0.0 && falls < -1e-6 && parameters.ground_u.w > 0.0 {
+        let uv = on_plane / parameters.ground.w;
+        let rim = max(abs(uv.x), abs(uv.y));
+        if rim < 1.0 {
+            let lit = textureSampleLevel(ground_lit, ground_sampler, uv * 0.5 + 0.5, 0.0).r;
+            let fade = clamp((1.0 - rim) / (1.0 - GROUND_FADE), 0.0, 1.0);
+            let shadow = fade * (1.0 - pow(lit, 1.0 / 2.2));
+            out = vec4f(out.rgb * (1.0 - shadow), shadow + out.a * (1.0 - shadow));
+        }
+    }
+    let spacing = parameters.ground_v.w;
+    if spacing > 0.0 && meets > 0.0 {
+        // A pixel's width on the plane, which grows with distance and towards the horizon.
+        let pixel_width = meets / parameters.right.w / max(abs(falls), 0.02);
+        let far = clamp(1.0 - length(on_plane) / (24.0 * spacing), 0.0, 1.0);
+        let from_line = abs(on_plane / spacing - round(on_plane / spacing)) * spacing;
+        let lines = max(vec2f(0.0), 1.0 - from_line / pixel_width);
+        let axes = max(vec2f(0.0), 1.0 - abs(on_plane) / (1.5 * pixel_width));
+        // Where lines come closer than pixels, they are left out.
+        let fine = clamp(spacing / (4.0 * pixel_width) - 0.5, 0.0, 1.0);
+        let grey = 0.35 * fine * far * max(lines.x, lines.y);
+        out = vec4f(mix(out.rgb, vec3f(0.5), grey), out.a);
+        out = vec4f(mix(out.rgb, vec3f(0.75, 0.3, 0.3), 0.7 * far * axes.y), out.a);
+        out = vec4f(mix(out.rgb, vec3f(0.35, 0.65, 0.3), 0.7 * far * axes.x), out.a);
+    }
+    return out;
+}
+
+fn over(front: vec4f, behind: vec4f) -> vec4f {
+    return front + (1.0 - front.a) * behind;
+}
+
+fn false_color(encoded: vec3f) -> vec3f {
+    let luminance = dot(srgb_decode(max(encoded, vec3f(0.0))), vec3f(0.2126, 0.7152, 0.0722));
+    let stops = log2(max(luminance, 1e-9) / 0.18);
+    var table = FALSE_COLORS;
+    var color = table[FALSE_COLOR_COUNT - 1u].rgb;
+    for (var i = FALSE_COLOR_COUNT - 1u; i > 0u; i--) {
+        if stops < table[i - 1u].w {
+            color = table[i - 1u].rgb;
+        }
+    }
+    return color;
+}
+
+@fragment
+fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(position.xy);
+    let size = vec2i(parameters.size);
+    // Which picture, and where in it.
+    var after = true;
+    var at = pixel;
+    if parameters.arrangement == LAYOUT_BEFORE {
+        after = false;
+    }
+    if parameters.arrangement == LAYOUT_SPLIT {
+        if pixel.x == i32(parameters.wipe_column) && size.x > 2 {
+            return WIPE_LINE;
+        }
+        after = pixel.x >= i32(parameters.wipe_column);
+    }
+    if parameters.arrangement == LAYOUT_SIDE_BY_SIDE {
+        let half = size.x / 2;
+        after = pixel.x >= half;
+        at.x = select(pixel.x, pixel.x - half, after);
+    }
+    var front: vec4f;
+    if after {
+        front = textureLoad(after_color, at, 0);
+    } else {
+        front = textureLoad(before_color, at, 0);
+    }
+    if parameters.arrangement == LAYOUT_DIFFERENCE {
+        let before = textureLoad(before_color, at, 0);
+        let value = 0.5 * front.a + parameters.difference_scale * (front.rgb - before.rgb);
+        front = vec4f(clamp(value, vec3f(0.0), vec3f(front.a)), front.a);
+    }
+    if parameters.arrangement == LAYOUT_DEPTH {
+        let depth = textureLoad(after_depth, at, 0).r * parameters.forward.w / max(front.a, 1e-9);
+        let range = parameters.depth_range;
+        let value = clamp(1.0 - 0.8 * (depth - range.x) / (range.y - range.x), 0.0, 1.0);
+        front = vec4f(vec3f(value) * front.a, front.a);
+    }
+    let behind = with_ground(background(position.xy, vec2f(at), after), vec2f(at));
+    var out = over(front, behind).rgb;
+    if parameters.false_color != 0u {
+        out = false_color(out);
+    }
+    return vec4f(clamp(out, vec3f(0.0), vec3f(1.0)), 1.0);
+}
