@@ -86,8 +86,7 @@ fn a_full_disk_and_a_full_output_are_told() {
 fn wrong_usage_exits_with_2() {
     let teapot = asset("teapot.ply");
     for arguments in [
-        &[][..],
-        &["relight"],
+        &["relight"][..],
         &["relight", &teapot, "-o", "x.ply"],
         &["relight", &teapot, "--source", "even", "-o", "x.ply"],
         &["render", &teapot, "-o", "x"],

@@ -194,6 +194,7 @@ pub fn turntable(
 /// The pose that shows all of an object from a direction, its picture `size` pixels.
 pub fn framed(
     cloud: &SurfelCloud,
+    up: UpAxis,
     bounds: &Bounds,
     pose: &CameraPose,
     size: [usize; 2],
@@ -204,7 +205,7 @@ pub fn framed(
         orthographic: false,
         ..*pose
     };
-    let camera = Camera::from_pose(&pose, cloud.up, size, bounds.radius);
+    let camera = Camera::from_pose(&pose, up, size, bounds.radius);
     let towards = (camera.eye - bounds.center).normalize_or(Vec3::X);
     pose.distance = fitting_distance(cloud, bounds, &camera, towards);
     pose

@@ -80,6 +80,11 @@ impl EnvironmentMap {
         Self::new(2, 1, vec![[1.0; 3]; 2])
     }
 
+    /// What is shown behind the object where the light is even: middle grey. White would blind, and nobody knows what was there.
+    pub fn even_backdrop() -> Self {
+        Self::new(2, 1, vec![[0.18; 3]; 2])
+    }
+
     /// Width in pixels.
     pub fn width(&self) -> usize {
         self.width

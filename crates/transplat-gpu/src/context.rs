@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread::ThreadId;
 
 /// What can go wrong on the GPU.
 #[derive(Debug, thiserror::Error)]
@@ -53,7 +54,9 @@ pub struct Context {
     pub(crate) color_format: wgpu::TextureFormat,
     /// Format of the depth channel's target.
     pub(crate) depth_format: wgpu::TextureFormat,
-    errors: Arc<Mutex<Option<String>>>,
+    adapter: wgpu::Adapter,
+    /// The first error of each thread since it last asked: validation tells them on the thread that made them.
+    errors: Arc<Mutex<HashMap<ThreadId, String>>>,
     lost: Arc<AtomicBool>,
     /// Compiled pipelines by source and entry point.
     passes: Mutex<HashMap<(String, String), Arc<ComputePass>>>,
@@ -147,12 +150,12 @@ impl Context {
 
     /// Shares a device that was made from [`device_descriptor`], and takes over what is done with its errors.
     pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        let errors = Arc::new(Mutex::new(None));
+        let errors = Arc::new(Mutex::new(HashMap::new()));
         let note = {
             let errors = errors.clone();
             move |text: String| {
-                if let Ok(mut first) = errors.lock() {
-                    first.get_or_insert(text);
+                if let Ok(mut errors) = errors.lock() {
+                    errors.entry(std::thread::current().id()).or_insert(text);
                 }
             }
         };
@@ -175,6 +178,7 @@ impl Context {
             queue,
             info: adapter.get_info(),
             limits,
+            adapter: adapter.clone(),
             lost,
             passes: Mutex::default(),
             color_format: if wide {
@@ -196,9 +200,18 @@ impl Context {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// The first error since it was last asked for, without waiting.
+    /// Another device on the same adapter: work on it disturbs none on this one.
+    ///
+    /// # Errors
+    /// The driver refuses it.
+    pub fn sibling(&self) -> Result<Self> {
+        Self::open(&self.adapter)
+    }
+
+    /// The first error of this thread since it last asked, without waiting.
     pub fn take_error(&self) -> Option<GpuError> {
-        let error = self.errors.lock().ok()?.take();
+        let mut errors = self.errors.lock().ok()?;
+        let error = errors.remove(&std::thread::current().id());
         error.map(GpuError::Driver)
     }
 
@@ -358,10 +371,10 @@ impl Context {
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
             .map_err(|e| GpuError::Driver(e.to_string()))?;
-        match self.errors.lock() {
-            Ok(mut error) => error.take().map_or(Ok(()), |e| Err(GpuError::Driver(e))),
-            Err(_) => Err(GpuError::Driver("an error could not be told".into())),
+        if self.is_lost() {
+            return Err(GpuError::Driver("the graphics device was lost".into()));
         }
+        self.take_error().map_or(Ok(()), Err)
     }
 
     /// Copies the start of a buffer back.

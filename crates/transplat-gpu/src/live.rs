@@ -315,6 +315,7 @@ impl Live {
         let mut frame = frame.clone();
         let presentation = &mut frame.presentation;
         presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
+        presentation.display = shading_display(presentation);
         self.draw_sides(&asset, &frame);
         let presentation = &frame.presentation;
         self.size_screen(presentation.size);
@@ -401,7 +402,7 @@ impl Live {
         let pinned = self.pinned.as_ref();
         let space = match paint {
             SidePaint::Stored | SidePaint::Relit(_) => {
-                ColorSpace::Display(shading_display(&frame.presentation))
+                ColorSpace::Display(frame.presentation.display)
             }
             SidePaint::Pinned => pinned.map_or(PLAIN, |(_, display)| ColorSpace::Display(*display)),
             _ => PLAIN,
@@ -516,7 +517,7 @@ impl Live {
     }
 }
 
-/// The display that surfels are coloured with: false colours are made of the sRGB curve alone.
+/// The display of a picture: false colours are made of the sRGB curve alone, which can be undone.
 fn shading_display(presentation: &Presentation) -> Display {
     if presentation.false_color {
         Display {

@@ -350,7 +350,7 @@ impl Shots<'_> {
                 continue;
             };
             let map = self.scene.load_light(path, report)?;
-            let map = map.unwrap_or_else(EnvironmentMap::even);
+            let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
             lit.backdrops[side] = Some(Backdrop {
                 map: Arc::new(map.blurred(look.background_blur)),
                 map_from_asset: settings.map_from_asset(self.scene.cloud.up),

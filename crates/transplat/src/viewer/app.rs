@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eframe::egui::{self, Color32, Key, Ui};
-use transplat_core::load::FileKind;
+use transplat_core::load::{FileKind, file_kind};
 use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
 use transplat_core::rasterize::MIN_ALPHA;
@@ -17,7 +17,7 @@ use super::navigation::{self, Preset};
 use super::panels;
 use super::preferences::Preferences;
 use super::probes::{Key as ProbeKey, Probe};
-use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
+use super::session::{Event, SOURCE, SaveKind, Session, Settings, Stages, TARGET};
 use super::shelf::{self, Shelf};
 use super::shortcuts::{self, Action, GESTURES, SHORTCUTS};
 use super::viewport::Viewport;
@@ -59,7 +59,7 @@ pub struct Viewer {
     dropped_at: f64,
     clipboard: Option<arboard::Clipboard>,
     lost: bool,
-    frame_ms: f64,
+    title: String,
 }
 
 impl Viewer {
@@ -107,7 +107,7 @@ impl Viewer {
             dropped_at: 0.0,
             clipboard: None,
             lost: false,
-            frame_ms: 0.0,
+            title: String::new(),
             preferences,
         };
         viewer.first_scene(opening);
@@ -126,58 +126,50 @@ impl Viewer {
             }
         }
         let mut look = opening.look.unwrap_or_else(|| self.session.look.clone());
-        let names_splat = opening.files.iter().any(|f| {
-            matches!(
-                transplat_core::load::file_kind(f),
-                Ok(FileKind::Ply | FileKind::Look)
-            )
-        });
         if look.target.file.is_none() {
-            look.target.file = Some(lights.get(1).cloned().unwrap_or_else(|| EVEN.into()));
+            let second = lights.get(1).cloned();
+            look.target.file = Some(second.unwrap_or_else(|| EVEN.into()));
         }
-        if names_splat || look.asset.is_some() {
-            // Another light than even is known only where somebody tells it.
-            if look.source.file.is_none() {
-                look.source.file = Some(EVEN.into());
-            }
-            if let Some(asset) = look.asset.clone() {
-                self.session.load_asset(asset, look.clone());
-            }
-            self.session.look = Look {
-                camera: None,
-                ..look
-            };
-        } else {
-            if look.source.file.is_none() {
-                look.source.file = Some(lights.first().cloned().unwrap_or_else(|| EVEN.into()));
-            }
-            match bundled(BUNDLED_SPLAT) {
-                Some(splat) => self.session.load_asset(splat, look.clone()),
+        let is = |file: &PathBuf, kind| file_kind(file).is_ok_and(|k| k == kind);
+        let splat = opening.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
+        let by_look = opening.files.iter().any(|f| is(f, FileKind::Look));
+        let bundled_splat = bundled(BUNDLED_SPLAT);
+        let nothing_told = splat.is_none() && look.asset.is_none() && !by_look;
+        // Another light than even is known only where somebody tells it, as for the bundled scene.
+        let known = lights.first().filter(|_| nothing_told).cloned();
+        let source = look
+            .source
+            .file
+            .get_or_insert(known.unwrap_or_else(|| EVEN.into()));
+        self.session.request_light(&source.clone());
+        let settings = Settings::Capture {
+            source: look.source.clone(),
+            up: look.up,
+            linear: look.linear,
+            hide: look.hide,
+            camera: look.camera,
+        };
+        let asset = splat.clone().or(look.asset.clone());
+        self.session.look = Look {
+            camera: None,
+            ..look
+        };
+        if let Some(asset) = asset {
+            self.preferences.remember(&asset);
+            self.session.load_asset(asset, settings);
+        } else if nothing_told {
+            match bundled_splat {
+                Some(bundled) => self.session.load_asset(bundled, settings),
                 None => self
                     .session
                     .error("the bundled scene is not installed; drop a splat on the window"),
             }
-            self.session.look = Look {
-                camera: None,
-                ..look
-            };
         }
-        let told = self.session.look.source.file.clone();
         for file in opening.files {
-            self.open(&file);
-            // A light that the command line tells for the capture holds for the splat beside it.
-            if matches!(transplat_core::load::file_kind(&file), Ok(FileKind::Ply)) {
-                self.reopen_with_source(&file, told.clone());
+            if Some(&file) != splat.as_ref() {
+                self.open(&file);
             }
         }
-    }
-
-    fn reopen_with_source(&mut self, splat: &Path, source: Option<PathBuf>) {
-        let mut look = self.session.look.clone();
-        if let Some(source) = source {
-            look.source.file = Some(source);
-        }
-        self.session.load_asset(splat.to_owned(), look);
     }
 
     // ---- files ----
@@ -200,7 +192,7 @@ impl Viewer {
             }
             return;
         }
-        if let Ok(kind) = transplat_core::load::file_kind(&path) {
+        if let Ok(kind) = file_kind(&path) {
             self.preferences.remember(&path);
             if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
                 self.shelf.add(&mut self.session, &path);
@@ -233,7 +225,7 @@ impl Viewer {
                 .is_some_and(|(rect, at)| rect.contains(at))
         });
         for path in std::mem::take(&mut self.dropped) {
-            let kind = transplat_core::load::file_kind(&path);
+            let kind = file_kind(&path);
             match (slot, kind) {
                 (Some(side), Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)) => {
                     self.shelf.add(&mut self.session, &path);
@@ -400,9 +392,11 @@ impl Viewer {
     // ---- keys ----
 
     fn keys(&mut self, context: &egui::Context) {
-        if context.egui_wants_keyboard_input() {
+        if context.text_edit_focused() {
             return;
         }
+        // The arrows belong to a slider that was reached by Tab.
+        let focused = context.egui_wants_keyboard_input();
         // Longer combinations first, so that ctrl + shift + Z is not taken for ctrl + Z.
         let mut table: Vec<_> = SHORTCUTS.iter().collect();
         table.sort_by_key(|s| std::cmp::Reverse(u8::from(s.0.ctrl) + u8::from(s.0.shift)));
@@ -415,10 +409,13 @@ impl Viewer {
                 Key::ArrowDown,
             ];
             for (modifiers, key, action, _) in table {
+                if focused && nudges.contains(key) {
+                    continue;
+                }
                 let fine = nudges.contains(key) && i.consume_key(egui::Modifiers::SHIFT, *key);
                 if fine {
                     actions.push((*action, true));
-                } else if i.modifiers.matches_exact(*modifiers) && i.consume_key(*modifiers, *key) {
+                } else if i.consume_key(*modifiers, *key) {
                     actions.push((*action, false));
                 }
             }
@@ -444,8 +441,7 @@ impl Viewer {
             Key::Num9,
         ];
         for (i, key) in digits.into_iter().enumerate() {
-            let pressed =
-                context.input(|input| input.modifiers.is_none() && input.key_pressed(key));
+            let pressed = context.input_mut(|input| input.consume_key(egui::Modifiers::NONE, key));
             if pressed && let Some(path) = self.shelf.paths.get(i).cloned() {
                 self.session.set_light(TARGET, path);
             }
@@ -644,10 +640,12 @@ impl Viewer {
         let lights: Vec<PathBuf> = BUNDLED_LIGHTS.iter().filter_map(|n| bundled(n)).collect();
         look.source.file = lights.first().cloned();
         look.target.file = lights.get(1).cloned();
+        look.asset = Some(splat.clone());
         for path in &lights {
             self.shelf.add(&mut self.session, path);
         }
-        self.session.load_asset(splat, look);
+        self.session
+            .load_asset(splat, Settings::Look(Box::new(look)));
     }
 
     fn view_menu(&mut self, ui: &mut Ui) {
@@ -1063,13 +1061,13 @@ impl eframe::App for Viewer {
             Some(asset) => format!("{} – transplat", asset.name()),
             None => "transplat".into(),
         };
-        if context.input(|i| i.viewport().title.as_deref() != Some(&title)) {
-            context.send_viewport_cmd(egui::ViewportCommand::Title(title));
+        if self.title != title {
+            context.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
+            self.title = title;
         }
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        let start = std::time::Instant::now();
         egui::Panel::top("menus").show(ui, |ui| self.menus(ui));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
         egui::Panel::bottom("shelf")
@@ -1081,7 +1079,7 @@ impl eframe::App for Viewer {
                 .size_range(240.0..=460.0)
                 .show(ui, |ui| panels::show(ui, self));
         }
-        let hold_before = !ui.ctx().egui_wants_keyboard_input() && ui.input(|i| i.key_down(Key::B));
+        let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.show(ui, &mut self.session, hold_before);
         });
@@ -1091,7 +1089,6 @@ impl eframe::App for Viewer {
         self.path_window(&context);
         self.sheet_of_shortcuts(&context);
         self.drop_hint(&context);
-        self.frame_ms = start.elapsed().as_secs_f64() * 1e3;
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {

@@ -21,8 +21,8 @@ use transplat_core::visibility::{BakeSettings, Visibility};
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, load_map};
 use super::navigation::wrap;
-use super::session::{Event, SOURCE, Session, TARGET};
-use crate::device::{Device, Painter};
+use super::session::{BackgroundDevice, Event, SOURCE, Session, TARGET};
+use crate::device::Painter;
 use crate::picture::{Backdrop, Lit, Studio};
 
 /// Pictures with more samples than this would not fit.
@@ -125,7 +125,7 @@ pub enum Task {
 
 /// Everything that an export reads, as it was when it was asked for.
 struct Snapshot {
-    device: Device,
+    device: BackgroundDevice,
     cloud: Arc<SurfelCloud>,
     file: Arc<AssetFile>,
     name: String,
@@ -167,7 +167,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         look.background = Background::Transparent;
     }
     let snapshot = Snapshot {
-        device: session.device.clone(),
+        device: session.background.clone(),
         cloud: asset.cloud.clone(),
         file: asset.file.clone(),
         name: asset.name(),
@@ -282,7 +282,7 @@ impl Snapshot {
     }
 
     fn painter(&self) -> Result<Painter> {
-        Ok(self.device.painter(&self.cloud)?.0)
+        Ok(self.device.fastest().painter(&self.cloud)?.0)
     }
 
     fn picture(&self, view: View, target: &Arc<Light>) -> Result<Raster> {
@@ -311,7 +311,8 @@ impl Snapshot {
         let [source, target] = look.lights(&source.radiance, &target.radiance, self.up);
         let prepared =
             PreparedTransfer::new(&self.cloud, &self.visibility, &source, &look.transfer)?;
-        let mut transfer = self.device.transfer(&prepared)?;
+        let device = self.device.fastest();
+        let mut transfer = device.transfer(&prepared)?;
         transfer.change_light(&prepared.light(&target))?;
         let sh = transfer.result()?;
         drop(transfer);

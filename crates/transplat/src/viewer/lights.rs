@@ -9,8 +9,9 @@ use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
 use transplat_core::load::load_environment;
 use transplat_core::look::is_even;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_gpu::Context;
 
+use super::session::BackgroundDevice;
+use crate::device::Device;
 use crate::scene::map_warnings;
 
 /// Width of the small map.
@@ -43,13 +44,14 @@ impl Light {
         }
     }
 
-    /// Reads a file and projects it, on the GPU.
-    pub fn load(context: &Context, path: &Path) -> Result<Self> {
+    /// Reads a file and projects it, on the GPU where that can be had.
+    pub fn load(background: &BackgroundDevice, path: &Path) -> Result<Self> {
         if is_even(path) {
             return Ok(Self::even());
         }
         let map = load_environment(path)?;
-        let radiance = transplat_gpu::environment::project_environment(context, &map, MAX_DEGREE)?;
+        let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
+        let radiance = device.project_environment(&map, MAX_DEGREE)?;
         let small = map.reduced(SMALL_WIDTH);
         // The logarithmic mean is not led astray by a sun.
         let logs: f32 = small
@@ -92,7 +94,7 @@ pub fn light_name(path: &Path) -> String {
 /// Reads the whole map again, to be seen behind the object.
 pub fn load_map(light: &Light) -> Result<Arc<EnvironmentMap>> {
     Ok(Arc::new(if light.is_even() {
-        EnvironmentMap::even()
+        EnvironmentMap::even_backdrop()
     } else {
         load_environment(&light.path)?
     }))

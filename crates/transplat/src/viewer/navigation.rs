@@ -42,7 +42,12 @@ impl Preset {
 }
 
 /// The pose of a first look: from the front, a little from the right and above.
-pub fn first_pose(cloud: &SurfelCloud, bounds: &Bounds, size: [usize; 2]) -> CameraPose {
+pub fn first_pose(
+    cloud: &SurfelCloud,
+    up: UpAxis,
+    bounds: &Bounds,
+    size: [usize; 2],
+) -> CameraPose {
     let pose = CameraPose {
         pivot: bounds.center,
         azimuth: -60.0,
@@ -51,13 +56,19 @@ pub fn first_pose(cloud: &SurfelCloud, bounds: &Bounds, size: [usize; 2]) -> Cam
         fov: 35.0,
         orthographic: false,
     };
-    framed(cloud, bounds, &pose, size)
+    framed(cloud, up, bounds, &pose, size)
 }
 
 /// All of the object, from where one looks now.
-pub fn frame_object(cloud: &SurfelCloud, bounds: &Bounds, pose: &mut CameraPose, size: [usize; 2]) {
+pub fn frame_object(
+    cloud: &SurfelCloud,
+    up: UpAxis,
+    bounds: &Bounds,
+    pose: &mut CameraPose,
+    size: [usize; 2],
+) {
     let orthographic = pose.orthographic;
-    *pose = framed(cloud, bounds, pose, size);
+    *pose = framed(cloud, up, bounds, pose, size);
     pose.orthographic = orthographic;
 }
 

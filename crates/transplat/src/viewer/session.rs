@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Instant;
 
 use eframe::egui;
@@ -10,9 +10,9 @@ use transplat_core::camera::Camera;
 use transplat_core::environment::IncidentRadiance;
 use transplat_core::ground::{GROUND_REACH, Ground, ground_plane};
 use transplat_core::load::{AssetFile, FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{CameraPose, Look, is_even};
+use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_even};
 use transplat_core::present::{self, Background, Doubt, View};
-use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, TransferAsset, TransferSettings};
 use transplat_core::visibility::{BakeSettings, Visibility};
 use transplat_gpu::Context;
@@ -120,7 +120,72 @@ pub struct LoadedAsset {
     asset: Asset,
     live: LiveAsset,
     transfer: TransferAsset,
-    look: Look,
+    settings: Settings,
+}
+
+/// What a splat is opened with.
+#[derive(Clone, Debug)]
+pub enum Settings {
+    /// What is told of its capture; everything else stays as it is when the splat is there.
+    Capture {
+        /// Its light; even where nobody knows it.
+        source: LightSettings,
+        /// Its up axis, where the file is not to be believed.
+        up: Option<UpAxis>,
+        /// Whether its colour is linear.
+        linear: bool,
+        /// What of it is hidden.
+        hide: Hide,
+        /// Where it is looked at from; all of it otherwise.
+        camera: Option<CameraPose>,
+    },
+    /// All settings.
+    Look(Box<Look>),
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::Capture {
+            source: LightSettings {
+                file: Some(EVEN.into()),
+                ..LightSettings::default()
+            },
+            up: None,
+            linear: false,
+            hide: Hide::default(),
+            camera: None,
+        }
+    }
+}
+
+impl Settings {
+    fn is_linear(&self) -> bool {
+        match self {
+            Self::Capture { linear, .. } => *linear,
+            Self::Look(look) => look.linear,
+        }
+    }
+
+    /// The look that the splat is shown with, given that of now.
+    fn over(self, now: &Look) -> Look {
+        match self {
+            Self::Capture {
+                source,
+                up,
+                linear,
+                hide,
+                camera,
+            } => Look {
+                source,
+                up,
+                linear,
+                hide,
+                camera,
+                ..now.clone()
+            },
+            Self::Look(look) => *look,
+        }
+    }
 }
 
 /// A prepared transfer on its way to the screen.
@@ -170,11 +235,41 @@ pub struct Times {
     pub transfer: f64,
 }
 
+/// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
+#[derive(Clone)]
+pub struct BackgroundDevice {
+    window: Arc<Context>,
+    own: Arc<OnceLock<Option<Arc<Context>>>>,
+}
+
+impl BackgroundDevice {
+    fn new(window: &Arc<Context>) -> Self {
+        Self {
+            window: window.clone(),
+            own: Arc::default(),
+        }
+    }
+
+    /// The adapter, software or not; none where it gives no second device.
+    pub fn gpu(&self) -> Option<Arc<Context>> {
+        let open = || self.window.sibling().ok().map(Arc::new);
+        self.own.get_or_init(open).clone()
+    }
+
+    /// Where long work is the faster: the adapter if it is a real one, else the CPU.
+    pub fn fastest(&self) -> Device {
+        if self.window.is_software() {
+            return Device::Cpu;
+        }
+        self.gpu().map_or(Device::Cpu, Device::Gpu)
+    }
+}
+
 /// Everything that is open, and the settings.
 pub struct Session {
     pub context: Arc<Context>,
-    /// Where bakes and saved pictures are computed.
-    pub device: Device,
+    /// Where jobs compute.
+    pub background: BackgroundDevice,
     pub live: Arc<Mutex<Live>>,
     pub jobs: Jobs<Event>,
     pub asset: Option<Asset>,
@@ -203,7 +298,7 @@ pub struct Session {
     pub viewport: [usize; 2],
     pub hidden: Arc<Vec<bool>>,
     hidden_version: u64,
-    hidden_for: Option<(u64, transplat_core::surfels::Hide)>,
+    hidden_for: Option<(u64, Hide)>,
     transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
     asset_id: u64,
     bake_version: u64,
@@ -231,16 +326,10 @@ impl Session {
         egui: &egui::Context,
         look: Look,
     ) -> Self {
-        let device = if context.is_software() {
-            // The CPU is the faster of the two there.
-            Device::Cpu
-        } else {
-            Device::Gpu(context.clone())
-        };
         let even = Arc::new(Light::even());
         Self {
             live: Arc::new(Mutex::new(Live::new(&context, window))),
-            device,
+            background: BackgroundDevice::new(&context),
             context,
             jobs: Jobs::new(egui),
             asset: None,
@@ -332,15 +421,7 @@ impl Session {
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
             Ok(FileKind::Ply) => {
-                // Another object is under another camera, and its own light and up axis are not known.
-                let mut look = self.look.clone();
-                look.up = None;
-                look.linear = false;
-                look.hide = Default::default();
-                look.source = Default::default();
-                look.source.file = Some(transplat_core::look::EVEN.into());
-                look.camera = None;
-                self.load_asset(path.to_owned(), look);
+                self.load_asset(path.to_owned(), Settings::default());
             }
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(look) => self.apply_look(look),
@@ -362,7 +443,7 @@ impl Session {
         let open = self.asset.as_ref().map(|a| &a.path);
         match &look.asset {
             Some(path) if open != Some(path) || look.linear != self.look.linear => {
-                self.load_asset(path.clone(), look);
+                self.load_asset(path.clone(), Settings::Look(Box::new(look)));
             }
             _ => {
                 if let Some(camera) = look.camera {
@@ -376,8 +457,8 @@ impl Session {
         }
     }
 
-    /// Loads a splat; on success it is shown with `look`, otherwise everything stays.
-    pub fn load_asset(&mut self, path: PathBuf, look: Look) {
+    /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
+    pub fn load_asset(&mut self, path: PathBuf, settings: Settings) {
         self.jobs.cancel(Kind::Load);
         let context = self.context.clone();
         let name = path
@@ -393,10 +474,7 @@ impl Session {
                     .map_err(anyhow::Error::from)
                     .and_then(|(mut cloud, file)| {
                         let file_up = cloud.up;
-                        if let Some(up) = look.up {
-                            cloud.up = up;
-                        }
-                        if look.linear {
+                        if settings.is_linear() {
                             cloud.encoding = transplat_core::color::Encoding::StoredLinear;
                         }
                         let cloud = Arc::new(cloud);
@@ -416,7 +494,7 @@ impl Session {
                             },
                             live,
                             transfer,
-                            look,
+                            settings,
                         })
                     });
             if handle.is_cancelled() {
@@ -448,14 +526,14 @@ impl Session {
             return;
         }
         self.loading.push(path.to_owned());
-        let (context, path) = (self.context.clone(), path.to_owned());
+        let (background, path) = (self.background.clone(), path.to_owned());
         let label = format!("reading {}", light_name(&path));
         let failed = {
             let path = path.clone();
             move |why: String| Event::LightFailed { path, why }
         };
         let work = move |_: &super::jobs::Handle<Event>| {
-            Some(match Light::load(&context, &path) {
+            Some(match Light::load(&background, &path) {
                 Ok(light) => Event::Light(Box::new(light)),
                 Err(error) => Event::LightFailed {
                     path,
@@ -581,8 +659,9 @@ impl Session {
             asset,
             live,
             transfer,
-            look,
+            settings,
         } = loaded;
+        let look = settings.over(&self.look);
         for kind in [Kind::Bake, Kind::Ground, Kind::Prepare, Kind::Doubts] {
             self.jobs.cancel(kind);
         }
@@ -608,7 +687,12 @@ impl Session {
         self.transfer_asset = Some(Arc::new(Mutex::new(transfer)));
         self.pose = look.camera.unwrap_or_else(|| {
             let size = self.viewport;
-            navigation::first_pose(&asset.cloud, &asset.bounds, size)
+            navigation::first_pose(
+                &asset.cloud,
+                look.up.unwrap_or(asset.file_up),
+                &asset.bounds,
+                size,
+            )
         });
         for warning in asset.warnings.clone() {
             self.info(warning);
@@ -667,7 +751,11 @@ impl Session {
         self.jobs.cancel(Kind::Bake);
         self.baked_for = Some(key);
         let (id, directions) = key;
-        let (device, path, cloud) = (self.device.clone(), asset.path.clone(), asset.cloud.clone());
+        let (background, path, cloud) = (
+            self.background.clone(),
+            asset.path.clone(),
+            asset.cloud.clone(),
+        );
         let label = format!("baking the visibility of {}", asset.name());
         let work = move |handle: &super::jobs::Handle<Event>| {
             let event = |baked: Baked| Event::Baked {
@@ -676,7 +764,14 @@ impl Session {
             };
             let report = |done: f64| handle.progress(done);
             let preview = |baked: Baked| handle.send(event(baked));
-            match baking::bake(&device, &path, &cloud, directions, &report, preview) {
+            match baking::bake(
+                &background.fastest(),
+                &path,
+                &cloud,
+                directions,
+                &report,
+                preview,
+            ) {
                 Ok(baked) => Some(event(baked)),
                 Err(_) if handle.is_cancelled() => None,
                 Err(error) => Some(Event::Failed(format!("the bake failed: {error:#}"))),
@@ -954,7 +1049,7 @@ impl Session {
         };
         let look = &self.look;
         let matched = look.match_gain(&self.sides[SOURCE].radiance, &self.sides[TARGET].radiance);
-        let light = |settings: &transplat_core::look::LightSettings, gain: f32| BackdropLight {
+        let light = |settings: &LightSettings, gain: f32| BackdropLight {
             map_from_asset: settings.map_from_asset(up),
             gain: settings.gain().map(|g| g * gain),
         };
@@ -1007,7 +1102,7 @@ impl Session {
         }
     }
 
-    fn named(&self, side: usize) -> transplat_core::look::LightSettings {
+    fn named(&self, side: usize) -> LightSettings {
         let settings = if side == SOURCE {
             &self.look.source
         } else {

@@ -58,11 +58,11 @@ impl Shelf {
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
-        ui.horizontal(|ui| {
+        ui.horizontal_top(|ui| {
             self.slot(ui, session, SOURCE);
             ui.vertical(|ui| {
                 ui.add_space(26.0);
-                let swap = ui.button("⇄").on_hover_text(
+                let swap = ui.button("swap").on_hover_text(
                     "Swap the two lights with their turns and strengths: relights by what it was captured under. (X)",
                 );
                 swap.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, "Swap lights"));
@@ -73,7 +73,7 @@ impl Shelf {
             self.slot(ui, session, TARGET);
             ui.separator();
             egui::ScrollArea::horizontal().auto_shrink([false, false]).show(ui, |ui| {
-                ui.horizontal(|ui| {
+                ui.horizontal_top(|ui| {
                     for i in 0..self.paths.len() {
                         if i >= self.paths.len() {
                             break;

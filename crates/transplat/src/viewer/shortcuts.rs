@@ -113,12 +113,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 28] = [
         "match the lights' strength",
     ),
     (Modifiers::NONE, Key::X, Action::Swap, "swap the two lights"),
-    (
-        Modifiers::NONE,
-        Key::Tab,
-        Action::Panels,
-        "panels on and off",
-    ),
+    (Modifiers::NONE, Key::H, Action::Panels, "panels on and off"),
     (Modifiers::NONE, Key::F1, Action::Help, "this sheet"),
     (
         Modifiers::NONE,

@@ -8,6 +8,7 @@ use transplat_core::surfels::{Hide, UpAxis};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
+use crate::viewer::session::Settings;
 use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, switch, thousands};
 
@@ -42,7 +43,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 session.look.up = Some(axis);
                 let size = session.viewport;
                 if let Some(asset) = &session.asset {
-                    session.pose = navigation::first_pose(&asset.cloud, &asset.bounds, size);
+                    session.pose = navigation::first_pose(&asset.cloud, axis, &asset.bounds, size);
                 }
             }
         }
@@ -56,14 +57,16 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     )
     .changed()
     {
-        let look = transplat_core::look::Look {
-            linear,
-            camera: Some(session.pose),
-            ..session.look.clone()
-        };
         if let Some(asset) = &session.asset {
             let path = asset.path.clone();
-            session.load_asset(path, look);
+            let settings = Settings::Capture {
+                source: session.look.source.clone(),
+                up: session.look.up,
+                linear,
+                hide: session.look.hide,
+                camera: Some(session.pose),
+            };
+            session.load_asset(path, settings);
         }
     }
     let mut turned = 0.0;

@@ -200,9 +200,11 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
 /// Shows all of the object.
 pub fn frame(viewer: &mut Viewer) {
     let session = &mut viewer.session;
+    let up = session.up();
     if let Some(asset) = &session.asset {
         navigation::frame_object(
             &asset.cloud,
+            up,
             &asset.bounds,
             &mut session.pose,
             session.viewport,

@@ -1,0 +1,618 @@
+//! The viewer's own interface, driven without a window on the adapter that the tests have.
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use transplat::viewer::{Opening, Task, Viewer, wgpu_setup};
+use transplat_core::color::ToneMap;
+use transplat_core::look::EVEN;
+use transplat_core::present::{Background, View};
+use transplat_core::surfels::UpAxis;
+use transplat_tests::{Folder, asset, psnr, run, small_splat};
+
+const SIZE: egui::Vec2 = egui::vec2(1000.0, 640.0);
+
+/// How long a job may take on a slow machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+struct Driver {
+    harness: Harness<'static, Viewer>,
+    /// Keeps the files of the scene.
+    folder: Folder,
+}
+
+impl Driver {
+    /// The viewer on a copy of the bundled scene, so that bakes are kept apart.
+    fn new() -> Self {
+        let folder = Folder::new();
+        for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
+            fs::copy(asset(name), folder.path(name)).expect("room for it");
+        }
+        let opening = Opening {
+            files: ["teapot.ply", "interior.hdr", "sunset.hdr"]
+                .map(|n| folder.path(n))
+                .into(),
+            look: None,
+        };
+        let mut driver = Self::open(opening, folder);
+        let city = driver.folder.path("city.hdr");
+        driver.viewer().session.set_light(0, city);
+        driver.settle();
+        driver
+    }
+
+    fn open(opening: Opening, folder: Folder) -> Self {
+        let harness = Harness::builder()
+            .with_size(SIZE)
+            .with_max_steps(64)
+            .wgpu_setup(wgpu_setup())
+            .build_eframe(move |cc| Viewer::new(cc, opening).expect("a viewer"));
+        let mut driver = Self { harness, folder };
+        driver.settle();
+        driver
+    }
+
+    fn viewer(&mut self) -> &mut Viewer {
+        self.harness.state_mut()
+    }
+
+    /// Runs until nothing is being computed any more.
+    fn settle(&mut self) {
+        let start = Instant::now();
+        let mut quiet = 0;
+        while quiet < 3 {
+            self.harness.step();
+            let busy = !self.harness.state().session.is_settled();
+            quiet = if busy { 0 } else { quiet + 1 };
+            if busy {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            assert!(
+                start.elapsed() < PATIENCE,
+                "the viewer does not come to rest"
+            );
+        }
+    }
+
+    fn picture(&mut self) -> Vec<[f32; 3]> {
+        self.settle();
+        let viewer = self.harness.state();
+        let (values, _) = viewer
+            .session
+            .live()
+            .read_screen()
+            .expect("the driver works");
+        values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
+    }
+
+    fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).scroll_to_me();
+        self.settle();
+        self.harness.get_by_label(label).click();
+        self.settle();
+    }
+}
+
+/// How different two pictures are, in dB; more is more alike.
+fn alike(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    psnr(a, b)
+}
+
+#[test]
+fn controls_run_what_they_touch_and_nothing_else() {
+    let mut d = Driver::new();
+    let first = d.picture();
+    let at_rest = d.viewer().passes();
+    d.settle();
+    assert_eq!(
+        d.viewer().passes(),
+        at_rest,
+        "nothing runs while nothing changes"
+    );
+
+    // A turn of the light: one transfer, one colouring, one drawing; the map is not read again, nothing is sorted or projected.
+    let stages = d.viewer().stages();
+    d.viewer().session.look.target.rotation = 120.0;
+    let turned = d.picture();
+    let after_turn = d.viewer().passes();
+    assert_eq!(after_turn.transfer, at_rest.transfer + 1);
+    assert_eq!(after_turn.shade, at_rest.shade + 1);
+    assert_eq!(after_turn.draw, at_rest.draw + 1);
+    assert_eq!(
+        (after_turn.sort, after_turn.project),
+        (at_rest.sort, at_rest.project)
+    );
+    assert_eq!(after_turn.backdrop, at_rest.backdrop);
+    assert_eq!(d.viewer().stages(), stages, "no projection, no preparation");
+    assert!(alike(&first, &turned) < 30.0);
+
+    // Exposure: no transfer.
+    d.viewer().session.look.display.exposure = 1.0;
+    let exposed = d.picture();
+    let after_exposure = d.viewer().passes();
+    assert_eq!(after_exposure.transfer, after_turn.transfer);
+    assert_eq!(after_exposure.shade, after_turn.shade + 1);
+    assert!(alike(&turned, &exposed) < 25.0);
+
+    // Another environment of the shelf: it was projected when it came onto the shelf; a transfer and a backdrop.
+    let interior = d.folder.path("interior.hdr");
+    d.viewer().session.set_light(1, interior);
+    d.picture();
+    let after_light = d.viewer().passes();
+    assert_eq!(after_light.transfer, after_exposure.transfer + 1);
+    assert_eq!(after_light.backdrop, after_exposure.backdrop + 1);
+    assert_eq!(
+        (after_light.sort, after_light.project),
+        (at_rest.sort, at_rest.project)
+    );
+
+    // One that is new to the program is projected once.
+    let fresh = d.folder.path("fresh.hdr");
+    fs::copy(asset("city.hdr"), &fresh).expect("room for it");
+    let projections = d.viewer().stages().project_environment;
+    d.viewer().open(&fresh);
+    d.picture();
+    assert_eq!(d.viewer().stages().project_environment, projections + 1);
+
+    // The camera: no transfer.
+    let before_orbit = d.viewer().passes();
+    d.viewer().session.pose.azimuth += 20.0;
+    d.picture();
+    let orbited = d.viewer().passes();
+    assert_eq!(orbited.transfer, before_orbit.transfer);
+    assert_eq!(orbited.sort, before_orbit.sort + 1);
+    assert_eq!(orbited.project, before_orbit.project + 1);
+
+    // Moving the wipe only presents.
+    d.viewer().session.look.view = View::Split;
+    d.picture();
+    let split = d.viewer().passes();
+    d.viewer().session.look.wipe = 0.3;
+    d.picture();
+    let wiped = d.viewer().passes();
+    assert_eq!((wiped.draw, wiped.shade), (split.draw, split.shade));
+    assert_eq!(wiped.present, split.present + 1);
+}
+
+#[test]
+fn what_is_saved_is_what_is_shown_and_what_render_makes() {
+    let mut d = Driver::new();
+    let size = d.viewer().session.viewport;
+    let folder = d.folder.path("out");
+    fs::create_dir_all(&folder).expect("room for it");
+    for (i, (view, background)) in [
+        (View::After, Background::Environment),
+        (View::Split, Background::Environment),
+        (
+            View::SideBySide,
+            Background::Gradient([0.4, 0.5, 0.6], [0.1; 3]),
+        ),
+        (View::Difference, Background::Checker),
+        (View::Depth, Background::Color([0.1, 0.2, 0.1])),
+        (View::Tau, Background::Color([0.0; 3])),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        {
+            let session = &mut d.viewer().session;
+            session.grid = false;
+            let look = &mut session.look;
+            look.view = view;
+            look.background = background;
+            look.background_blur = 4.0;
+            look.target.rotation = 40.0;
+            look.target.tilt = 15.0;
+            look.target.tint = [1.0, 0.9, 0.8];
+            look.target.strength = 0.5;
+            look.wipe = 0.4;
+            look.difference_scale = 2.0;
+            look.shadow_catcher = view == View::After;
+            look.hide.min_opacity = 0.2;
+            look.display.tone_map = if view == View::Split {
+                ToneMap::Agx
+            } else {
+                ToneMap::Srgb
+            };
+        }
+        let shown = d.picture();
+        let settings = d.viewer().export_settings();
+        settings.size = size;
+        settings.supersample = 1;
+        let saved = folder.join(format!("{i}.png"));
+        d.viewer().export(Task::Screenshot(Some(saved.clone())));
+        d.settle();
+        let saved_picture = transplat_tests::picture(&saved);
+        // 8 bits on the screen and in the file, and maps as half floats on the adapter.
+        let found = alike(&shown, &saved_picture);
+        assert!(
+            found > 40.0,
+            "{view:?}: the screen and the file: {found:.1} dB"
+        );
+
+        let look = folder.join("look.json");
+        let to_save = d.viewer().session.look_to_save();
+        transplat_core::export::save_look(&look, &to_save).expect("it is written");
+        let rendered = folder.join(format!("{i}-render.png"));
+        let output = run(&[
+            "render",
+            "--look",
+            &look.display().to_string(),
+            "--size",
+            &format!("{}x{}", size[0], size[1]),
+            "--device",
+            "auto",
+            "-o",
+            &rendered.display().to_string(),
+        ]);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let found = alike(&saved_picture, &transplat_tests::picture(&rendered));
+        assert!(
+            found > 100.0,
+            "{view:?}: the saved picture and render: {found:.1} dB"
+        );
+    }
+}
+
+#[test]
+fn a_look_restores_everything() {
+    let mut d = Driver::new();
+    {
+        let session = &mut d.viewer().session;
+        session.look.target.rotation = -70.0;
+        session.look.target.mirror = true;
+        session.look.source.tilt = 5.0;
+        session.look.transfer.sh_degree = 4;
+        session.look.transfer.terms.specular = false;
+        session.look.display.tone_map = ToneMap::Neutral;
+        session.look.match_strength = true;
+        session.look.view = View::Split;
+        session.pose.azimuth = 77.0;
+        session.pose.orthographic = true;
+    }
+    let before = d.picture();
+    let expected = d.viewer().session.look_to_save();
+    let path = d.folder.path("my.json");
+    transplat_core::export::save_look(&path, &expected).expect("it is written");
+    let text = fs::read_to_string(&path).expect("it is there");
+    assert!(
+        text.contains("\"teapot.ply\"") && text.contains("\"sunset.hdr\""),
+        "paths are relative: {text}"
+    );
+
+    {
+        let session = &mut d.viewer().session;
+        session.look = Default::default();
+        session.look.source.file = Some(EVEN.into());
+        session.look.target.file = Some(EVEN.into());
+        session.pose.azimuth = 0.0;
+    }
+    assert!(alike(&before, &d.picture()) < 30.0);
+    d.viewer().open(&path);
+    let after = d.picture();
+    assert!(alike(&before, &after) > 60.0);
+    let restored = d.viewer().session.look_to_save();
+    let same = |p: &Option<std::path::PathBuf>| p.as_ref().and_then(|p| p.canonicalize().ok());
+    assert_eq!(same(&restored.target.file), same(&expected.target.file));
+    assert_eq!(restored.transfer, expected.transfer);
+    assert_eq!(restored.camera, expected.camera);
+}
+
+#[test]
+fn panels_change_settings_and_picture() {
+    let mut d = Driver::new();
+    let first = d.picture();
+    d.click("Self-shadow");
+    assert!(!d.viewer().session.look.transfer.terms.shadow);
+    assert!(alike(&first, &d.picture()) < 40.0);
+    d.click("Self-shadow");
+    assert!(
+        alike(&first, &d.picture()) > 60.0,
+        "switched back it is as it was"
+    );
+
+    d.click("Specular");
+    assert!(!d.viewer().session.look.transfer.terms.specular);
+    assert!(alike(&first, &d.picture()) < 50.0);
+    d.click("Specular");
+
+    // Compare and channels.
+    for (label, view) in [
+        ("Before", View::Before),
+        ("Split", View::Split),
+        ("Side by side", View::SideBySide),
+        ("Difference", View::Difference),
+        ("After", View::After),
+    ] {
+        d.click(label);
+        assert_eq!(d.viewer().session.look.view, view);
+    }
+    let mut seen = vec![first.clone()];
+    for (label, view) in [
+        ("Diffuse", View::Diffuse),
+        ("Specular", View::Specular),
+        ("Normals", View::Normals),
+        ("Depth", View::Depth),
+        ("Visibility", View::Visibility),
+        ("Ratio tau", View::Tau),
+        ("Doubts", View::Doubts),
+    ] {
+        d.viewer().session.look.view = view;
+        let picture = d.picture();
+        for other in &seen {
+            assert!(alike(other, &picture) < 45.0, "{label} looks like another");
+        }
+        seen.push(picture);
+    }
+    d.viewer().session.look.view = View::After;
+
+    // The matching toggle says by how much, and does it.
+    let stops = d.viewer().session.stops_over_source.expect("known lights");
+    assert!(stops.abs() > 0.05);
+    d.viewer().session.look.match_strength = true;
+    d.picture();
+    let matched = d.viewer().session.stops_over_source.expect("known lights");
+    assert!(matched.abs() < 0.01, "{matched}");
+    d.viewer().session.look.match_strength = false;
+
+    // The shelf: click, key and swap.
+    let target = |d: &mut Driver| d.viewer().session.sides[1].name();
+    d.click("Swap lights");
+    assert_eq!(target(&mut d), "city");
+    let position = d
+        .viewer()
+        .shelf()
+        .iter()
+        .position(|p| p.ends_with("interior.hdr"))
+        .expect("on the shelf");
+    let keys = [
+        egui::Key::Num1,
+        egui::Key::Num2,
+        egui::Key::Num3,
+        egui::Key::Num4,
+        egui::Key::Num5,
+    ];
+    d.harness.key_press(keys[position]);
+    d.settle();
+    assert_eq!(target(&mut d), "interior");
+}
+
+#[test]
+fn keys_and_the_mouse_do_what_the_sheet_says() {
+    let mut d = Driver::new();
+    let middle = egui::pos2(330.0, 280.0);
+    let drag = |d: &mut Driver, button, modifiers: egui::Modifiers, by: egui::Vec2| {
+        let press = |pressed, pos| egui::Event::PointerButton {
+            pos,
+            button,
+            pressed,
+            modifiers,
+        };
+        d.harness.event(egui::Event::ModifiersChanged(modifiers));
+        d.harness.event(egui::Event::PointerMoved(middle));
+        d.harness.step();
+        d.harness.event(press(true, middle));
+        d.harness.step();
+        for i in 1..=4 {
+            d.harness
+                .event(egui::Event::PointerMoved(middle + by * (i as f32 / 4.0)));
+            d.harness.step();
+        }
+        d.harness.event(press(false, middle + by));
+        d.harness.step();
+        d.settle();
+    };
+    let pose = d.viewer().session.pose;
+    drag(
+        &mut d,
+        egui::PointerButton::Primary,
+        egui::Modifiers::NONE,
+        egui::vec2(80.0, 20.0),
+    );
+    let orbited = d.viewer().session.pose;
+    assert!(orbited.azimuth != pose.azimuth && orbited.pivot == pose.pivot);
+    drag(
+        &mut d,
+        egui::PointerButton::Middle,
+        egui::Modifiers::NONE,
+        egui::vec2(80.0, 20.0),
+    );
+    let panned = d.viewer().session.pose;
+    assert!(panned.pivot != pose.pivot && panned.azimuth == orbited.azimuth);
+    let light = d.viewer().session.look.target.clone();
+    drag(
+        &mut d,
+        egui::PointerButton::Secondary,
+        egui::Modifiers::SHIFT,
+        egui::vec2(60.0, 10.0),
+    );
+    let turned = d.viewer().session.look.target.clone();
+    assert!(turned.rotation != light.rotation && turned.tilt != light.tilt);
+    assert_eq!(d.viewer().session.pose, panned, "the camera stays");
+
+    d.harness.key_press(egui::Key::ArrowLeft);
+    d.settle();
+    let nudged = d.viewer().session.look.target.rotation;
+    assert!((nudged - turned.rotation - 5.0).abs() < 1e-9);
+    d.harness
+        .key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::ArrowRight);
+    d.settle();
+    let fine = d.viewer().session.look.target.rotation;
+    assert!((nudged - fine - 1.0).abs() < 1e-9);
+
+    // Undo and redo of a setting.
+    d.viewer().session.look.transfer.sh_degree = 6;
+    d.harness.run_steps(12);
+    d.settle();
+    d.harness
+        .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Z);
+    d.settle();
+    assert_eq!(d.viewer().session.look.transfer.sh_degree, 3);
+    d.harness
+        .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Y);
+    d.settle();
+    assert_eq!(d.viewer().session.look.transfer.sh_degree, 6);
+
+    // Before while B is held.
+    let after = d.picture();
+    d.harness.key_down(egui::Key::B);
+    let before = d.picture();
+    d.harness.key_up(egui::Key::B);
+    let again = d.picture();
+    assert!(alike(&after, &before) < 40.0 && alike(&after, &again) > 60.0);
+}
+
+#[test]
+fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
+    let mut d = Driver::new();
+    let picture = d.picture();
+    let look = d.viewer().session.look.clone();
+    let ply = fs::read(d.folder.path("teapot.ply")).expect("it is there");
+    let broken: Vec<String> = vec![
+        d.folder.write("half.ply", &ply[..ply.len() / 2]),
+        d.folder.write("words.ply", "these are words"),
+        d.folder.write("empty.hdr", ""),
+        d.folder.write(
+            "half.hdr",
+            &fs::read(asset("city.hdr")).expect("it is there")[..9000],
+        ),
+        d.folder.write(
+            "liar.hdr",
+            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 120000\n",
+        ),
+        d.folder.write("wrong.json", r#"{"epsilom": 1}"#),
+        d.folder.write("gone.json", r#"{"asset": "nowhere.ply"}"#),
+        d.folder.write("film.mp4", [0u8, 1, 2, 3]),
+        d.folder.name("vanished.exr"),
+    ];
+    for file in &broken {
+        d.viewer().session.messages.clear();
+        d.viewer().open(Path::new(file));
+        d.settle();
+        let messages = d.viewer().session.messages.clone();
+        let errors: Vec<_> = messages.iter().filter(|m| m.is_error).collect();
+        assert_eq!(errors.len(), 1, "{file}: {messages:?}");
+        let name = Path::new(file)
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let named = if name == "gone.json" {
+            "nowhere.ply"
+        } else {
+            &name
+        };
+        assert!(errors[0].text.contains(named), "{}", errors[0].text);
+        assert_eq!(d.viewer().session.look, look, "{file}");
+        assert!(
+            !d.viewer().shelf().iter().any(|p| p.ends_with(&name)),
+            "{file} is on the shelf"
+        );
+    }
+    d.viewer().session.messages.clear();
+    assert!(alike(&picture, &d.picture()) > 80.0);
+
+    // A splat whose light nobody knows: relit from even light, which is said; upright after one click.
+    let splat = d.folder.write("unknown.ply", small_splat(50));
+    d.viewer().open(Path::new(&splat));
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.source_is_assumed() && session.live().has_relit());
+    assert_eq!(session.sides[1].name(), "sunset", "the target stays");
+    d.harness
+        .get_by_label("captured under: even light (assumed)");
+    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.picture();
+    assert_eq!(d.viewer().session.up(), UpAxis::MinusY);
+
+    // A folder of environments fills the shelf.
+    let lights = d.folder.path("lights");
+    fs::create_dir_all(&lights).expect("room for it");
+    for name in ["a.hdr", "b.hdr"] {
+        fs::copy(asset("city.hdr"), lights.join(name)).expect("room for it");
+    }
+    let count = d.viewer().shelf().len();
+    d.viewer().open(&lights);
+    d.settle();
+    assert_eq!(d.viewer().shelf().len(), count + 2);
+}
+
+#[test]
+fn a_pinned_look_is_compared_with_and_swapped() {
+    let mut d = Driver::new();
+    let a = d.picture();
+    d.click("Pin");
+    let interior = d.folder.path("interior.hdr");
+    d.viewer().session.set_light(1, interior);
+    let b = d.picture();
+    assert!(alike(&a, &b) < 35.0);
+    // All of the split is its left side: the pinned look, but for the background behind it.
+    d.viewer().session.look.background = Background::Color([0.0; 3]);
+    d.viewer().session.look.view = View::Split;
+    d.viewer().session.look.wipe = 1.0;
+    let left = d.picture();
+    d.viewer().session.look.view = View::After;
+    let right = d.picture();
+    assert!(alike(&left, &right) < 35.0);
+    d.viewer().session.swap_pinned();
+    d.viewer().session.look.background = Background::Color([0.0; 3]);
+    let swapped = d.picture();
+    assert!(alike(&left, &swapped) > 50.0, "{}", alike(&left, &swapped));
+}
+
+#[test]
+fn exports_write_what_they_say() {
+    let mut d = Driver::new();
+    let folder = d.folder.path("out");
+    let settings = d.viewer().export_settings();
+    settings.folder = folder.display().to_string();
+    settings.size = [80, 60];
+    settings.supersample = 1;
+    settings.frames = 3;
+    let count = |suffix: &str| {
+        let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
+        entries
+            .filter(|e| e.file_name().to_string_lossy().ends_with(suffix))
+            .count()
+    };
+    d.viewer().export(Task::Screenshot(None));
+    d.settle();
+    assert_eq!(count(".png"), 1);
+    let lights = d.viewer().shelf().len();
+    d.viewer().export(Task::EachLight);
+    d.settle();
+    // The one of the screenshot's light is there already: nothing is written over.
+    assert_eq!(count(".png"), 1 + lights);
+    d.viewer().export(Task::Turntable);
+    d.settle();
+    assert_eq!(count(".png"), 4 + lights);
+    d.viewer().export(Task::ContactSheet);
+    d.settle();
+    assert_eq!(count(".png"), 5 + lights);
+    let relit = d.folder.path("relit.ply");
+    d.viewer().export(Task::Splat(relit.clone()));
+    d.settle();
+    let (original, written) = (
+        fs::metadata(d.folder.path("teapot.ply")),
+        fs::metadata(&relit),
+    );
+    assert_eq!(
+        original.expect("it is there").len(),
+        written.expect("it is there").len()
+    );
+    // The capture itself is not written over.
+    let capture = d.folder.path("teapot.ply");
+    let bytes = fs::read(&capture).expect("it is there");
+    d.viewer().export(Task::Splat(capture.clone()));
+    d.settle();
+    assert_eq!(fs::read(&capture).expect("it is there"), bytes);
+    assert!(d.viewer().session.messages.iter().any(|m| m.is_error));
+}
