@@ -143,10 +143,22 @@ enum SidePaint {
     White,
 }
 
+/// What a side's picture depends on besides the camera's rotation and the order, which redraw it anyway.
+#[derive(Debug, PartialEq)]
+struct ShadeKey {
+    paint: SidePaint,
+    eye: Vec3,
+    space: ColorSpace,
+    /// Version of the marks over it, where there are any.
+    marks: Option<u64>,
+    /// Versions of what it is painted with, and of the asset.
+    versions: [u64; 2],
+}
+
 #[derive(Default)]
 struct Side {
     target: Option<Target>,
-    shaded: Memory<(SidePaint, Vec3, ColorSpace, Option<u64>, [u64; 3])>,
+    shaded: Memory<ShadeKey>,
     /// Counts up whenever the target is drawn anew.
     version: u64,
 }
@@ -415,8 +427,13 @@ impl Live {
         };
         let state = &mut self.sides[side];
         let resized = state.target.as_ref().is_none_or(|t| t.size != size);
-        let versions = [paint_version, self.asset_version, 0];
-        let key = (paint, camera.eye, space, marks, versions);
+        let key = ShadeKey {
+            paint,
+            eye: camera.eye,
+            space,
+            marks,
+            versions: [paint_version, self.asset_version],
+        };
         if !state.shaded.is_new(key) && !resized {
             return;
         }

@@ -7,7 +7,7 @@ use crate::{Outcome, command, must, relight_bundled, setup};
 
 /// Runs all checks and closes with the number of tests that passed and failed.
 pub fn test() -> Outcome {
-    setup::setup()?;
+    setup::setup(false)?;
     must("cargo", &["fmt", "--all", "--check"])?;
     must(
         "cargo",

@@ -6,7 +6,7 @@ mod setup;
 use std::path::Path;
 use std::process::{Command, ExitCode};
 
-const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments, relight the bundled scene and write pictures
+const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments the viewer on the bundled scene, or where there is no display, pictures of it
 cargo xtask test              format, lints, docs, unit, parity and picture tests, the program on the bundled scene
 cargo xtask setup             only install what is missing";
 
@@ -18,7 +18,7 @@ fn main() -> ExitCode {
     let outcome = match arguments.first().map(String::as_str) {
         Some("run") => run(&arguments[1..]),
         Some("test") => checks::test(),
-        Some("setup") => setup::setup(),
+        Some("setup") => setup::setup(has_display()),
         Some(other) => Err(format!("unknown command {other}\n{HELP}")),
         None => Err(HELP.into()),
     };
@@ -62,10 +62,17 @@ fn must(program: &str, arguments: &[&str]) -> Outcome {
     }
 }
 
+/// Whether a window can be opened.
+fn has_display() -> bool {
+    ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()))
+}
+
 fn run(arguments: &[String]) -> Outcome {
-    // The program works without a driver too, on the CPU.
-    if let Err(message) = setup::setup() {
-        eprintln!("{message}\nGoing on without it, on the CPU.");
+    // The commands work without a driver too, on the CPU.
+    if let Err(message) = setup::setup(has_display()) {
+        eprintln!("{message}\nGoing on without.");
     }
     let cargo = [
         "run",
@@ -75,19 +82,18 @@ fn run(arguments: &[String]) -> Outcome {
         "transplat",
         "--",
     ];
+    println!("building the program (a few minutes the first time)");
     let given: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    if !given.is_empty() {
+    if !given.is_empty() || has_display() {
         return must("cargo", &[&cargo[..], &given].concat());
     }
-    println!("building the program (a few minutes the first time)");
     let out = "target/bundled";
     relight_bundled(&cargo, out, &[])?;
     let full = root().join(out);
     println!(
-        "\nThe teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   pictures, before and after\nMore: cargo xtask run --help",
+        "\nThere is no display for the viewer. The teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   pictures, before and after\nMore: cargo xtask run --help",
         full.display()
     );
-    show(&full.join("after/sunset/000.png"));
     Ok(())
 }
 
@@ -123,15 +129,4 @@ fn relight_bundled(cargo: &[&str], out: &str, more: &[&str]) -> Outcome {
         must("cargo", &[cargo, arguments].concat())?;
     }
     Ok(())
-}
-
-/// Opens a picture where there is a display and something to open it with.
-fn show(picture: &Path) {
-    let display = ["DISPLAY", "WAYLAND_DISPLAY"]
-        .iter()
-        .any(|name| std::env::var_os(name).is_some_and(|v| !v.is_empty()));
-    if display {
-        // Where no viewer is installed, the printed path has to do.
-        let _ = Command::new("xdg-open").arg(picture).spawn();
-    }
 }

@@ -70,7 +70,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             .map(PathBuf::as_path),
     )?;
     let linear = output.format == PictureFormat::Exr;
-    if linear && !(scene.look.display.is_identity() && !scene.look.false_color) {
+    if linear && (scene.look.false_color || !scene.look.display.is_identity()) {
         report.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
     }
     // Matching the background's strength takes the lights as well.

@@ -99,6 +99,9 @@ impl Default for ExportSettings {
             pattern: "{asset}_{light}_{view}".into(),
             folder: directories::UserDirs::new()
                 .and_then(|d| d.picture_dir().map(|p| p.display().to_string()))
+                .or_else(|| {
+                    directories::UserDirs::new().map(|d| d.home_dir().display().to_string())
+                })
                 .unwrap_or_else(|| ".".into()),
             frames: 36,
             turn: Turn::default(),

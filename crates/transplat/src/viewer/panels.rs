@@ -16,7 +16,7 @@ use super::session::{SOURCE, TARGET};
 
 /// All panels, each to be folded.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    ui.spacing_mut().slider_width = 96.0;
+    ui.spacing_mut().slider_width = 90.0;
     egui::ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {

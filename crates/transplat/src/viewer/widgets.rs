@@ -19,14 +19,32 @@ pub struct Control<'a, T> {
 impl<T: Numeric> Control<'_, T> {
     pub fn show(self, ui: &mut Ui, value: &mut T) -> Response {
         let slider = egui::Slider::new(value, self.range)
-            .text(self.label)
             .suffix(self.unit)
             .max_decimals(self.decimals)
             .logarithmic(self.logarithmic)
             .clamping(egui::SliderClamping::Always);
-        let response = ui.add(slider);
+        let response = ui
+            .horizontal(|ui| {
+                let label = name(ui, self.label);
+                ui.add(slider).labelled_by(label.id)
+            })
+            .inner;
         reset(response, self.tip, value, self.default)
     }
+}
+
+/// Width of the names of controls, so that the controls stand below each other.
+const NAME_WIDTH: f32 = 86.0;
+
+/// A control's name before it.
+pub fn name(ui: &mut Ui, text: &str) -> Response {
+    let size = egui::vec2(NAME_WIDTH, ui.spacing().interact_size.y);
+    let left = egui::Layout::left_to_right(egui::Align::Center);
+    ui.allocate_ui_with_layout(size, left, |ui| {
+        ui.set_min_width(NAME_WIDTH);
+        ui.add(egui::Label::new(text).truncate())
+    })
+    .inner
 }
 
 /// Adds the tooltip, and the reset to a response.
@@ -40,7 +58,7 @@ pub fn reset<T>(mut response: Response, tip: &str, value: &mut T, default: T) ->
 
 /// An angle in degrees that goes round.
 pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
-    let response = Control {
+    Control {
         label,
         unit: "°",
         tip,
@@ -49,8 +67,7 @@ pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
         decimals: 1,
         logarithmic: false,
     }
-    .show(ui, value);
-    response
+    .show(ui, value)
 }
 
 /// A switch.
@@ -67,19 +84,23 @@ pub fn choice<T: PartialEq + Copy>(
     options: &[(&str, T)],
 ) -> bool {
     let before = *value;
-    let name = options
+    let chosen = options
         .iter()
         .find(|(_, v)| *v == before)
         .map_or("", |(name, _)| name);
-    egui::ComboBox::from_label(label)
-        .selected_text(name)
-        .show_ui(ui, |ui| {
-            for (name, option) in options {
-                ui.selectable_value(value, *option, *name);
-            }
-        })
-        .response
-        .on_hover_text(tip);
+    ui.horizontal(|ui| {
+        let label = name(ui, label);
+        egui::ComboBox::from_id_salt(label.id)
+            .selected_text(chosen)
+            .show_ui(ui, |ui| {
+                for (name, option) in options {
+                    ui.selectable_value(value, *option, *name);
+                }
+            })
+            .response
+            .labelled_by(label.id)
+            .on_hover_text(tip);
+    });
     *value != before
 }
 

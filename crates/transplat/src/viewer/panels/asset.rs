@@ -8,7 +8,7 @@ use transplat_core::surfels::{Hide, UpAxis};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::session::Settings;
+use crate::viewer::session::{Session, Settings};
 use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, switch, thousands};
 
@@ -49,25 +49,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     let mut linear = session.look.linear;
-    if switch(
+    let switched = switch(
         ui,
         "Colour is linear",
         "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
         &mut linear,
-    )
-    .changed()
-    {
-        if let Some(asset) = &session.asset {
-            let path = asset.path.clone();
-            let settings = Settings::Capture {
-                source: session.look.source.clone(),
-                up: session.look.up,
-                linear,
-                hide: session.look.hide,
-                camera: Some(session.pose),
-            };
-            session.load_asset(path, settings);
-        }
+    );
+    if switched.changed() {
+        reload(session, linear);
     }
     let mut turned = 0.0;
     let turn = egui::DragValue::new(&mut turned).suffix("°").speed(0.5);
@@ -91,6 +80,22 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     hide(ui, &mut viewer.session.look.hide);
     ui.separator();
     inspected(ui, viewer);
+}
+
+/// Loads the splat again with its colour taken otherwise.
+fn reload(session: &mut Session, linear: bool) {
+    let Some(asset) = &session.asset else {
+        return;
+    };
+    let path = asset.path.clone();
+    let settings = Settings::Capture {
+        source: session.look.source.clone(),
+        up: session.look.up,
+        linear,
+        hide: session.look.hide,
+        camera: Some(session.pose),
+    };
+    session.load_asset(path, settings);
 }
 
 fn hide(ui: &mut Ui, hide: &mut Hide) {

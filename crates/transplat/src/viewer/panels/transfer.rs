@@ -8,11 +8,14 @@ use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::viewport::doubt_name;
-use crate::viewer::widgets::{Control, fact, switch};
+use crate::viewer::widgets::{Control, fact, name, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    fact(ui, "preset", "paper");
+    ui.horizontal(|ui| {
+        name(ui, "Preset");
+        ui.label("paper");
+    });
     let defaults = TransferSettings::default();
     let transfer = &mut session.look.transfer;
     Control {
