@@ -36,7 +36,7 @@ impl Driver {
             files: ["teapot.ply", "interior.hdr", "sunset.hdr"]
                 .map(|n| folder.path(n))
                 .into(),
-            look: None,
+            ..Opening::default()
         };
         let mut driver = Self::open(opening, folder);
         let city = driver.folder.path("city.hdr");
@@ -49,7 +49,7 @@ impl Driver {
         let harness = Harness::builder()
             .with_size(SIZE)
             .with_max_steps(64)
-            .wgpu_setup(wgpu_setup())
+            .wgpu_setup(wgpu_setup(false))
             .build_eframe(move |cc| Viewer::new(cc, opening).expect("a viewer"));
         let mut driver = Self { harness, folder };
         driver.settle();
@@ -615,4 +615,25 @@ fn exports_write_what_they_say() {
     d.settle();
     assert_eq!(fs::read(&capture).expect("it is there"), bytes);
     assert!(d.viewer().session.messages.iter().any(|m| m.is_error));
+}
+
+#[test]
+fn a_lost_device_keeps_the_look_and_closes_the_window() {
+    let mut d = Driver::new();
+    d.viewer().session.look.target.rotation = 33.0;
+    d.viewer().session.context.destroy();
+    let closed = (0..50).any(|_| {
+        d.harness.step();
+        std::thread::sleep(Duration::from_millis(10));
+        let commands = d
+            .harness
+            .output()
+            .viewport_output
+            .values()
+            .flat_map(|v| &v.commands);
+        commands
+            .into_iter()
+            .any(|c| *c == egui::ViewportCommand::Close)
+    });
+    assert!(closed, "the window is told to close");
 }

@@ -43,6 +43,10 @@ pub(crate) struct ComputePass {
     pipeline: wgpu::ComputePipeline,
 }
 
+/// Something that was submitted.
+#[derive(Clone, Debug)]
+pub struct Submission(wgpu::SubmissionIndex);
+
 /// A device with its queue and limits.
 #[derive(Debug)]
 pub struct Context {
@@ -198,6 +202,25 @@ impl Context {
     /// Whether the device is gone: nothing works on it any more.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
+    }
+
+    /// Gives the device up: as if the driver had lost it.
+    pub fn destroy(&self) {
+        self.device.destroy();
+    }
+
+    /// What was submitted last, to be waited for.
+    pub fn last_submission(&self) -> Submission {
+        Submission(self.queue.submit([]))
+    }
+
+    /// Waits for one submission, however much was submitted after it.
+    pub fn finish(&self, submission: &Submission) {
+        // That the device is lost meanwhile is told elsewhere.
+        let _ = self.device.poll(wgpu::PollType::Wait {
+            submission_index: Some(submission.0.clone()),
+            timeout: None,
+        });
     }
 
     /// Another device on the same adapter: work on it disturbs none on this one.

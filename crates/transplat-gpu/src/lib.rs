@@ -13,7 +13,7 @@ pub mod shader;
 pub mod transfer;
 pub mod visibility;
 
-pub use context::{Context, GpuError, Result, choose_adapter, device_descriptor};
+pub use context::{Context, GpuError, Result, Submission, choose_adapter, device_descriptor};
 
 /// Surfels in a chunk: degree-8 colour of a chunk (972 bytes a surfel) just fits into the 128 MiB that every adapter can bind.
 pub const CHUNK: usize = 1 << 17;

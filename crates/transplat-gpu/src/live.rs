@@ -4,8 +4,6 @@
 //! and [`Passes`] counts those that ran.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
 
 use glam::Vec3;
 use transplat_core::camera::Camera;
@@ -196,7 +194,6 @@ pub struct Live {
     marks_version: u64,
     texture_version: u64,
     passes: Passes,
-    gpu_micros: Arc<AtomicU64>,
 }
 
 impl Live {
@@ -226,18 +223,12 @@ impl Live {
             marks_version: 0,
             texture_version: 0,
             passes: Passes::default(),
-            gpu_micros: Arc::default(),
         }
     }
 
     /// How often each stage ran so far.
     pub fn passes(&self) -> Passes {
         self.passes
-    }
-
-    /// How long the last finished frame took from its first command to its end on the GPU, in milliseconds.
-    pub fn frame_ms(&self) -> f64 {
-        self.gpu_micros.load(Ordering::Relaxed) as f64 / 1e3
     }
 
     /// How many surfels the last frame drew.
@@ -323,7 +314,6 @@ impl Live {
             return false;
         };
         let before = self.passes;
-        let start = Instant::now();
         let mut frame = frame.clone();
         let presentation = &mut frame.presentation;
         presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
@@ -339,14 +329,7 @@ impl Live {
             self.present(presentation);
         }
         self.asset = Some(asset);
-        let ran = self.passes != before;
-        if ran {
-            let micros = self.gpu_micros.clone();
-            self.context.queue.on_submitted_work_done(move || {
-                micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
-            });
-        }
-        ran
+        self.passes != before
     }
 
     fn draw_sides(&mut self, asset: &LiveAsset, frame: &Frame) {

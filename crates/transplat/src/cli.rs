@@ -99,7 +99,7 @@ pub enum DeviceChoice {
     Cpu,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct LightArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture, or "even" where nobody knows it
     #[arg(long, value_name = "ENV|even")]

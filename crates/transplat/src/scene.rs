@@ -340,9 +340,14 @@ pub fn asset_of(args: &AssetArgs, look: &Look) -> PathBuf {
 
 /// The settings: those of a saved look, and what the command line says over it.
 pub fn look_of(asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Look> {
+    look_over(Look::default(), asset, light)
+}
+
+/// The same over other settings than the defaults; a saved look replaces them.
+pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Look> {
     let mut look = match light.and_then(|l| l.look.as_deref()) {
         Some(path) => load_look(path)?,
-        None => Look::default(),
+        None => base,
     };
     if let Some(up) = asset.up {
         look.up = Some(up);

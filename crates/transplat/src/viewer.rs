@@ -25,12 +25,13 @@ use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 pub use app::{Opening, Viewer};
 pub use export::Task;
 
-/// How a window's device is made: the best adapter with all its limits, software drivers last.
-pub fn wgpu_setup() -> WgpuSetup {
+/// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
+pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
-    setup.native_adapter_selector = Some(Arc::new(|adapters, surface| {
+    setup.native_adapter_selector = Some(Arc::new(move |adapters, surface| {
         let fitting: Vec<_> = adapters
             .iter()
+            .filter(|a| !software_only || a.get_info().device_type == eframe::wgpu::DeviceType::Cpu)
             .filter(|a| surface.is_none_or(|s| a.is_surface_supported(s)))
             .cloned()
             .collect();
@@ -44,7 +45,7 @@ pub fn wgpu_setup() -> WgpuSetup {
 ///
 /// # Errors
 /// There is no display, or no adapter that can draw.
-pub fn open(opening: Opening) -> Result<()> {
+pub fn open(opening: Opening, software_only: bool) -> Result<()> {
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")
@@ -54,7 +55,7 @@ pub fn open(opening: Opening) -> Result<()> {
             .with_drag_and_drop(true),
         ..Default::default()
     };
-    options.wgpu_options.wgpu_setup = wgpu_setup();
+    options.wgpu_options.wgpu_setup = wgpu_setup(software_only);
     let created = eframe::run_native(
         "transplat",
         options,

@@ -1,21 +1,32 @@
 //! `transplat` without a command: the viewer.
 
 use anyhow::{Context, Result};
-use transplat_core::look::Look;
 
-use crate::cli::ViewArgs;
-use crate::scene::look_of;
+use crate::cli::{DeviceChoice, ViewArgs};
+use crate::scene::{look_of, look_over};
 use crate::viewer::{self, Opening};
 
 pub fn run(args: &ViewArgs) -> Result<()> {
+    // What is wrong with the command line is told before a window opens.
     for file in &args.files {
-        // A misspelt name is told before a window opens.
         std::fs::metadata(file).with_context(|| file.display().to_string())?;
     }
-    let look = look_of(&args.options, Some(&args.light))?;
-    let asked = look != Look::default();
-    viewer::open(Opening {
+    let (options, light) = (args.options.clone(), args.light.clone());
+    look_of(&options, Some(&light))?;
+    if light.target.len() > 1 {
+        crate::commands::usage(
+            "the viewer takes one --target; give more lights as files, for the shelf",
+        );
+    }
+    let bake = light.bake.clone();
+    let settings = move |kept: transplat_core::look::Look| {
+        // It was right a moment ago; a look that has gone meanwhile leaves the kept settings.
+        look_over(kept.clone(), &options, Some(&light)).unwrap_or(kept)
+    };
+    let opening = Opening {
         files: args.files.clone(),
-        look: asked.then_some(look),
-    })
+        settings: Some(Box::new(settings)),
+        bake,
+    };
+    viewer::open(opening, args.options.device == DeviceChoice::Cpu)
 }

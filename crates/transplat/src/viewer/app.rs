@@ -33,12 +33,14 @@ const MESSAGE_S: f32 = 7.0;
 const DROP_WAIT_S: f64 = 0.15;
 
 /// What the viewer opens with.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Opening {
     /// Splats, environments, folders and looks in any order.
     pub files: Vec<PathBuf>,
-    /// Settings of the command line over the kept ones.
-    pub look: Option<Look>,
+    /// Puts the settings of the command line over those that were kept.
+    pub settings: Option<Box<dyn FnOnce(Look) -> Look>>,
+    /// A saved bake of the splat.
+    pub bake: Option<PathBuf>,
 }
 
 /// The viewer.
@@ -125,7 +127,11 @@ impl Viewer {
                 self.shelf.add(&mut self.session, &path);
             }
         }
-        let mut look = opening.look.unwrap_or_else(|| self.session.look.clone());
+        let mut look = self.session.look.clone();
+        if let Some(settings) = opening.settings {
+            look = settings(look);
+        }
+        self.session.bake = opening.bake;
         if look.target.file.is_none() {
             let second = lights.get(1).cloned();
             look.target.file = Some(second.unwrap_or_else(|| EVEN.into()));
@@ -734,11 +740,11 @@ impl Viewer {
             ui.label(format!("{} of {} surfels", thousands(drawn), thousands(total)))
                 .on_hover_text("Drawn, of all that the splat has: what is hidden or behind the camera is not drawn.");
             ui.separator();
-            ui.label(format!("frame {}", milliseconds(session.live().frame_ms())))
+            ui.label(format!("frame {}", milliseconds(session.frame_timer.ms())))
                 .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
             ui.separator();
-            ui.label(format!("transfer {}", milliseconds(session.times.transfer)))
-                .on_hover_text("The last change of light, as the program sees it.");
+            ui.label(format!("transfer {}", milliseconds(session.transfer_timer.ms())))
+                .on_hover_text("The last change of light, from the click to its end on the graphics adapter.");
             ui.separator();
             let bake = if session.bake_share < 1.0 {
                 format!("bake {:.0} %", 100.0 * session.bake_share)

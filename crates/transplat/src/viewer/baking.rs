@@ -40,17 +40,27 @@ pub fn cache_files(asset: &Path, cloud: &SurfelCloud, directions: usize) -> Vec<
     [Some(beside), cached].into_iter().flatten().collect()
 }
 
-/// Bakes, or reads what was baked before. `report` is told how far it is and may break off; `preview` gets what can be seen so far.
+/// Bakes, or reads what was baked before: `saved` first of all, of as many directions as it has. `report` is told how far it is and may break off; `preview` gets what can be seen so far.
 pub fn bake(
     device: &Device,
     asset: &Path,
     cloud: &Arc<SurfelCloud>,
     directions: usize,
+    saved: Option<&Path>,
     report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
     preview: impl Fn(Baked),
 ) -> anyhow::Result<Baked> {
     let start = Instant::now();
     let files = cache_files(asset, cloud, directions);
+    if let Some(file) = saved {
+        return Ok(Baked {
+            visibility: load_bake(file, cloud)?,
+            share: 1.0,
+            ms: start.elapsed().as_secs_f64() * 1e3,
+            file: Some(file.to_owned()),
+            not_kept: None,
+        });
+    }
     for file in &files {
         // One of another geometry or size is as good as none.
         if let Ok(visibility) = load_bake(file, cloud)
@@ -152,6 +162,7 @@ mod tests {
                 &asset,
                 cloud,
                 64,
+                None,
                 &|_| ControlFlow::Continue(()),
                 preview,
             )
@@ -183,7 +194,7 @@ mod tests {
         let asset = folder.path().join("ball.ply");
         let cloud = Arc::new(scenes::sphere(400));
         let stop = |_| ControlFlow::Break(());
-        assert!(bake(&Device::Cpu, &asset, &cloud, 32, &stop, |_| ()).is_err());
+        assert!(bake(&Device::Cpu, &asset, &cloud, 32, None, &stop, |_| ()).is_err());
         assert_eq!(
             std::fs::read_dir(folder.path())
                 .expect("it is there")

@@ -179,6 +179,11 @@ impl<E: Send + 'static> Jobs<E> {
         events
     }
 
+    /// The interface that is woken when something is ready.
+    pub fn context(&self) -> &egui::Context {
+        &self.context
+    }
+
     pub fn running(&self) -> &[Job] {
         &self.running
     }

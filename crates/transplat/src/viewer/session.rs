@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Instant;
 
@@ -232,7 +233,6 @@ pub struct Stages {
 pub struct Times {
     pub bake: f64,
     pub prepare: f64,
-    pub transfer: f64,
 }
 
 /// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
@@ -265,8 +265,42 @@ impl BackgroundDevice {
     }
 }
 
+/// Measures how long submitted work takes on the adapter: a thread waits for it, and meanwhile no other is measured.
+#[derive(Default)]
+pub struct GpuTimer {
+    micros: Arc<AtomicU64>,
+    waiting: Arc<AtomicBool>,
+}
+
+impl GpuTimer {
+    /// The last that is finished, from its first command to its end on the adapter.
+    pub fn ms(&self) -> f64 {
+        self.micros.load(Ordering::Relaxed) as f64 / 1e3
+    }
+
+    /// Measures what began at `start` and has just been submitted.
+    pub fn measure(&self, context: &Arc<Context>, start: Instant, egui: &egui::Context) {
+        if self.waiting.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        let (micros, waiting) = (self.micros.clone(), self.waiting.clone());
+        let (context, egui) = (context.clone(), egui.clone());
+        let submission = context.last_submission();
+        std::thread::spawn(move || {
+            context.finish(&submission);
+            micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
+            waiting.store(false, Ordering::Relaxed);
+            egui.request_repaint();
+        });
+    }
+}
+
 /// Everything that is open, and the settings.
 pub struct Session {
+    pub frame_timer: GpuTimer,
+    pub transfer_timer: GpuTimer,
+    /// A saved bake that the command line names.
+    pub bake: Option<PathBuf>,
     pub context: Arc<Context>,
     /// Where jobs compute.
     pub background: BackgroundDevice,
@@ -328,6 +362,9 @@ impl Session {
     ) -> Self {
         let even = Arc::new(Light::even());
         Self {
+            frame_timer: GpuTimer::default(),
+            transfer_timer: GpuTimer::default(),
+            bake: None,
             live: Arc::new(Mutex::new(Live::new(&context, window))),
             background: BackgroundDevice::new(&context),
             context,
@@ -756,6 +793,7 @@ impl Session {
             asset.path.clone(),
             asset.cloud.clone(),
         );
+        let saved = self.bake.take();
         let label = format!("baking the visibility of {}", asset.name());
         let work = move |handle: &super::jobs::Handle<Event>| {
             let event = |baked: Baked| Event::Baked {
@@ -769,6 +807,7 @@ impl Session {
                 &path,
                 &cloud,
                 directions,
+                saved.as_deref(),
                 &report,
                 preview,
             ) {
@@ -848,7 +887,8 @@ impl Session {
         }
         let start = Instant::now();
         self.live().relight(&prepared.light(&key.1));
-        self.times.transfer = start.elapsed().as_secs_f64() * 1e3;
+        self.transfer_timer
+            .measure(&self.context, start, self.jobs.context());
         let stops = (key.1.mean_irradiance() * prepared.light_gain).log2();
         self.stops_over_source = stops.is_finite().then_some(stops);
         self.relit_for = Some(key);

@@ -88,7 +88,12 @@ impl Viewport {
         session.viewport = pixels;
         let frame = session.frame(pixels, view);
         if let Some(frame) = frame {
-            session.live().frame(&frame);
+            let start = std::time::Instant::now();
+            let ran = session.live().frame(&frame);
+            if ran {
+                let timer = &session.frame_timer;
+                timer.measure(&session.context, start, ui.ctx());
+            }
             let callback = Paint(session.live.clone());
             ui.painter()
                 .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
@@ -100,7 +105,7 @@ impl Viewport {
     fn picture_size(&mut self, ui: &Ui, session: &Session, now: f64) -> [usize; 2] {
         let moving = now - self.last_move < SETTLE_S;
         if moving {
-            let ms = session.live().frame_ms();
+            let ms = session.frame_timer.ms();
             if ms > SLOW_FRAME_MS && self.step < MAX_STEP {
                 self.step += 1;
             } else if ms < SLOW_FRAME_MS / 3.0 && self.step > 1 {
@@ -237,8 +242,45 @@ impl Viewport {
         self.last_azimuth = Some(azimuth);
     }
 
+    /// The crop box, where one is set.
+    fn draw_crop_box(&self, ui: &Ui, session: &Session) {
+        let hide = &session.look.hide;
+        let (Some(asset), true) = (&session.asset, hide.crop) else {
+            return;
+        };
+        let Some((camera, ..)) = self.camera_at(session, self.rect.min) else {
+            return;
+        };
+        let corner = |i: usize| {
+            let pick = |axis: usize| {
+                if i >> axis & 1 == 0 {
+                    hide.crop_min[axis]
+                } else {
+                    hide.crop_max[axis]
+                }
+            };
+            let point =
+                asset.bounds.center + Vec3::new(pick(0), pick(1), pick(2)) * asset.bounds.radius;
+            let ([x, y], depth) = camera.project(point);
+            (depth > camera.near).then(|| self.rect.min + egui::vec2(x, y))
+        };
+        let painter = ui.painter_at(self.rect);
+        let stroke = Stroke::new(1.0, Color32::from_rgb(240, 200, 80));
+        for i in 0..8 {
+            for axis in 0..3 {
+                let j = i | 1 << axis;
+                if j != i
+                    && let (Some(a), Some(b)) = (corner(i), corner(j))
+                {
+                    painter.line_segment([a, b], stroke);
+                }
+            }
+        }
+    }
+
     /// Text and legends over the picture.
     fn annotate(&self, ui: &Ui, session: &Session, view: View) {
+        self.draw_crop_box(ui, session);
         let painter = ui.painter_at(self.rect);
         let tag = |at: Pos2, anchor: Align2, text: &str| {
             let font = egui::FontId::proportional(13.0);

@@ -23,11 +23,15 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 ("project environment", stages.project_environment, None),
                 ("bake visibility", stages.bake, Some(session.times.bake)),
                 ("prepare", stages.prepare, Some(session.times.prepare)),
-                ("transfer", passes.transfer, Some(session.times.transfer)),
+                (
+                    "transfer",
+                    passes.transfer,
+                    Some(session.transfer_timer.ms()),
+                ),
                 ("sort", passes.sort, None),
                 ("project surfels", passes.project, None),
                 ("shade", passes.shade, None),
-                ("draw", passes.draw, Some(session.live().frame_ms())),
+                ("draw", passes.draw, Some(session.frame_timer.ms())),
                 ("present", passes.present, None),
             ];
             for (name, ran, ms) in rows {
