@@ -9,7 +9,15 @@ use crate::viewer::{self, Opening};
 pub fn run(args: &ViewArgs) -> Result<()> {
     // What is wrong with the command line is told before a window opens.
     for file in &args.files {
-        std::fs::metadata(file).with_context(|| file.display().to_string())?;
+        let found = std::fs::metadata(file);
+        let is_word = file.extension().is_none() && file.components().count() == 1;
+        if found.is_err() && is_word {
+            crate::commands::usage(&format!(
+                "{}: neither a command nor a file; see transplat --help",
+                file.display()
+            ));
+        }
+        found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
     look_of(&options, Some(&light))?;
