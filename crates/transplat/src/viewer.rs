@@ -1,18 +1,23 @@
 //! The viewer: live relighting in a window.
 
+mod actions;
 mod app;
 mod baking;
 mod export;
 mod files;
 mod jobs;
 mod lights;
+mod menus;
 mod navigation;
+mod opening;
+mod overlays;
 mod panels;
 mod preferences;
 mod probes;
 mod session;
 mod shelf;
 mod shortcuts;
+mod stages;
 mod viewport;
 mod widgets;
 

@@ -1,7 +1,7 @@
 //! What is open, as what it is lit, and what follows from that: the pipeline's stages, each run when what it reads has changed.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Instant;
@@ -9,27 +9,24 @@ use std::time::Instant;
 use eframe::egui;
 use transplat_core::camera::Camera;
 use transplat_core::environment::IncidentRadiance;
-use transplat_core::ground::{GROUND_REACH, Ground, ground_plane};
-use transplat_core::load::{AssetFile, FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_even};
-use transplat_core::present::{self, Background, Doubt, View};
+use transplat_core::ground::{GROUND_REACH, Ground};
+use transplat_core::load::AssetFile;
+use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
+use transplat_core::present::{Background, Doubt, View};
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, TransferAsset, TransferSettings};
-use transplat_core::visibility::{BakeSettings, Visibility};
+use transplat_core::visibility::Visibility;
 use transplat_gpu::Context;
-use transplat_gpu::live::{Frame, Live, LiveAsset, LiveTransfer, Passes};
+use transplat_gpu::live::{Frame, Live, LiveTransfer, Passes};
 use transplat_gpu::present::{Backdrop, BackdropLight, GroundPlane, Presentation};
 
-use super::baking::{self, Baked};
+use super::baking::Baked;
 use super::jobs::{Jobs, Kind};
-use super::lights::{Light, light_name, load_map};
+use super::lights::Light;
 use super::navigation;
+use super::opening::LoadedAsset;
 use crate::device::Device;
 use crate::picture::half;
-use crate::scene::asset_warnings;
-
-/// How much of a mark covers a surfel's colour.
-const MARK_WEIGHT: f32 = 0.75;
 
 /// Directions of the stand-in for a bake that has not begun to arrive.
 const OPEN_DIRECTIONS: usize = 16;
@@ -45,8 +42,8 @@ pub struct Asset {
     /// Up axis as the file says it.
     pub file_up: UpAxis,
     /// Up axis that the ground is made for.
-    up: UpAxis,
-    ground: (glam::Vec3, [glam::Vec3; 2]),
+    pub up: UpAxis,
+    pub ground: (glam::Vec3, [glam::Vec3; 2]),
 }
 
 impl Asset {
@@ -116,99 +113,26 @@ pub enum SaveKind {
     Folder,
 }
 
-/// A loaded asset on its way to the screen.
-pub struct LoadedAsset {
-    asset: Asset,
-    live: LiveAsset,
-    transfer: TransferAsset,
-    settings: Settings,
-}
-
-/// What a splat is opened with.
-#[derive(Clone, Debug)]
-pub enum Settings {
-    /// What is told of its capture; everything else stays as it is when the splat is there.
-    Capture {
-        /// Its light; even where nobody knows it.
-        source: LightSettings,
-        /// Its up axis, where the file is not to be believed.
-        up: Option<UpAxis>,
-        /// Whether its colour is linear.
-        linear: bool,
-        /// What of it is hidden.
-        hide: Hide,
-        /// Where it is looked at from; all of it otherwise.
-        camera: Option<CameraPose>,
-    },
-    /// All settings.
-    Look(Box<Look>),
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::Capture {
-            source: LightSettings {
-                file: Some(EVEN.into()),
-                ..LightSettings::default()
-            },
-            up: None,
-            linear: false,
-            hide: Hide::default(),
-            camera: None,
-        }
-    }
-}
-
-impl Settings {
-    fn is_linear(&self) -> bool {
-        match self {
-            Self::Capture { linear, .. } => *linear,
-            Self::Look(look) => look.linear,
-        }
-    }
-
-    /// The look that the splat is shown with, given that of now.
-    fn over(self, now: &Look) -> Look {
-        match self {
-            Self::Capture {
-                source,
-                up,
-                linear,
-                hide,
-                camera,
-            } => Look {
-                source,
-                up,
-                linear,
-                hide,
-                camera,
-                ..now.clone()
-            },
-            Self::Look(look) => *look,
-        }
-    }
-}
-
 /// A prepared transfer on its way to the screen.
 pub struct Prepared {
-    key: PrepareKey,
-    prepared: PreparedTransfer,
-    live: LiveTransfer,
-    ms: f64,
+    pub(super) key: PrepareKey,
+    pub prepared: PreparedTransfer,
+    pub live: LiveTransfer,
+    pub ms: f64,
 }
 
 /// All that a preparation depends on.
 #[derive(Clone, PartialEq)]
-struct PrepareKey {
-    asset: u64,
-    bake: u64,
-    source: IncidentRadiance,
-    settings: TransferSettings,
+pub(super) struct PrepareKey {
+    pub asset: u64,
+    pub bake: u64,
+    pub source: IncidentRadiance,
+    pub settings: TransferSettings,
 }
 
 /// All that a map behind the object depends on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BackdropKey(PathBuf, f32);
+pub struct BackdropKey(pub PathBuf, pub f32);
 
 /// A message to the user.
 #[derive(Clone, Debug)]
@@ -331,25 +255,25 @@ pub struct Session {
     /// Pixels of the viewport as it was last shown.
     pub viewport: [usize; 2],
     pub hidden: Arc<Vec<bool>>,
-    hidden_version: u64,
-    hidden_for: Option<(u64, Hide)>,
-    transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
-    asset_id: u64,
-    bake_version: u64,
-    baked_for: Option<(u64, usize)>,
-    requested: Option<PrepareKey>,
-    relit_for: Option<(u64, IncidentRadiance)>,
-    relit_version: u64,
-    prepared_version: u64,
-    doubts_for: Option<(u64, u64)>,
-    visibility_shown: Option<u64>,
-    backdrop_for: [Option<BackdropKey>; 2],
-    backdrop_asked: [Option<BackdropKey>; 2],
-    ground: Option<Ground>,
-    ground_for: Option<(u64, usize)>,
-    ground_lit_for: Option<(u64, usize, IncidentRadiance)>,
+    pub(super) hidden_version: u64,
+    pub(super) hidden_for: Option<(u64, Hide)>,
+    pub(super) transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
+    pub(super) asset_id: u64,
+    pub(super) bake_version: u64,
+    pub(super) baked_for: Option<(u64, usize)>,
+    pub(super) requested: Option<PrepareKey>,
+    pub(super) relit_for: Option<(u64, IncidentRadiance)>,
+    pub(super) relit_version: u64,
+    pub(super) prepared_version: u64,
+    pub(super) doubts_for: Option<(u64, u64)>,
+    pub(super) visibility_shown: Option<u64>,
+    pub(super) backdrop_for: [Option<BackdropKey>; 2],
+    pub(super) backdrop_asked: [Option<BackdropKey>; 2],
+    pub(super) ground: Option<Ground>,
+    pub(super) ground_for: Option<(u64, usize)>,
+    pub(super) ground_lit_for: Option<(u64, usize, IncidentRadiance)>,
     /// Files that are being read as lights.
-    loading: Vec<PathBuf>,
+    pub(super) loading: Vec<PathBuf>,
 }
 
 impl Session {
@@ -453,143 +377,6 @@ impl Session {
     }
 
     // ---- opening ----
-
-    /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
-    pub fn open(&mut self, path: &Path) {
-        match file_kind(path) {
-            Ok(FileKind::Ply) => {
-                self.load_asset(path.to_owned(), Settings::default());
-            }
-            Ok(FileKind::Look) => match load_look(path) {
-                Ok(look) => self.apply_look(look),
-                Err(error) => self.error(error.to_string()),
-            },
-            Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
-                self.set_light(TARGET, path.to_owned());
-            }
-            Ok(FileKind::Bake) => self.error(format!(
-                "{}: a bake is found by itself when it lies beside its splat",
-                path.display()
-            )),
-            Err(error) => self.error(error.to_string()),
-        }
-    }
-
-    /// Applies a look: at once, or once its asset is loaded.
-    pub fn apply_look(&mut self, look: Look) {
-        let open = self.asset.as_ref().map(|a| &a.path);
-        match &look.asset {
-            Some(path) if open != Some(path) || look.linear != self.look.linear => {
-                self.load_asset(path.clone(), Settings::Look(Box::new(look)));
-            }
-            _ => {
-                if let Some(camera) = look.camera {
-                    self.pose = camera;
-                }
-                self.look = Look {
-                    camera: None,
-                    ..look
-                };
-            }
-        }
-    }
-
-    /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
-    pub fn load_asset(&mut self, path: PathBuf, settings: Settings) {
-        self.jobs.cancel(Kind::Load);
-        let context = self.context.clone();
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let failed = |why: String| Event::Failed(why);
-        let work = move |handle: &super::jobs::Handle<Event>| {
-            let start = Instant::now();
-            let loaded =
-                load_asset(&path)
-                    .map_err(anyhow::Error::from)
-                    .and_then(|(mut cloud, file)| {
-                        let file_up = cloud.up;
-                        if settings.is_linear() {
-                            cloud.encoding = transplat_core::color::Encoding::StoredLinear;
-                        }
-                        let cloud = Arc::new(cloud);
-                        let live = LiveAsset::new(&context, &cloud)?;
-                        let transfer = TransferAsset::new(&cloud);
-                        Ok(LoadedAsset {
-                            asset: Asset {
-                                bounds: cloud.bounds(),
-                                ground: ground_plane(&cloud, cloud.up),
-                                up: cloud.up,
-                                warnings: asset_warnings(&path, &file),
-                                load_ms: start.elapsed().as_secs_f64() * 1e3,
-                                file_up,
-                                file: Arc::new(file),
-                                cloud,
-                                path,
-                            },
-                            live,
-                            transfer,
-                            settings,
-                        })
-                    });
-            if handle.is_cancelled() {
-                return None;
-            }
-            Some(match loaded {
-                Ok(loaded) => Event::Asset(Box::new(loaded)),
-                Err(error) => Event::Failed(format!("{error:#}")),
-            })
-        };
-        self.jobs
-            .start(Kind::Load, format!("loading {name}"), work, failed);
-    }
-
-    /// Puts a light on a side; it is shown once it is loaded.
-    pub fn set_light(&mut self, side: usize, path: PathBuf) {
-        self.request_light(&path);
-        let settings = if side == SOURCE {
-            &mut self.look.source
-        } else {
-            &mut self.look.target
-        };
-        settings.file = Some(path);
-    }
-
-    /// Starts reading an environment unless it is there.
-    pub fn request_light(&mut self, path: &Path) {
-        if self.lights.contains_key(path) || self.loading.iter().any(|p| p == path) {
-            return;
-        }
-        self.loading.push(path.to_owned());
-        let (background, path) = (self.background.clone(), path.to_owned());
-        let label = format!("reading {}", light_name(&path));
-        let failed = {
-            let path = path.clone();
-            move |why: String| Event::LightFailed { path, why }
-        };
-        let work = move |_: &super::jobs::Handle<Event>| {
-            Some(match Light::load(&background, &path) {
-                Ok(light) => Event::Light(Box::new(light)),
-                Err(error) => Event::LightFailed {
-                    path,
-                    why: format!("{error:#}"),
-                },
-            })
-        };
-        self.jobs.start(Kind::Light, label, work, failed);
-    }
-
-    /// Whether a light is being read.
-    pub fn is_loading(&self, path: &Path) -> bool {
-        self.loading.iter().any(|p| p == path)
-    }
-
-    /// Exchanges the two lights with their turns and strengths.
-    pub fn swap_lights(&mut self) {
-        std::mem::swap(&mut self.look.source, &mut self.look.target);
-    }
 
     // ---- what follows from what ----
 
@@ -740,322 +527,6 @@ impl Session {
             ..look
         };
         self.asset = Some(asset);
-    }
-
-    /// The ground lies under another side of the asset when that is turned.
-    fn update_asset(&mut self) {
-        let up = self.up();
-        let Some(asset) = &mut self.asset else {
-            return;
-        };
-        if asset.up != up {
-            asset.up = up;
-            asset.ground = ground_plane(&asset.cloud, up);
-            self.ground = None;
-            self.ground_for = None;
-        }
-    }
-
-    /// The lights that the settings name, where they are loaded.
-    fn resolve_lights(&mut self) {
-        for side in [SOURCE, TARGET] {
-            let settings = if side == SOURCE {
-                &self.look.source
-            } else {
-                &self.look.target
-            };
-            let Some(file) = settings.file.clone() else {
-                continue;
-            };
-            if self.sides[side].path == file {
-                continue;
-            }
-            match self.lights.get(&file) {
-                Some(light) => self.sides[side] = light.clone(),
-                None => self.request_light(&file),
-            }
-        }
-    }
-
-    fn start_bake(&mut self) {
-        let Some(asset) = &self.asset else {
-            return;
-        };
-        let key = (self.asset_id, self.look.directions);
-        if self.baked_for == Some(key) {
-            return;
-        }
-        self.jobs.cancel(Kind::Bake);
-        self.baked_for = Some(key);
-        let (id, directions) = key;
-        let (background, path, cloud) = (
-            self.background.clone(),
-            asset.path.clone(),
-            asset.cloud.clone(),
-        );
-        let saved = self.bake.take();
-        let label = format!("baking the visibility of {}", asset.name());
-        let work = move |handle: &super::jobs::Handle<Event>| {
-            let event = |baked: Baked| Event::Baked {
-                asset: id,
-                baked: Box::new(baked),
-            };
-            let report = |done: f64| handle.progress(done);
-            let preview = |baked: Baked| handle.send(event(baked));
-            match baking::bake(
-                &background.fastest(),
-                &path,
-                &cloud,
-                directions,
-                saved.as_deref(),
-                &report,
-                preview,
-            ) {
-                Ok(baked) => Some(event(baked)),
-                Err(_) if handle.is_cancelled() => None,
-                Err(error) => Some(Event::Failed(format!("the bake failed: {error:#}"))),
-            }
-        };
-        // The reporting closure is shared with the bake's own threads.
-        self.jobs.start(Kind::Bake, label, work, Event::Failed);
-    }
-
-    /// Source and target as the asset sees them.
-    pub fn oriented_lights(&self) -> [IncidentRadiance; 2] {
-        let maps = [&self.sides[SOURCE].radiance, &self.sides[TARGET].radiance];
-        self.look.lights(maps[0], maps[1], self.up())
-    }
-
-    fn start_prepare(&mut self) {
-        let (Some(asset), Some(visibility)) = (&self.asset, &self.visibility) else {
-            return;
-        };
-        if self.jobs.is_running(Kind::Prepare) {
-            return;
-        }
-        let [source, _] = self.oriented_lights();
-        let key = PrepareKey {
-            asset: self.asset_id,
-            bake: self.bake_version,
-            source,
-            settings: self.look.transfer.clone(),
-        };
-        let Some(transfer) = self.transfer_asset.clone() else {
-            return;
-        };
-        if self.requested.as_ref() == Some(&key) {
-            return;
-        }
-        self.requested = Some(key.clone());
-        let (context, cloud, visibility) = (
-            self.context.clone(),
-            asset.cloud.clone(),
-            visibility.clone(),
-        );
-        let work = move |_: &super::jobs::Handle<Event>| {
-            let start = Instant::now();
-            let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
-            let prepared =
-                transfer.prepare(&cloud, &visibility, key.bake, &key.source, &key.settings);
-            let made = prepared
-                .map_err(anyhow::Error::from)
-                .and_then(|p| Ok((LiveTransfer::new(&context, &p)?, p)));
-            Some(match made {
-                Ok((live, prepared)) => Event::Prepared(Box::new(Prepared {
-                    key,
-                    prepared,
-                    live,
-                    ms: start.elapsed().as_secs_f64() * 1e3,
-                })),
-                Err(error) => Event::Failed(format!("{error:#}")),
-            })
-        };
-        self.jobs
-            .start(Kind::Prepare, "preparing the transfer", work, Event::Failed);
-    }
-
-    fn relight(&mut self) {
-        let Some(prepared) = self.prepared.clone() else {
-            return;
-        };
-        let [_, target] = self.oriented_lights();
-        // Beyond the transfer's degree nothing is read.
-        let target = target.truncated(prepared.light_degree);
-        let key = (self.prepared_version, target);
-        if self.relit_for.as_ref() == Some(&key) {
-            return;
-        }
-        let start = Instant::now();
-        self.live().relight(&prepared.light(&key.1));
-        self.transfer_timer
-            .measure(&self.context, start, self.jobs.context());
-        let stops = (key.1.mean_irradiance() * prepared.light_gain).log2();
-        self.stops_over_source = stops.is_finite().then_some(stops);
-        self.relit_for = Some(key);
-        self.relit_version += 1;
-    }
-
-    fn update_hidden(&mut self) {
-        let Some(asset) = &self.asset else {
-            return;
-        };
-        let key = (self.asset_id, self.look.hide);
-        if self.hidden_for == Some(key) {
-            return;
-        }
-        self.hidden = Arc::new(if self.look.hide.is_off() {
-            Vec::new()
-        } else {
-            self.look.hide.hidden(&asset.cloud, &asset.bounds)
-        });
-        self.hidden_version += 1;
-        self.hidden_for = Some(key);
-    }
-
-    fn update_ground(&mut self) {
-        let Some(asset) = &self.asset else {
-            return;
-        };
-        if !self.look.shadow_catcher {
-            return;
-        }
-        let key = (self.asset_id, self.look.directions);
-        if self.ground_for != Some(key) && !self.jobs.is_running(Kind::Ground) {
-            let (id, directions) = key;
-            let (cloud, up) = (asset.cloud.clone(), asset.up);
-            let work = move |handle: &super::jobs::Handle<Event>| {
-                let settings = BakeSettings { directions };
-                match Ground::bake(&cloud, up, &settings, &|done| handle.progress(done)) {
-                    Ok(ground) => Some(Event::Ground {
-                        asset: id,
-                        directions,
-                        ground: Box::new(ground),
-                    }),
-                    Err(_) => None,
-                }
-            };
-            self.jobs
-                .start(Kind::Ground, "baking the ground", work, Event::Failed);
-        }
-        if let Some(ground) = &self.ground {
-            let light = &self.sides[TARGET].radiance;
-            let target = self.look.target.orient(light, self.up());
-            let lit_for = (self.asset_id, self.look.directions, target);
-            if self.ground_lit_for.as_ref() != Some(&lit_for) {
-                let lit = ground.lit_share(&lit_for.2);
-                self.live().set_ground(&lit);
-                self.ground_lit_for = Some(lit_for);
-            }
-        }
-    }
-
-    /// The ground for a saved picture.
-    pub fn ground(&self) -> Option<Ground> {
-        self.ground.clone().filter(|_| self.look.shadow_catcher)
-    }
-
-    fn start_backdrops(&mut self) {
-        if self.look.background != Background::Environment {
-            return;
-        }
-        for side in [SOURCE, TARGET] {
-            let shown = match self.look.view {
-                View::Before => side == SOURCE,
-                View::Split | View::SideBySide => true,
-                _ => side == TARGET,
-            };
-            let key = BackdropKey(self.sides[side].path.clone(), self.look.background_blur);
-            let kind = Kind::Backdrop(side);
-            if !shown
-                || self.backdrop_for[side].as_ref() == Some(&key)
-                || self.jobs.is_running(kind)
-            {
-                continue;
-            }
-            if self.backdrop_asked[side].as_ref() == Some(&key) {
-                // It failed, and was told.
-                continue;
-            }
-            self.backdrop_asked[side] = Some(key.clone());
-            let (context, light) = (self.context.clone(), self.sides[side].clone());
-            let work = move |_: &super::jobs::Handle<Event>| {
-                Some(match load_map(&light) {
-                    Ok(map) => {
-                        let map = map.blurred(key.1);
-                        let backdrop = Backdrop::new(&context, &map);
-                        Event::Backdrop {
-                            side,
-                            key,
-                            backdrop,
-                        }
-                    }
-                    Err(error) => Event::Failed(format!("{error:#}")),
-                })
-            };
-            let label = format!("reading {} for the background", self.sides[side].name());
-            self.jobs.start(kind, label, work, Event::Failed);
-        }
-    }
-
-    /// Channels that are made of more than what is on the GPU: when they are asked for.
-    fn update_channels(&mut self) {
-        if self.asset.is_none() {
-            return;
-        }
-        if self.look.view == View::Visibility
-            && self.visibility_shown != Some(self.bake_version)
-            && let Some(visibility) = &self.visibility
-        {
-            let colors = visibility.openness().iter().map(|o| [*o; 3]).collect();
-            self.live().set_visibility(colors);
-            self.visibility_shown = Some(self.bake_version);
-        }
-        self.start_doubts();
-    }
-
-    fn start_doubts(&mut self) {
-        let (Some(asset), Some(visibility), Some(prepared)) =
-            (&self.asset, &self.visibility, &self.prepared)
-        else {
-            return;
-        };
-        let key = (self.asset_id, self.relit_version);
-        if self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
-            return;
-        }
-        let Some((_, target)) = self.relit_for.clone() else {
-            return;
-        };
-        self.doubts_for = Some(key);
-        let (cloud, visibility, prepared) =
-            (asset.cloud.clone(), visibility.clone(), prepared.clone());
-        let work = move |_: &super::jobs::Handle<Event>| {
-            let tau = prepared.tau(&prepared.relight(&target));
-            let doubts = present::doubts(&cloud, &visibility, &prepared, &tau);
-            Some(Event::Doubts { key, doubts })
-        };
-        self.jobs.start(
-            Kind::Doubts,
-            "counting doubtful surfels",
-            work,
-            Event::Failed,
-        );
-    }
-
-    fn show_doubts(&mut self, doubts: Vec<Option<Doubt>>) {
-        let n = doubts.len().max(1) as f32;
-        let share = |which: Doubt| doubts.iter().filter(|d| **d == Some(which)).count() as f32 / n;
-        self.shares = Some(Doubt::ALL.map(share));
-        let marks = doubts.iter().map(|d| match d {
-            None => [0.0; 4],
-            Some(doubt) => {
-                let [r, g, b] = doubt.color();
-                [r, g, b, MARK_WEIGHT]
-            }
-        });
-        self.live()
-            .set_doubts(present::doubt_colors(&doubts), marks);
-        self.doubts = Arc::new(doubts);
     }
 
     /// Keeps the settings as they are, to compare others with them.

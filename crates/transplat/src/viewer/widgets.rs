@@ -104,6 +104,16 @@ pub fn choice<T: PartialEq + Copy>(
     *value != before
 }
 
+/// A file's name, with the whole path for whoever points at it.
+pub fn file(ui: &mut Ui, path: &std::path::Path) {
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    ui.horizontal(|ui| {
+        ui.weak("file");
+        ui.add(egui::Label::new(name.to_string_lossy()).truncate())
+            .on_hover_text(path.display().to_string());
+    });
+}
+
 /// A line of a name and what is known of it.
 pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     ui.horizontal_wrapped(|ui| {

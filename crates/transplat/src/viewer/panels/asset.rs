@@ -8,9 +8,10 @@ use transplat_core::surfels::{Hide, UpAxis};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::session::{Session, Settings};
+use crate::viewer::opening::Settings;
+use crate::viewer::session::Session;
 use crate::viewer::viewport::doubt_name;
-use crate::viewer::widgets::{Control, fact, switch, thousands};
+use crate::viewer::widgets::{Control, fact, file, switch, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
@@ -18,7 +19,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui.label("No splat is open.");
         return;
     };
-    fact(ui, "file", asset.path.display().to_string());
+    file(ui, &asset.path);
     let kind = match asset.file.report.kind {
         AssetKind::Surfels2d => "2D surfels",
         AssetKind::Gaussians3d => "3D Gaussians, flattened",

@@ -5,7 +5,7 @@ use transplat_core::surfels::UpAxis;
 
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SOURCE, TARGET};
-use crate::viewer::widgets::{Control, angle, fact, reset, switch};
+use crate::viewer::widgets::{Control, angle, fact, file, reset, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
@@ -16,7 +16,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
             "Drop the environment of the capture on the slot “captured under”, if there is one.",
         );
     } else {
-        fact(ui, "file", light.path.display().to_string());
+        file(ui, &light.path);
         if light.size[0] > 0 {
             fact(
                 ui,

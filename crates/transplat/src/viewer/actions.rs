@@ -1,0 +1,137 @@
+//! What keys and menu entries do.
+
+use eframe::egui::{self, Key};
+use transplat_core::present::Background;
+
+use super::app::Viewer;
+use super::export::Task;
+use super::files::{Dialog, ask};
+use super::menus::COMPARE;
+use super::navigation::{self, Preset};
+use super::panels;
+use super::session::{SaveKind, TARGET};
+use super::shortcuts::{Action, SHORTCUTS};
+
+impl Viewer {
+    pub(super) fn keys(&mut self, context: &egui::Context) {
+        if context.text_edit_focused() {
+            return;
+        }
+        // The arrows belong to a slider that was reached by Tab.
+        let focused = context.egui_wants_keyboard_input();
+        // Longer combinations first, so that ctrl + shift + Z is not taken for ctrl + Z.
+        let mut table: Vec<_> = SHORTCUTS.iter().collect();
+        table.sort_by_key(|s| std::cmp::Reverse(u8::from(s.0.ctrl) + u8::from(s.0.shift)));
+        let mut actions = Vec::new();
+        context.input_mut(|i| {
+            let nudges = [
+                Key::ArrowLeft,
+                Key::ArrowRight,
+                Key::ArrowUp,
+                Key::ArrowDown,
+            ];
+            for (modifiers, key, action, _) in table {
+                if focused && nudges.contains(key) {
+                    continue;
+                }
+                let fine = nudges.contains(key) && i.consume_key(egui::Modifiers::SHIFT, *key);
+                if fine {
+                    actions.push((*action, true));
+                } else if i.consume_key(*modifiers, *key) {
+                    actions.push((*action, false));
+                }
+            }
+            if i.events
+                .iter()
+                .any(|e| matches!(e, egui::Event::Text(t) if t == "?"))
+            {
+                actions.push((Action::Help, false));
+            }
+        });
+        for (action, fine) in actions {
+            self.act(context, action, fine);
+        }
+        let digits = [
+            Key::Num1,
+            Key::Num2,
+            Key::Num3,
+            Key::Num4,
+            Key::Num5,
+            Key::Num6,
+            Key::Num7,
+            Key::Num8,
+            Key::Num9,
+        ];
+        for (i, key) in digits.into_iter().enumerate() {
+            let pressed = context.input_mut(|input| input.consume_key(egui::Modifiers::NONE, key));
+            if pressed && let Some(path) = self.shelf.paths.get(i).cloned() {
+                self.session.set_light(TARGET, path);
+            }
+        }
+    }
+
+    pub(super) fn act(&mut self, context: &egui::Context, action: Action, fine: bool) {
+        let step = if fine { 1.0 } else { 5.0 };
+        let session = &mut self.session;
+        let target = &mut session.look.target;
+        match action {
+            Action::Open => ask(session, Dialog::Open),
+            Action::OpenFolder => ask(session, Dialog::OpenFolder),
+            Action::SaveLook => self.ask_for_look(),
+            Action::ExportSplat => self.ask_for_splat(),
+            Action::Screenshot => self.export(Task::Screenshot(None)),
+            Action::Copy => self.export(Task::Clipboard),
+            Action::Undo => self.undo(context),
+            Action::Redo => self.redo(),
+            Action::Frame => panels::frame(self),
+            Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
+            Action::Front => navigation::look_from(&mut session.pose, Preset::Front),
+            Action::Right => navigation::look_from(&mut session.pose, Preset::Right),
+            Action::Top => navigation::look_from(&mut session.pose, Preset::Top),
+            Action::NextCompare => {
+                let ways = COMPARE.map(|(_, view, _)| view);
+                let at = ways.iter().position(|v| *v == session.look.view);
+                session.look.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
+            }
+            Action::Pin => session.pin(),
+            Action::Grid => session.grid = !session.grid,
+            Action::Probes => self.preferences.probes = !self.preferences.probes,
+            Action::Marks => session.show_marks = !session.show_marks,
+            Action::Background => {
+                session.look.background = match session.look.background {
+                    Background::Environment => Background::Color([0.18; 3]),
+                    _ => Background::Environment,
+                };
+            }
+            Action::Match => session.look.match_strength = !session.look.match_strength,
+            Action::Swap => session.swap_lights(),
+            Action::Panels => self.show_panels = !self.show_panels,
+            Action::Help => self.show_help = !self.show_help,
+            Action::NudgeLeft => target.rotation = navigation::wrap(target.rotation + step),
+            Action::NudgeRight => target.rotation = navigation::wrap(target.rotation - step),
+            Action::NudgeUp => target.tilt = navigation::wrap(target.tilt + step),
+            Action::NudgeDown => target.tilt = navigation::wrap(target.tilt - step),
+        }
+    }
+
+    pub(super) fn ask_for_look(&mut self) {
+        let name = format!(
+            "{}_{}.json",
+            self.asset_name(),
+            self.session.sides[TARGET].name()
+        );
+        ask(&mut self.session, Dialog::Save(SaveKind::Look, name));
+    }
+
+    pub(super) fn undo(&mut self, _context: &egui::Context) {
+        if let Some(look) = self.undoer.undo(&self.session.look).cloned() {
+            self.session.apply_look(look);
+        }
+    }
+
+    pub(super) fn redo(&mut self) {
+        if let Some(look) = self.undoer.redo(&self.session.look).cloned() {
+            self.session.apply_look(look);
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! Menus and the bar above the viewport.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, Ui};
+use transplat_core::look::{LightSettings, Look};
+use transplat_core::present::View;
+
+use super::app::Viewer;
+use super::export::Task;
+use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
+use super::opening::Settings;
+use super::preferences::Preferences;
+use super::session::SaveKind;
+use super::shortcuts::{self, Action};
+
+impl Viewer {
+    pub(super) fn menus(&mut self, ui: &mut Ui) {
+        egui::MenuBar::new().ui(ui, |ui| {
+            ui.menu_button("File", |ui| self.file_menu(ui));
+            ui.menu_button("Edit", |ui| {
+                let look = self.session.look.clone();
+                let item = |ui: &mut Ui, name: &str, action, enabled| {
+                    let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
+                    ui.add_enabled(enabled, button).clicked()
+                };
+                if item(ui, "Undo", Action::Undo, self.undoer.has_undo(&look)) {
+                    self.undo(&ui.ctx().clone());
+                    ui.close();
+                }
+                if item(ui, "Redo", Action::Redo, self.undoer.has_redo(&look)) {
+                    self.redo();
+                    ui.close();
+                }
+                ui.separator();
+                if ui.button("Reset all settings").clicked() {
+                    let kept = &self.session.look;
+                    self.session.look = Look {
+                        asset: kept.asset.clone(),
+                        source: LightSettings {
+                            file: kept.source.file.clone(),
+                            ..Default::default()
+                        },
+                        target: LightSettings {
+                            file: kept.target.file.clone(),
+                            ..Default::default()
+                        },
+                        ..Preferences::default().look()
+                    };
+                    ui.close();
+                }
+            });
+            ui.menu_button("View", |ui| self.view_menu(ui));
+            ui.menu_button("Help", |ui| {
+                if ui.button("Shortcuts (?)").clicked() {
+                    self.show_help = true;
+                    ui.close();
+                }
+                if ui.button("About").clicked() {
+                    self.show_about = true;
+                    ui.close();
+                }
+            });
+            ui.separator();
+            self.compare_bar(ui);
+        });
+    }
+
+    pub(super) fn file_menu(&mut self, ui: &mut Ui) {
+        let item = |ui: &mut Ui, name: &str, action| {
+            let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
+            ui.add(button).clicked()
+        };
+        let mut chosen = None;
+        for (name, action) in [
+            ("Open…", Action::Open),
+            ("Open folder of environments…", Action::OpenFolder),
+        ] {
+            if item(ui, name, action) {
+                chosen = Some(action);
+            }
+        }
+        if ui.button("Open or save by path…").clicked() {
+            self.path_field = Some(String::new());
+            ui.close();
+        }
+        let recent = self.preferences.recent.clone();
+        ui.menu_button("Open recent", |ui| {
+            if recent.is_empty() {
+                ui.weak("nothing yet");
+            }
+            for path in recent {
+                if ui.button(path.display().to_string()).clicked() {
+                    self.open(&path);
+                    ui.close();
+                }
+            }
+        });
+        if ui.button("Bundled scene").clicked() {
+            self.bundled_scene();
+            ui.close();
+        }
+        ui.separator();
+        for (name, action) in [
+            ("Save look…", Action::SaveLook),
+            ("Export relit splat…", Action::ExportSplat),
+            ("Save picture", Action::Screenshot),
+            ("Copy picture", Action::Copy),
+        ] {
+            if item(ui, name, action) {
+                chosen = Some(action);
+            }
+        }
+        if ui.button("Save picture as…").clicked() {
+            let extension = self.preferences.export.format.extension();
+            let name = format!("{}.{extension}", self.asset_name());
+            ask(&mut self.session, Dialog::Save(SaveKind::Screenshot, name));
+            ui.close();
+        }
+        if ui.button("Save turntable").clicked() {
+            self.export(Task::Turntable);
+            ui.close();
+        }
+        ui.separator();
+        if ui.button("Quit").clicked() {
+            ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+        if let Some(action) = chosen {
+            self.act(&ui.ctx().clone(), action, false);
+            ui.close();
+        }
+    }
+
+    pub(super) fn bundled_scene(&mut self) {
+        let Some(splat) = bundled(BUNDLED_SPLAT) else {
+            self.session.error("the bundled scene is not installed");
+            return;
+        };
+        let mut look = self.preferences.look();
+        let lights: Vec<PathBuf> = BUNDLED_LIGHTS.iter().filter_map(|n| bundled(n)).collect();
+        look.source.file = lights.first().cloned();
+        look.target.file = lights.get(1).cloned();
+        look.asset = Some(splat.clone());
+        for path in &lights {
+            self.shelf.add(&mut self.session, path);
+        }
+        self.session
+            .load_asset(splat, Settings::Look(Box::new(look)));
+    }
+
+    pub(super) fn view_menu(&mut self, ui: &mut Ui) {
+        ui.menu_button("Theme", |ui| {
+            for (name, theme) in [
+                ("System", egui::ThemePreference::System),
+                ("Light", egui::ThemePreference::Light),
+                ("Dark", egui::ThemePreference::Dark),
+            ] {
+                let current = ui.ctx().options(|o| o.theme_preference);
+                if ui.radio(current == theme, name).clicked() {
+                    ui.ctx().set_theme(theme);
+                    ui.close();
+                }
+            }
+        });
+        ui.menu_button("Text size", |ui| {
+            for percent in [80, 90, 100, 110, 125, 150, 200] {
+                let factor = percent as f32 / 100.0;
+                let current = (ui.ctx().zoom_factor() - factor).abs() < 0.01;
+                if ui.radio(current, format!("{percent} %")).clicked() {
+                    ui.ctx().set_zoom_factor(factor);
+                    ui.close();
+                }
+            }
+        });
+        ui.separator();
+        ui.checkbox(&mut self.show_panels, "Panels");
+        ui.checkbox(&mut self.preferences.probes, "Light probes");
+        ui.checkbox(&mut self.session.grid, "Grid");
+        ui.checkbox(&mut self.session.show_marks, "Mark doubtful surfels");
+    }
+
+    pub(super) fn compare_bar(&mut self, ui: &mut Ui) {
+        let session = &mut self.session;
+        for (name, view, tip) in COMPARE {
+            ui.selectable_value(&mut session.look.view, view, name)
+                .on_hover_text(tip);
+        }
+        ui.separator();
+        let current = CHANNELS
+            .iter()
+            .find(|(_, view, _)| *view == session.look.view);
+        egui::ComboBox::from_id_salt("channel")
+            .selected_text(current.map_or("Channel", |(name, ..)| name))
+            .width(96.0)
+            .show_ui(ui, |ui| {
+                ui.selectable_value(&mut session.look.view, View::After, "Final");
+                for (name, view, tip) in CHANNELS {
+                    ui.selectable_value(&mut session.look.view, view, name)
+                        .on_hover_text(tip);
+                }
+            })
+            .response
+            .on_hover_text("One part of the picture alone, or what it was made of.")
+            .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Channel"));
+        ui.separator();
+        let pin = ui.button("Pin").on_hover_text(
+            "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)",
+        );
+        if pin.clicked() {
+            session.pin();
+        }
+        if session.pinned.is_some() {
+            ui.checkbox(&mut session.against_pinned, "against pinned")
+                .on_hover_text("Compare with the pinned look instead of the capture.");
+            if ui
+                .button("Swap")
+                .on_hover_text("Exchange the pinned look with this one.")
+                .clicked()
+            {
+                session.swap_pinned();
+            }
+            if ui.button("Unpin").clicked() {
+                session.pinned = None;
+                session.against_pinned = false;
+            }
+        }
+    }
+}
+
+/// Ways to compare: name, view, what it shows.
+pub(super) const COMPARE: [(&str, View, &str); 5] = [
+    (
+        "After",
+        View::After,
+        "The splat relit. (C: next way to compare)",
+    ),
+    (
+        "Before",
+        View::Before,
+        "The splat as it was captured. (hold B)",
+    ),
+    (
+        "Split",
+        View::Split,
+        "Before left of the line, after right of it; drag the line.",
+    ),
+    ("Side by side", View::SideBySide, "Both pictures whole."),
+    (
+        "Difference",
+        View::Difference,
+        "After minus before; grey is none. Its scale is in the panel View.",
+    ),
+];
+
+/// Channels: name, view, what it shows.
+const CHANNELS: [(&str, View, &str); 7] = [
+    (
+        "Diffuse",
+        View::Diffuse,
+        "What does not depend on the view.",
+    ),
+    (
+        "Specular",
+        View::Specular,
+        "What depends on the view: highlights and reflections.",
+    ),
+    (
+        "Normals",
+        View::Normals,
+        "Where surfels face: red is X, green Y, blue Z.",
+    ),
+    ("Depth", View::Depth, "Near is white, far is dark."),
+    (
+        "Visibility",
+        View::Visibility,
+        "How open each surfel is: black is in a hollow.",
+    ),
+    (
+        "Ratio tau",
+        View::Tau,
+        "How many stops the new light is over the old one.",
+    ),
+    (
+        "Doubts",
+        View::Doubts,
+        "What was left out, and where the relit colour is doubtful.",
+    ),
+];

@@ -1,0 +1,230 @@
+//! What is opened: splats, lights, looks.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use transplat_core::color::Encoding;
+use transplat_core::ground::ground_plane;
+use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
+use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
+use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::TransferAsset;
+use transplat_gpu::live::LiveAsset;
+
+use super::jobs::{Handle, Kind};
+use super::lights::{Light, light_name};
+use super::session::{Asset, Event, SOURCE, Session, TARGET};
+use crate::scene::asset_warnings;
+
+/// A loaded asset on its way to the screen.
+pub struct LoadedAsset {
+    pub asset: Asset,
+    pub live: LiveAsset,
+    pub transfer: TransferAsset,
+    pub settings: Settings,
+}
+
+/// What a splat is opened with.
+#[derive(Clone, Debug)]
+pub enum Settings {
+    /// What is told of its capture; everything else stays as it is when the splat is there.
+    Capture {
+        /// Its light; even where nobody knows it.
+        source: LightSettings,
+        /// Its up axis, where the file is not to be believed.
+        up: Option<UpAxis>,
+        /// Whether its colour is linear.
+        linear: bool,
+        /// What of it is hidden.
+        hide: Hide,
+        /// Where it is looked at from; all of it otherwise.
+        camera: Option<CameraPose>,
+    },
+    /// All settings.
+    Look(Box<Look>),
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::Capture {
+            source: LightSettings {
+                file: Some(EVEN.into()),
+                ..LightSettings::default()
+            },
+            up: None,
+            linear: false,
+            hide: Hide::default(),
+            camera: None,
+        }
+    }
+}
+
+impl Settings {
+    fn is_linear(&self) -> bool {
+        match self {
+            Self::Capture { linear, .. } => *linear,
+            Self::Look(look) => look.linear,
+        }
+    }
+
+    /// The look that the splat is shown with, given that of now.
+    pub fn over(self, now: &Look) -> Look {
+        match self {
+            Self::Capture {
+                source,
+                up,
+                linear,
+                hide,
+                camera,
+            } => Look {
+                source,
+                up,
+                linear,
+                hide,
+                camera,
+                ..now.clone()
+            },
+            Self::Look(look) => *look,
+        }
+    }
+}
+
+impl Session {
+    /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
+    pub fn open(&mut self, path: &Path) {
+        match file_kind(path) {
+            Ok(FileKind::Ply) => {
+                self.load_asset(path.to_owned(), Settings::default());
+            }
+            Ok(FileKind::Look) => match load_look(path) {
+                Ok(look) => self.apply_look(look),
+                Err(error) => self.error(error.to_string()),
+            },
+            Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
+                self.set_light(TARGET, path.to_owned());
+            }
+            Ok(FileKind::Bake) => self.error(format!(
+                "{}: a bake is found by itself when it lies beside its splat",
+                path.display()
+            )),
+            Err(error) => self.error(error.to_string()),
+        }
+    }
+
+    /// Applies a look: at once, or once its asset is loaded.
+    pub fn apply_look(&mut self, look: Look) {
+        let open = self.asset.as_ref().map(|a| &a.path);
+        match &look.asset {
+            Some(path) if open != Some(path) || look.linear != self.look.linear => {
+                self.load_asset(path.clone(), Settings::Look(Box::new(look)));
+            }
+            _ => {
+                if let Some(camera) = look.camera {
+                    self.pose = camera;
+                }
+                self.look = Look {
+                    camera: None,
+                    ..look
+                };
+            }
+        }
+    }
+
+    /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
+    pub fn load_asset(&mut self, path: PathBuf, settings: Settings) {
+        self.jobs.cancel(Kind::Load);
+        let context = self.context.clone();
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let failed = |why: String| Event::Failed(why);
+        let work = move |handle: &Handle<Event>| {
+            let start = Instant::now();
+            let loaded =
+                load_asset(&path)
+                    .map_err(anyhow::Error::from)
+                    .and_then(|(mut cloud, file)| {
+                        let file_up = cloud.up;
+                        if settings.is_linear() {
+                            cloud.encoding = Encoding::StoredLinear;
+                        }
+                        let cloud = Arc::new(cloud);
+                        let live = LiveAsset::new(&context, &cloud)?;
+                        let transfer = TransferAsset::new(&cloud);
+                        Ok(LoadedAsset {
+                            asset: Asset {
+                                bounds: cloud.bounds(),
+                                ground: ground_plane(&cloud, cloud.up),
+                                up: cloud.up,
+                                warnings: asset_warnings(&path, &file),
+                                load_ms: start.elapsed().as_secs_f64() * 1e3,
+                                file_up,
+                                file: Arc::new(file),
+                                cloud,
+                                path,
+                            },
+                            live,
+                            transfer,
+                            settings,
+                        })
+                    });
+            if handle.is_cancelled() {
+                return None;
+            }
+            Some(match loaded {
+                Ok(loaded) => Event::Asset(Box::new(loaded)),
+                Err(error) => Event::Failed(format!("{error:#}")),
+            })
+        };
+        self.jobs
+            .start(Kind::Load, format!("loading {name}"), work, failed);
+    }
+
+    /// Puts a light on a side; it is shown once it is loaded.
+    pub fn set_light(&mut self, side: usize, path: PathBuf) {
+        self.request_light(&path);
+        let settings = if side == SOURCE {
+            &mut self.look.source
+        } else {
+            &mut self.look.target
+        };
+        settings.file = Some(path);
+    }
+
+    /// Starts reading an environment unless it is there.
+    pub fn request_light(&mut self, path: &Path) {
+        if self.lights.contains_key(path) || self.loading.iter().any(|p| p == path) {
+            return;
+        }
+        self.loading.push(path.to_owned());
+        let (background, path) = (self.background.clone(), path.to_owned());
+        let label = format!("reading {}", light_name(&path));
+        let failed = {
+            let path = path.clone();
+            move |why: String| Event::LightFailed { path, why }
+        };
+        let work = move |_: &Handle<Event>| {
+            Some(match Light::load(&background, &path) {
+                Ok(light) => Event::Light(Box::new(light)),
+                Err(error) => Event::LightFailed {
+                    path,
+                    why: format!("{error:#}"),
+                },
+            })
+        };
+        self.jobs.start(Kind::Light, label, work, failed);
+    }
+
+    /// Whether a light is being read.
+    pub fn is_loading(&self, path: &Path) -> bool {
+        self.loading.iter().any(|p| p == path)
+    }
+
+    /// Exchanges the two lights with their turns and strengths.
+    pub fn swap_lights(&mut self) {
+        std::mem::swap(&mut self.look.source, &mut self.look.target);
+    }
+}

@@ -1,0 +1,310 @@
+//! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use eframe::egui::{self, Color32, Key, Ui};
+use transplat_core::present::View;
+
+use super::app::Viewer;
+use super::export::Task;
+use super::probes::{Key as ProbeKey, Probe};
+use super::session::{SIDES, SOURCE, TARGET};
+use super::shortcuts::{self, GESTURES, SHORTCUTS};
+use super::widgets::{milliseconds, thousands};
+
+/// How long a message stays that is no error, in seconds.
+const MESSAGE_S: f32 = 7.0;
+
+impl Viewer {
+    pub(super) fn status(&mut self, ui: &mut Ui) {
+        let session = &self.session;
+        ui.horizontal(|ui| {
+            let total = session.asset.as_ref().map_or(0, |a| a.cloud.len());
+            let drawn = session.live().drawn();
+            ui.label(format!("{} of {} surfels", thousands(drawn), thousands(total)))
+                .on_hover_text("Drawn, of all that the splat has: what is hidden or behind the camera is not drawn.");
+            ui.separator();
+            ui.label(format!("frame {}", milliseconds(session.frame_timer.ms())))
+                .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
+            ui.separator();
+            ui.label(format!("transfer {}", milliseconds(session.transfer_timer.ms())))
+                .on_hover_text("The last change of light, from the click to its end on the graphics adapter.");
+            ui.separator();
+            let bake = if session.bake_share < 1.0 {
+                format!("bake {:.0} %", 100.0 * session.bake_share)
+            } else {
+                format!("bake {}", milliseconds(session.times.bake))
+            };
+            ui.label(bake).on_hover_text("The object's visibility; until it is baked, shadows are missing or coarse.");
+            ui.separator();
+            if let Some(bytes) = crate::report::memory_bytes() {
+                ui.label(format!("{} MB", thousands((bytes >> 20) as usize)))
+                    .on_hover_text("Memory that the program holds.");
+                ui.separator();
+            }
+            let software = session.context.is_software();
+            let name = ui.label(session.context.name());
+            if software {
+                ui.colored_label(ui.visuals().warn_fg_color, "software")
+                    .on_hover_text("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast.");
+            } else {
+                name.on_hover_text("The graphics adapter.");
+            }
+            let left_out = self.left_out();
+            if !left_out.is_empty() {
+                ui.separator();
+                let text = format!("left out: {}", left_out.len());
+                let all: Vec<String> = left_out.iter().map(|(what, why)| format!("{what}: {why}")).collect();
+                ui.label(text).on_hover_text(all.join("\n"));
+            }
+        });
+    }
+
+    /// What runs, with its progress and a way to stop it; and what was said.
+    pub(super) fn jobs_and_messages(&mut self, context: &egui::Context) {
+        let rect = self.viewport.rect;
+        let area = egui::Area::new(egui::Id::unique("jobs"))
+            .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
+            .order(egui::Order::Foreground);
+        let now = Instant::now();
+        self.session
+            .messages
+            .retain(|m| m.is_error || (now - m.since).as_secs_f32() < MESSAGE_S);
+        let messages = self.session.messages.clone();
+        let jobs: Vec<(u64, String, f32, bool)> = self
+            .session
+            .jobs
+            .running()
+            .iter()
+            // What is over in a moment is not worth a word.
+            .filter(|j| j.started.elapsed().as_secs_f32() > 0.4)
+            .map(|j| (j.id, j.label.clone(), j.progress(), j.can_be_cancelled()))
+            .collect();
+        if messages.is_empty() && jobs.is_empty() {
+            return;
+        }
+        let width = (rect.width() * 0.5).clamp(240.0, 460.0);
+        let mut dismissed = None;
+        let mut cancelled = None;
+        area.show(context, |ui| {
+            ui.set_max_width(width);
+            for (id, label, progress, can_cancel) in &jobs {
+                egui::Frame::popup(ui.style()).show(ui, |ui| {
+                    ui.horizontal(|ui| {
+                        if *progress > 0.0 {
+                            ui.add(
+                                egui::ProgressBar::new(*progress)
+                                    .desired_width(90.0)
+                                    .show_percentage(),
+                            );
+                        } else {
+                            ui.spinner();
+                        }
+                        ui.label(label);
+                        if *can_cancel && ui.small_button("Cancel").clicked() {
+                            cancelled = Some(*id);
+                        }
+                    });
+                });
+            }
+            for (i, message) in messages.iter().enumerate() {
+                egui::Frame::popup(ui.style()).show(ui, |ui| {
+                    ui.horizontal_top(|ui| {
+                        let close = ui.small_button("×").on_hover_text("Dismiss");
+                        close.widget_info(|| {
+                            egui::WidgetInfo::labeled(egui::Role::Button, true, "Dismiss")
+                        });
+                        if close.clicked() {
+                            dismissed = Some(i);
+                        }
+                        let color = if message.is_error {
+                            ui.visuals().error_fg_color
+                        } else {
+                            ui.visuals().text_color()
+                        };
+                        ui.add(
+                            egui::Label::new(egui::RichText::new(&message.text).color(color))
+                                .wrap(),
+                        );
+                    });
+                });
+            }
+        });
+        if let Some(i) = dismissed {
+            self.session.messages.remove(i);
+        }
+        if let Some(id) = cancelled {
+            for job in self.session.jobs.running().iter().filter(|j| j.id == id) {
+                job.cancel();
+            }
+        }
+        context.request_repaint_after_secs(0.25);
+    }
+
+    pub(super) fn light_probes(&mut self, context: &egui::Context) {
+        if !self.preferences.probes || self.session.asset.is_none() {
+            return;
+        }
+        let session = &self.session;
+        let rect = self.viewport.rect;
+        let Some(frame) = session.frame([100, 100], View::After) else {
+            return;
+        };
+        let lights = session.oriented_lights();
+        for side in [SOURCE, TARGET] {
+            let settings = if side == SOURCE {
+                &session.look.source
+            } else {
+                &session.look.target
+            };
+            let shown = &frame.presentation.lights[side];
+            let key = ProbeKey {
+                light: session.sides[side].path.clone(),
+                oriented: lights[side].clone(),
+                map_from_asset: settings.map_from_asset(session.up()),
+                gain: shown.gain,
+                display: session.look.display,
+                view: frame.presentation.camera.view_from_world,
+            };
+            let name = SIDES[side];
+            Probe::update(
+                &mut self.probes[side],
+                context,
+                name,
+                key,
+                &session.sides[side],
+            );
+        }
+        let area = egui::Area::new(egui::Id::unique("probes"))
+            .pivot(egui::Align2::RIGHT_TOP)
+            .fixed_pos(rect.right_top() + egui::vec2(-10.0, 10.0))
+            .order(egui::Order::Middle)
+            .interactable(false);
+        area.show(context, |ui| {
+            let frame = egui::Frame::new()
+                .fill(Color32::from_black_alpha(130))
+                .corner_radius(5.0)
+                .inner_margin(6.0);
+            frame.show(ui, |ui| {
+                ui.spacing_mut().item_spacing = egui::vec2(6.0, 3.0);
+                for (side, probe) in self.probes.iter().enumerate() {
+                    let Some(probe) = probe else { continue };
+                    let name = SIDES[side];
+                    ui.label(
+                        egui::RichText::new(name)
+                            .small()
+                            .color(Color32::from_gray(220)),
+                    );
+                    ui.horizontal(|ui| {
+                        for texture in [&probe.grey, &probe.mirror] {
+                            let image =
+                                egui::Image::new(texture).fit_to_exact_size(egui::vec2(46.0, 46.0));
+                            ui.add(image);
+                        }
+                        ui.vertical(|ui| {
+                            ui.spacing_mut().item_spacing.y = 2.0;
+                            for texture in [&probe.map, &probe.sh] {
+                                let image = egui::Image::new(texture)
+                                    .fit_to_exact_size(egui::vec2(44.0, 22.0));
+                                ui.add(image);
+                            }
+                        });
+                    });
+                }
+            });
+        });
+    }
+
+    pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {
+        let mut open = self.show_help;
+        egui::Window::new("Shortcuts")
+            .open(&mut open)
+            .resizable(false)
+            .show(context, |ui| {
+                egui::ScrollArea::vertical()
+                    .max_height(500.0)
+                    .show(ui, |ui| {
+                        egui::Grid::new("shortcuts")
+                            .num_columns(2)
+                            .striped(true)
+                            .show(ui, |ui| {
+                                for (gesture, what) in GESTURES {
+                                    ui.label(gesture);
+                                    ui.label(what);
+                                    ui.end_row();
+                                }
+                                for (modifiers, key, _, what) in SHORTCUTS {
+                                    ui.label(shortcuts::name(modifiers, key));
+                                    ui.label(what);
+                                    ui.end_row();
+                                }
+                            });
+                    });
+            });
+        self.show_help = open;
+        let mut open = self.show_about;
+        egui::Window::new("About").open(&mut open).resizable(false).show(context, |ui| {
+            ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
+            ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
+        });
+        self.show_about = open;
+    }
+
+    pub(super) fn path_window(&mut self, context: &egui::Context) {
+        let Some(mut text) = self.path_field.take() else {
+            return;
+        };
+        let mut open = true;
+        let mut act: Option<fn(&mut Self, PathBuf)> = None;
+        egui::Window::new("By path")
+            .open(&mut open)
+            .resizable(false)
+            .show(context, |ui| {
+                let label = ui.label("A file or folder to open, or the name of a file to write:");
+                let field = egui::TextEdit::singleline(&mut text).desired_width(420.0);
+                let response = ui.add(field).labelled_by(label.id);
+                if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+                    act = Some(|v, path| v.open(&path));
+                }
+                ui.horizontal(|ui| {
+                    if ui.button("Open").clicked() {
+                        act = Some(|v, path| v.open(&path));
+                    }
+                    if ui.button("Save look").clicked() {
+                        act = Some(|v, path| v.save_look(&path));
+                    }
+                    if ui.button("Save picture").clicked() {
+                        act = Some(|v, path| v.export(Task::Screenshot(Some(path))));
+                    }
+                    if ui.button("Export splat").clicked() {
+                        act = Some(|v, path| v.export(Task::Splat(path)));
+                    }
+                });
+            });
+        match act {
+            Some(act) if !text.trim().is_empty() => act(self, PathBuf::from(text.trim())),
+            _ if open => self.path_field = Some(text),
+            _ => {}
+        }
+    }
+
+    pub(super) fn drop_hint(&self, context: &egui::Context) {
+        if context.input(|i| i.raw.hovered_files.is_empty()) {
+            return;
+        }
+        let painter = context.layer_painter(egui::LayerId::new(
+            egui::Order::Foreground,
+            egui::Id::unique("drop hint"),
+        ));
+        let rect = self.viewport.rect;
+        painter.rect_filled(rect, 0.0, Color32::from_black_alpha(120));
+        painter.text(
+            rect.center(),
+            egui::Align2::CENTER_CENTER,
+            "Drop splats, environments, folders of environments, looks.\nOn a slot below: the light of that slot.",
+            egui::FontId::proportional(20.0),
+            Color32::WHITE,
+        );
+    }
+}

@@ -1,0 +1,337 @@
+//! The pipeline's stages as the viewer runs them: each when what it reads has changed, long ones as jobs.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use transplat_core::environment::IncidentRadiance;
+use transplat_core::ground::{Ground, ground_plane};
+use transplat_core::present::{self, Background, Doubt, View};
+use transplat_core::visibility::BakeSettings;
+use transplat_gpu::live::LiveTransfer;
+use transplat_gpu::present::Backdrop;
+
+use super::baking::{self, Baked};
+use super::jobs::{Handle, Kind};
+use super::lights::load_map;
+use super::session::{BackdropKey, Event, PrepareKey, Prepared, SOURCE, Session, TARGET};
+
+/// How much of a mark covers a surfel's colour.
+const MARK_WEIGHT: f32 = 0.75;
+
+impl Session {
+    /// The ground lies under another side of the asset when that is turned.
+    pub(super) fn update_asset(&mut self) {
+        let up = self.up();
+        let Some(asset) = &mut self.asset else {
+            return;
+        };
+        if asset.up != up {
+            asset.up = up;
+            asset.ground = ground_plane(&asset.cloud, up);
+            self.ground = None;
+            self.ground_for = None;
+        }
+    }
+
+    /// The lights that the settings name, where they are loaded.
+    pub(super) fn resolve_lights(&mut self) {
+        for side in [SOURCE, TARGET] {
+            let settings = if side == SOURCE {
+                &self.look.source
+            } else {
+                &self.look.target
+            };
+            let Some(file) = settings.file.clone() else {
+                continue;
+            };
+            if self.sides[side].path == file {
+                continue;
+            }
+            match self.lights.get(&file) {
+                Some(light) => self.sides[side] = light.clone(),
+                None => self.request_light(&file),
+            }
+        }
+    }
+
+    pub(super) fn start_bake(&mut self) {
+        let Some(asset) = &self.asset else {
+            return;
+        };
+        let key = (self.asset_id, self.look.directions);
+        if self.baked_for == Some(key) {
+            return;
+        }
+        self.jobs.cancel(Kind::Bake);
+        self.baked_for = Some(key);
+        let (id, directions) = key;
+        let (background, path, cloud) = (
+            self.background.clone(),
+            asset.path.clone(),
+            asset.cloud.clone(),
+        );
+        let saved = self.bake.take();
+        let label = format!("baking the visibility of {}", asset.name());
+        let work = move |handle: &Handle<Event>| {
+            let event = |baked: Baked| Event::Baked {
+                asset: id,
+                baked: Box::new(baked),
+            };
+            let report = |done: f64| handle.progress(done);
+            let preview = |baked: Baked| handle.send(event(baked));
+            match baking::bake(
+                &background.fastest(),
+                &path,
+                &cloud,
+                directions,
+                saved.as_deref(),
+                &report,
+                preview,
+            ) {
+                Ok(baked) => Some(event(baked)),
+                Err(_) if handle.is_cancelled() => None,
+                Err(error) => Some(Event::Failed(format!("the bake failed: {error:#}"))),
+            }
+        };
+        // The reporting closure is shared with the bake's own threads.
+        self.jobs.start(Kind::Bake, label, work, Event::Failed);
+    }
+
+    /// Source and target as the asset sees them.
+    pub fn oriented_lights(&self) -> [IncidentRadiance; 2] {
+        let maps = [&self.sides[SOURCE].radiance, &self.sides[TARGET].radiance];
+        self.look.lights(maps[0], maps[1], self.up())
+    }
+
+    pub(super) fn start_prepare(&mut self) {
+        let (Some(asset), Some(visibility)) = (&self.asset, &self.visibility) else {
+            return;
+        };
+        if self.jobs.is_running(Kind::Prepare) {
+            return;
+        }
+        let [source, _] = self.oriented_lights();
+        let key = PrepareKey {
+            asset: self.asset_id,
+            bake: self.bake_version,
+            source,
+            settings: self.look.transfer.clone(),
+        };
+        let Some(transfer) = self.transfer_asset.clone() else {
+            return;
+        };
+        if self.requested.as_ref() == Some(&key) {
+            return;
+        }
+        self.requested = Some(key.clone());
+        let (context, cloud, visibility) = (
+            self.context.clone(),
+            asset.cloud.clone(),
+            visibility.clone(),
+        );
+        let work = move |_: &Handle<Event>| {
+            let start = Instant::now();
+            let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
+            let prepared =
+                transfer.prepare(&cloud, &visibility, key.bake, &key.source, &key.settings);
+            let made = prepared
+                .map_err(anyhow::Error::from)
+                .and_then(|p| Ok((LiveTransfer::new(&context, &p)?, p)));
+            Some(match made {
+                Ok((live, prepared)) => Event::Prepared(Box::new(Prepared {
+                    key,
+                    prepared,
+                    live,
+                    ms: start.elapsed().as_secs_f64() * 1e3,
+                })),
+                Err(error) => Event::Failed(format!("{error:#}")),
+            })
+        };
+        self.jobs
+            .start(Kind::Prepare, "preparing the transfer", work, Event::Failed);
+    }
+
+    pub(super) fn relight(&mut self) {
+        let Some(prepared) = self.prepared.clone() else {
+            return;
+        };
+        let [_, target] = self.oriented_lights();
+        // Beyond the transfer's degree nothing is read.
+        let target = target.truncated(prepared.light_degree);
+        let key = (self.prepared_version, target);
+        if self.relit_for.as_ref() == Some(&key) {
+            return;
+        }
+        let start = Instant::now();
+        self.live().relight(&prepared.light(&key.1));
+        self.transfer_timer
+            .measure(&self.context, start, self.jobs.context());
+        let stops = (key.1.mean_irradiance() * prepared.light_gain).log2();
+        self.stops_over_source = stops.is_finite().then_some(stops);
+        self.relit_for = Some(key);
+        self.relit_version += 1;
+    }
+
+    pub(super) fn update_hidden(&mut self) {
+        let Some(asset) = &self.asset else {
+            return;
+        };
+        let key = (self.asset_id, self.look.hide);
+        if self.hidden_for == Some(key) {
+            return;
+        }
+        self.hidden = Arc::new(if self.look.hide.is_off() {
+            Vec::new()
+        } else {
+            self.look.hide.hidden(&asset.cloud, &asset.bounds)
+        });
+        self.hidden_version += 1;
+        self.hidden_for = Some(key);
+    }
+
+    pub(super) fn update_ground(&mut self) {
+        let Some(asset) = &self.asset else {
+            return;
+        };
+        if !self.look.shadow_catcher {
+            return;
+        }
+        let key = (self.asset_id, self.look.directions);
+        if self.ground_for != Some(key) && !self.jobs.is_running(Kind::Ground) {
+            let (id, directions) = key;
+            let (cloud, up) = (asset.cloud.clone(), asset.up);
+            let work = move |handle: &Handle<Event>| {
+                let settings = BakeSettings { directions };
+                match Ground::bake(&cloud, up, &settings, &|done| handle.progress(done)) {
+                    Ok(ground) => Some(Event::Ground {
+                        asset: id,
+                        directions,
+                        ground: Box::new(ground),
+                    }),
+                    Err(_) => None,
+                }
+            };
+            self.jobs
+                .start(Kind::Ground, "baking the ground", work, Event::Failed);
+        }
+        if let Some(ground) = &self.ground {
+            let light = &self.sides[TARGET].radiance;
+            let target = self.look.target.orient(light, self.up());
+            let lit_for = (self.asset_id, self.look.directions, target);
+            if self.ground_lit_for.as_ref() != Some(&lit_for) {
+                let lit = ground.lit_share(&lit_for.2);
+                self.live().set_ground(&lit);
+                self.ground_lit_for = Some(lit_for);
+            }
+        }
+    }
+
+    /// The ground for a saved picture.
+    pub fn ground(&self) -> Option<Ground> {
+        self.ground.clone().filter(|_| self.look.shadow_catcher)
+    }
+
+    pub(super) fn start_backdrops(&mut self) {
+        if self.look.background != Background::Environment {
+            return;
+        }
+        for side in [SOURCE, TARGET] {
+            let shown = match self.look.view {
+                View::Before => side == SOURCE,
+                View::Split | View::SideBySide => true,
+                _ => side == TARGET,
+            };
+            let key = BackdropKey(self.sides[side].path.clone(), self.look.background_blur);
+            let kind = Kind::Backdrop(side);
+            if !shown
+                || self.backdrop_for[side].as_ref() == Some(&key)
+                || self.jobs.is_running(kind)
+            {
+                continue;
+            }
+            if self.backdrop_asked[side].as_ref() == Some(&key) {
+                // It failed, and was told.
+                continue;
+            }
+            self.backdrop_asked[side] = Some(key.clone());
+            let (context, light) = (self.context.clone(), self.sides[side].clone());
+            let work = move |_: &Handle<Event>| {
+                Some(match load_map(&light) {
+                    Ok(map) => {
+                        let map = map.blurred(key.1);
+                        let backdrop = Backdrop::new(&context, &map);
+                        Event::Backdrop {
+                            side,
+                            key,
+                            backdrop,
+                        }
+                    }
+                    Err(error) => Event::Failed(format!("{error:#}")),
+                })
+            };
+            let label = format!("reading {} for the background", self.sides[side].name());
+            self.jobs.start(kind, label, work, Event::Failed);
+        }
+    }
+
+    /// Channels that are made of more than what is on the GPU: when they are asked for.
+    pub(super) fn update_channels(&mut self) {
+        if self.asset.is_none() {
+            return;
+        }
+        if self.look.view == View::Visibility
+            && self.visibility_shown != Some(self.bake_version)
+            && let Some(visibility) = &self.visibility
+        {
+            let colors = visibility.openness().iter().map(|o| [*o; 3]).collect();
+            self.live().set_visibility(colors);
+            self.visibility_shown = Some(self.bake_version);
+        }
+        self.start_doubts();
+    }
+
+    pub(super) fn start_doubts(&mut self) {
+        let (Some(asset), Some(visibility), Some(prepared)) =
+            (&self.asset, &self.visibility, &self.prepared)
+        else {
+            return;
+        };
+        let key = (self.asset_id, self.relit_version);
+        if self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
+            return;
+        }
+        let Some((_, target)) = self.relit_for.clone() else {
+            return;
+        };
+        self.doubts_for = Some(key);
+        let (cloud, visibility, prepared) =
+            (asset.cloud.clone(), visibility.clone(), prepared.clone());
+        let work = move |_: &Handle<Event>| {
+            let tau = prepared.tau(&prepared.relight(&target));
+            let doubts = present::doubts(&cloud, &visibility, &prepared, &tau);
+            Some(Event::Doubts { key, doubts })
+        };
+        self.jobs.start(
+            Kind::Doubts,
+            "counting doubtful surfels",
+            work,
+            Event::Failed,
+        );
+    }
+
+    pub(super) fn show_doubts(&mut self, doubts: Vec<Option<Doubt>>) {
+        let n = doubts.len().max(1) as f32;
+        let share = |which: Doubt| doubts.iter().filter(|d| **d == Some(which)).count() as f32 / n;
+        self.shares = Some(Doubt::ALL.map(share));
+        let marks = doubts.iter().map(|d| match d {
+            None => [0.0; 4],
+            Some(doubt) => {
+                let [r, g, b] = doubt.color();
+                [r, g, b, MARK_WEIGHT]
+            }
+        });
+        self.live()
+            .set_doubts(present::doubt_colors(&doubts), marks);
+        self.doubts = Arc::new(doubts);
+    }
+}
