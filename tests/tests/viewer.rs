@@ -637,3 +637,36 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
     });
     assert!(closed, "the window is told to close");
 }
+
+/// The whole window, both themes, at a quarter of its size: what is laid out, not how letters are drawn. A new look of the window is
+/// taken over with `UPDATE_PICTURES=1 cargo test --package transplat-tests --test viewer the_window`.
+#[test]
+fn the_window_looks_as_it_did() {
+    let mut d = Driver::new();
+    for (name, theme) in [("dark", egui::Theme::Dark), ("light", egui::Theme::Light)] {
+        d.harness.ctx.set_theme(theme);
+        // What differs from machine to machine is said at the window's lower edge.
+        d.viewer().session.messages.clear();
+        d.settle();
+        let window = d.harness.render().expect("the driver works");
+        let cut = image::imageops::crop_imm(&window, 0, 0, window.width(), window.height() - 24)
+            .to_image();
+        let (width, height) = (cut.width() / 4, cut.height() / 4);
+        let small =
+            image::imageops::resize(&cut, width, height, image::imageops::FilterType::Triangle);
+        let small = image::DynamicImage::from(small).into_rgb8();
+        let path = transplat_tests::root().join(format!("tests/pictures/window_{name}.png"));
+        if std::env::var_os("UPDATE_PICTURES").is_some() {
+            small.save(&path).expect("it is written");
+        }
+        let folder = Folder::new();
+        let now = folder.path("now.png");
+        small.save(&now).expect("it is written");
+        let found = alike(
+            &transplat_tests::picture(&now),
+            &transplat_tests::picture(&path),
+        );
+        // A panel that is missing or moved by its height falls below 20; the sampling of the picture differs by driver.
+        assert!(found > 28.0, "{name}: {found:.1} dB");
+    }
+}
