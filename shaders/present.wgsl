@@ -44,9 +44,11 @@ struct PresentParameters {
 @group(0) @binding(3) var after_depth: texture_2d<f32>;
 @group(0) @binding(4) var before_map: texture_2d<f32>;
 @group(0) @binding(5) var after_map: texture_2d<f32>;
-@group(0) @binding(6) var ground_lit: texture_2d<f32>;
+// Lit share of the ground under the source light, and under the target.
+@group(0) @binding(6) var ground_before: texture_2d<f32>;
 @group(0) @binding(7) var map_sampler: sampler;
 @group(0) @binding(8) var ground_sampler: sampler;
+@group(0) @binding(9) var ground_after: texture_2d<f32>;
 
 const PI = 3.14159265358979;
 
@@ -105,7 +107,7 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
 }
 
 // What lies between background and object: the caught shadow, and the grid.
-fn with_ground(behind: vec4f, at: vec2f) -> vec4f {
+fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
     let d = ray(at, parameters.right.w);
     let normal = cross(parameters.ground_u.xyz, parameters.ground_v.xyz);
     let falls = dot(d, normal);
@@ -118,7 +120,9 @@ fn with_ground(behind: vec4f, at: vec2f) -> vec4f {
         let uv = on_plane / parameters.ground.w;
         let rim = max(abs(uv.x), abs(uv.y));
         if rim < 1.0 {
-            let lit = textureSampleLevel(ground_lit, ground_sampler, uv * 0.5 + 0.5, 0.0).r;
+            let lit_before = textureSampleLevel(ground_before, ground_sampler, uv * 0.5 + 0.5, 0.0).r;
+            let lit_after = textureSampleLevel(ground_after, ground_sampler, uv * 0.5 + 0.5, 0.0).r;
+            let lit = select(lit_before, lit_after, after);
             let fade = clamp((1.0 - rim) / (1.0 - GROUND_FADE), 0.0, 1.0);
             let shadow = fade * (1.0 - pow(lit, 1.0 / 2.2));
             out = vec4f(out.rgb * (1.0 - shadow), shadow + out.a * (1.0 - shadow));
@@ -197,7 +201,7 @@ fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let value = clamp(1.0 - 0.8 * (depth - range.x) / (range.y - range.x), 0.0, 1.0);
         front = vec4f(vec3f(value) * front.a, front.a);
     }
-    let behind = with_ground(background(position.xy, vec2f(at), after), vec2f(at));
+    let behind = with_ground(background(position.xy, vec2f(at), after), vec2f(at), after);
     var out = over(front, behind).rgb;
     if parameters.false_color != 0u {
         out = false_color(out);

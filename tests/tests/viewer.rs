@@ -9,7 +9,7 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use transplat::viewer::{Opening, Task, Viewer, wgpu_setup};
 use transplat_core::color::ToneMap;
-use transplat_core::look::EVEN;
+use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
 use transplat_tests::{Folder, asset, psnr, run, small_splat};
@@ -184,35 +184,51 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
     let size = d.viewer().session.viewport;
     let folder = d.folder.path("out");
     fs::create_dir_all(&folder).expect("room for it");
-    for (i, (view, background)) in [
-        (View::After, Background::Environment),
-        (View::Split, Background::Environment),
+    let environment = Background::Environment;
+    let black = Background::Color([0.0; 3]);
+    let cases = [
+        (View::After, environment),
+        (View::Before, environment),
+        (View::Split, environment),
         (
             View::SideBySide,
             Background::Gradient([0.4, 0.5, 0.6], [0.1; 3]),
         ),
         (View::Difference, Background::Checker),
         (View::Depth, Background::Color([0.1, 0.2, 0.1])),
-        (View::Tau, Background::Color([0.0; 3])),
-    ]
-    .into_iter()
-    .enumerate()
-    {
+        (View::Normals, black),
+        (View::Visibility, black),
+        (View::Diffuse, black),
+        (View::Specular, black),
+        (View::Tau, black),
+        (View::Doubts, black),
+    ];
+    for (i, (view, background)) in cases.into_iter().enumerate() {
         {
             let session = &mut d.viewer().session;
             session.grid = false;
+            session.pose.orthographic = i % 4 == 1;
             let look = &mut session.look;
             look.view = view;
             look.background = background;
             look.background_blur = 4.0;
+            look.source.rotation = -20.0;
             look.target.rotation = 40.0;
             look.target.tilt = 15.0;
+            look.target.mirror = i % 3 == 0;
+            look.target.up = if i % 3 == 2 {
+                UpAxis::PlusY
+            } else {
+                UpAxis::PlusZ
+            };
             look.target.tint = [1.0, 0.9, 0.8];
             look.target.strength = 0.5;
+            look.match_strength = i % 2 == 1;
             look.wipe = 0.4;
             look.difference_scale = 2.0;
-            look.shadow_catcher = view == View::After;
+            look.shadow_catcher = i < 3;
             look.hide.min_opacity = 0.2;
+            look.false_color = view == View::Diffuse;
             look.display.tone_map = if view == View::Split {
                 ToneMap::Agx
             } else {
@@ -246,6 +262,8 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
             &format!("{}x{}", size[0], size[1]),
             "--device",
             "auto",
+            "--bake",
+            &d.folder.name("teapot.ply.256.bake"),
             "-o",
             &rendered.display().to_string(),
         ]);
@@ -299,11 +317,19 @@ fn a_look_restores_everything() {
     d.viewer().open(&path);
     let after = d.picture();
     assert!(alike(&before, &after) > 60.0);
-    let restored = d.viewer().session.look_to_save();
-    let same = |p: &Option<std::path::PathBuf>| p.as_ref().and_then(|p| p.canonicalize().ok());
-    assert_eq!(same(&restored.target.file), same(&expected.target.file));
-    assert_eq!(restored.transfer, expected.transfer);
-    assert_eq!(restored.camera, expected.camera);
+    let whole = |look: Look| look.resolved_in(Path::new("/"));
+    let canonical = |mut look: Look| {
+        for path in [
+            &mut look.asset,
+            &mut look.source.file,
+            &mut look.target.file,
+        ] {
+            *path = path.as_ref().and_then(|p| p.canonicalize().ok());
+        }
+        look
+    };
+    let restored = canonical(whole(d.viewer().session.look_to_save()));
+    assert_eq!(restored, canonical(whole(expected)));
 }
 
 #[test]
@@ -545,6 +571,94 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     assert_eq!(d.viewer().shelf().len(), count + 2);
 }
 
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+#[test]
+fn a_light_dropped_on_a_slot_is_that_slots_light() {
+    let mut d = Driver::new();
+    for (side, slot) in [(0, "captured under: city"), (1, "relit by: sunset")] {
+        let at = d.harness.get_by_label(slot).rect().center();
+        let light = d.folder.path(if side == 0 { "a.hdr" } else { "b.hdr" });
+        fs::copy(asset("interior.hdr"), &light).expect("room for it");
+        d.harness.event(egui::Event::PointerMoved(at));
+        d.harness.step();
+        let file = std::sync::Arc::new(Dropped(light.clone()));
+        d.harness.input_mut().dropped_files.push(file);
+        d.harness.step();
+        d.harness.input_mut().dropped_files.clear();
+        d.harness
+            .event(egui::Event::PointerMoved(at + egui::vec2(1.0, 0.0)));
+        d.settle();
+        assert_eq!(d.viewer().session.sides[side].path, light);
+        assert!(d.viewer().shelf().contains(&light));
+    }
+    // Anywhere else it is the target's.
+    let light = d.folder.path("c.hdr");
+    fs::copy(asset("city.hdr"), &light).expect("room for it");
+    d.harness
+        .event(egui::Event::PointerMoved(egui::pos2(300.0, 300.0)));
+    d.harness
+        .input_mut()
+        .dropped_files
+        .push(std::sync::Arc::new(Dropped(light.clone())));
+    d.harness.step();
+    d.harness.input_mut().dropped_files.clear();
+    d.harness
+        .event(egui::Event::PointerMoved(egui::pos2(301.0, 300.0)));
+    d.settle();
+    assert_eq!(d.viewer().session.sides[1].path, light);
+}
+
+#[test]
+fn what_is_changed_while_a_splat_loads_is_kept() {
+    let mut d = Driver::new();
+    let (again, city) = (d.folder.path("again.ply"), d.folder.path("city.hdr"));
+    fs::copy(asset("teapot.ply"), &again).expect("room for it");
+    d.viewer().open(&again);
+    d.viewer().session.set_light(0, city);
+    d.viewer().session.look.source.rotation = 12.0;
+    d.viewer().session.look.up = Some(UpAxis::PlusX);
+    d.settle();
+    let session = &d.viewer().session;
+    assert_eq!(
+        session.asset.as_ref().map(|a| a.name()),
+        Some("again".into())
+    );
+    assert_eq!(session.sides[0].name(), "city");
+    assert_eq!(session.look.source.rotation, 12.0);
+    assert_eq!(session.up(), UpAxis::PlusX);
+
+    // A file that changed is read anew when it is opened again.
+    let light = d.folder.path("edited.hdr");
+    fs::copy(asset("city.hdr"), &light).expect("room for it");
+    d.viewer().open(&light);
+    d.settle();
+    let first = d.viewer().session.sides[1].radiance.clone();
+    fs::copy(asset("sunset.hdr"), &light).expect("room for it");
+    d.viewer().open(&light);
+    d.settle();
+    assert_ne!(d.viewer().session.sides[1].radiance, first);
+
+    // The colour's encoding is the settings': undone and redone it is loaded again.
+    let encoded = d.picture();
+    d.viewer().session.look.linear = true;
+    let linear = d.picture();
+    assert!(alike(&encoded, &linear) < 35.0);
+    d.viewer().session.look.linear = false;
+    assert!(alike(&encoded, &d.picture()) > 60.0);
+}
+
 #[test]
 fn a_pinned_look_is_compared_with_and_swapped() {
     let mut d = Driver::new();
@@ -608,6 +722,25 @@ fn exports_write_what_they_say() {
         original.expect("it is there").len(),
         written.expect("it is there").len()
     );
+    // A file's extension decides what is in it.
+    for (name, start) in [
+        ("a.exr", &[0x76, 0x2f, 0x31, 0x01][..]),
+        ("a.png", b"\x89PNG"),
+    ] {
+        let path = folder.join(name);
+        d.viewer().export(Task::Screenshot(Some(path.clone())));
+        d.settle();
+        assert!(
+            fs::read(&path).expect("it is there").starts_with(start),
+            "{name}"
+        );
+    }
+    d.viewer().session.messages.clear();
+    // A sheet of pictures that are far wider than high.
+    d.viewer().export_settings().size = [400, 30];
+    d.viewer().export(Task::ContactSheet);
+    d.settle();
+    assert!(!d.viewer().session.messages.iter().any(|m| m.is_error));
     // The capture itself is not written over.
     let capture = d.folder.path("teapot.ply");
     let bytes = fs::read(&capture).expect("it is there");
@@ -620,22 +753,20 @@ fn exports_write_what_they_say() {
 #[test]
 fn a_lost_device_keeps_the_look_and_closes_the_window() {
     let mut d = Driver::new();
+    let recovery = d.folder.path("cache/recovered.json");
+    d.viewer().recovery = Some(recovery.clone());
     d.viewer().session.look.target.rotation = 33.0;
     d.viewer().session.context.destroy();
     let closed = (0..50).any(|_| {
         d.harness.step();
         std::thread::sleep(Duration::from_millis(10));
-        let commands = d
-            .harness
-            .output()
-            .viewport_output
-            .values()
-            .flat_map(|v| &v.commands);
-        commands
-            .into_iter()
-            .any(|c| *c == egui::ViewportCommand::Close)
+        let viewports = d.harness.output().viewport_output.values();
+        let mut commands = viewports.flat_map(|v| &v.commands);
+        commands.any(|c| *c == egui::ViewportCommand::Close)
     });
     assert!(closed, "the window is told to close");
+    let look = transplat_core::load::load_look(&recovery).expect("the look is kept");
+    assert_eq!(look.target.rotation, 33.0);
 }
 
 /// The whole window, both themes, at a quarter of its size: what is laid out, not how letters are drawn. A new look of the window is

@@ -7,8 +7,7 @@ use rayon::prelude::*;
 
 use crate::color::luminance;
 use crate::sh::{
-    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, evaluate_sh,
-    rotate_coefficients,
+    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
 };
 
 /// No light is brighter; sums of pixels stay finite.
@@ -54,19 +53,6 @@ impl EnvironmentMap {
             repaired,
             clipped: false,
         }
-    }
-
-    /// What the method sees of a light: the map of its SH radiance, `width` by half of it, dark where the series is negative.
-    pub fn of_radiance(light: &IncidentRadiance, width: usize) -> Self {
-        let blank = Self::new(width, width / 2, vec![[0.0; 3]; width * (width / 2)]);
-        let pixels = (0..blank.pixels.len())
-            .into_par_iter()
-            .map(|i| {
-                let d = blank.direction(i % width, i / width).map(|v| v as f32);
-                evaluate_sh(&light.coefficients, light.degree, d).map(|v| v.max(0.0))
-            })
-            .collect();
-        Self { pixels, ..blank }
     }
 
     /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.
@@ -468,6 +454,7 @@ fn legendre_row(
 mod tests {
     use super::*;
     use crate::oracle;
+    use crate::sh::evaluate_sh;
 
     fn test_map(width: usize, height: usize) -> EnvironmentMap {
         let pixels = (0..width * height)

@@ -73,6 +73,15 @@ impl View {
         matches!(self, Self::Split | Self::SideBySide | Self::Difference)
     }
 
+    /// Which lights' environments are seen behind it: the source's behind what is as captured, the target's behind what is relit.
+    pub fn backdrops(self) -> [bool; 2] {
+        match self {
+            Self::Before => [true, false],
+            Self::Split | Self::SideBySide => [true, true],
+            _ => [false, true],
+        }
+    }
+
     /// Whether its values are colours of light, that exposure and tone curve apply to.
     pub fn is_light(self) -> bool {
         self.has_two_sides()

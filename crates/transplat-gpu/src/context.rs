@@ -14,7 +14,7 @@ pub enum GpuError {
     NoAdapter(String),
     /// The asset or picture does not fit what the adapter can bind.
     #[error(
-        "{what} needs {needed} bytes in one buffer and {adapter} offers {available}; the CPU can do it (--device cpu)"
+        "{what} needs {needed} bytes in one buffer and {adapter} offers {available}; the commands can do it on the CPU (--device cpu)"
     )]
     TooLarge {
         /// What is too large.
@@ -336,7 +336,6 @@ impl Context {
         })
     }
 
-    /// Buffers bound in the order of their binding numbers.
     /// Anything bound to a layout, in any order of binding numbers.
     pub(crate) fn bind_resources(
         &self,
@@ -354,6 +353,7 @@ impl Context {
         })
     }
 
+    /// Buffers bound to a pass, in any order of binding numbers.
     pub(crate) fn bind(
         &self,
         pass: &ComputePass,

@@ -11,7 +11,7 @@ use transplat_core::color::{Display, Encoding};
 use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
 use transplat_core::sh::coefficient_count;
-use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferLight};
 
 use crate::context::{Context, Result};
@@ -46,7 +46,6 @@ pub struct LiveAsset {
     rasterizer: GpuRasterizer,
     stored: ResidentSh,
     normals: ResidentVectors,
-    bounds: Bounds,
 }
 
 impl LiveAsset {
@@ -63,7 +62,6 @@ impl LiveAsset {
                 context,
                 (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array()),
             ),
-            bounds: cloud.bounds(),
         })
     }
 }
@@ -180,7 +178,7 @@ pub struct Live {
     doubts: Vec<[f32; 3]>,
     marks: Option<ResidentVectors>,
     backdrops: [Option<Backdrop>; 2],
-    ground: Option<GroundLit>,
+    ground: [Option<GroundLit>; 2],
     sides: [Side; 2],
     order: Option<Order>,
     screen: Option<Screen>,
@@ -190,7 +188,9 @@ pub struct Live {
     /// Count up with each new asset, relight, set of colours, marks and texture.
     asset_version: u64,
     relit_version: u64,
-    colors_version: u64,
+    pinned_version: u64,
+    visibility_version: u64,
+    doubts_version: u64,
     marks_version: u64,
     texture_version: u64,
     passes: Passes,
@@ -210,7 +210,7 @@ impl Live {
             doubts: Vec::new(),
             marks: None,
             backdrops: [None, None],
-            ground: None,
+            ground: [None, None],
             sides: Default::default(),
             order: None,
             screen: None,
@@ -219,7 +219,9 @@ impl Live {
             presented: Memory::default(),
             asset_version: 0,
             relit_version: 0,
-            colors_version: 0,
+            pinned_version: 0,
+            visibility_version: 0,
+            doubts_version: 0,
             marks_version: 0,
             texture_version: 0,
             passes: Passes::default(),
@@ -250,7 +252,7 @@ impl Live {
         self.visibility.clear();
         self.doubts.clear();
         self.marks = None;
-        self.ground = None;
+        self.ground = [None, None];
         self.asset_version += 1;
         self.texture_version += 1;
     }
@@ -273,39 +275,34 @@ impl Live {
     pub fn pin(&mut self, display: Display) {
         let relit = self.transfer.as_ref().map(|t| &t.relit);
         self.pinned = relit.map(|r| (r.snapshot(&self.context), display));
-        self.colors_version += 1;
+        self.pinned_version += 1;
     }
 
     /// Sets the surfel colours of the channel *visibility*.
     pub fn set_visibility(&mut self, colors: Vec<[f32; 3]>) {
         self.visibility = colors;
-        self.colors_version += 1;
+        self.visibility_version += 1;
     }
 
     /// Sets the surfel colours of the channel *doubts*, and the marks with their weight.
     pub fn set_doubts(&mut self, colors: Vec<[f32; 3]>, marks: impl Iterator<Item = [f32; 4]>) {
         self.doubts = colors;
         self.marks = Some(ResidentVectors::upload(&self.context, marks));
-        self.colors_version += 1;
+        self.doubts_version += 1;
         self.marks_version += 1;
     }
 
     /// Sets the map behind one side: 0 is what is as captured, 1 what is relit.
-    pub fn set_backdrop(&mut self, side: usize, backdrop: Option<Backdrop>) {
-        self.passes.backdrop += usize::from(backdrop.is_some());
-        self.backdrops[side] = backdrop;
+    pub fn set_backdrop(&mut self, side: usize, backdrop: Backdrop) {
+        self.passes.backdrop += 1;
+        self.backdrops[side] = Some(backdrop);
         self.texture_version += 1;
     }
 
-    /// Sets the lit share of the ground, `[GROUND_CELLS^2]`.
-    pub fn set_ground(&mut self, lit: &[f32]) {
-        self.ground = Some(GroundLit::new(&self.context, lit));
+    /// Sets the lit share of the ground, `[GROUND_CELLS^2]`, under source and target.
+    pub fn set_ground(&mut self, lit: [&[f32]; 2]) {
+        self.ground = lit.map(|lit| Some(GroundLit::new(&self.context, lit)));
         self.texture_version += 1;
-    }
-
-    /// The object's bounds.
-    pub fn bounds(&self) -> Option<Bounds> {
-        self.asset.as_ref().map(|a| a.bounds)
     }
 
     /// Brings the screen's picture up to date, and tells whether anything ran.
@@ -317,7 +314,8 @@ impl Live {
         let mut frame = frame.clone();
         let presentation = &mut frame.presentation;
         presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
-        presentation.display = shading_display(presentation);
+        presentation.false_color &= presentation.view.is_light();
+        presentation.display = shown_display(presentation.display, presentation.false_color);
         self.draw_sides(&asset, &frame);
         let presentation = &frame.presentation;
         self.size_screen(presentation.size);
@@ -405,7 +403,9 @@ impl Live {
         let marks = (frame.marks && self.marks.is_some()).then_some(self.marks_version);
         let paint_version = match paint {
             SidePaint::Relit(_) | SidePaint::Tau => self.relit_version,
-            SidePaint::Pinned | SidePaint::Visibility | SidePaint::Doubts => self.colors_version,
+            SidePaint::Pinned => self.pinned_version,
+            SidePaint::Visibility => self.visibility_version,
+            SidePaint::Doubts => self.doubts_version,
             _ => 0,
         };
         let state = &mut self.sides[side];
@@ -489,7 +489,7 @@ impl Live {
             presentation,
             targets.map(|t| t.unwrap_or(any)),
             self.backdrops.each_ref().map(Option::as_ref),
-            self.ground.as_ref(),
+            self.ground.each_ref().map(Option::as_ref),
             &screen.view,
         );
         self.passes.present += 1;
@@ -518,13 +518,13 @@ impl Live {
 }
 
 /// The display of a picture: false colours are made of the sRGB curve alone, which can be undone.
-fn shading_display(presentation: &Presentation) -> Display {
-    if presentation.false_color {
+fn shown_display(display: Display, false_color: bool) -> Display {
+    if false_color {
         Display {
-            exposure: presentation.display.exposure,
+            exposure: display.exposure,
             ..Display::default()
         }
     } else {
-        presentation.display
+        display
     }
 }

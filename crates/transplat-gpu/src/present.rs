@@ -284,6 +284,7 @@ impl PresentPass {
                     texture_entry(6, true),
                     sampler_entry(7),
                     sampler_entry(8),
+                    texture_entry(9, true),
                 ],
             });
         let sampler = |across| {
@@ -316,7 +317,7 @@ impl PresentPass {
         presentation: &Presentation,
         sides: [&Target; 2],
         backdrops: [Option<&Backdrop>; 2],
-        ground: Option<&GroundLit>,
+        ground: [Option<&GroundLit>; 2],
         screen: &wgpu::TextureView,
     ) {
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::UNIFORM);
@@ -337,7 +338,8 @@ impl PresentPass {
                 (3, texture(&views[2])),
                 (4, texture(backdrop(0))),
                 (5, texture(backdrop(1))),
-                (6, texture(ground.map_or(&self.nothing, |g| &g.0))),
+                (6, texture(ground[0].map_or(&self.nothing, |g| &g.0))),
+                (9, texture(ground[1].map_or(&self.nothing, |g| &g.0))),
                 (7, wgpu::BindingResource::Sampler(&self.map_sampler)),
                 (8, wgpu::BindingResource::Sampler(&self.ground_sampler)),
             ],

@@ -37,8 +37,8 @@ pub struct Lit {
     pub before: Option<(Vec<[f32; 3]>, Display)>,
     /// Behind what is as captured, and behind what is relit.
     pub backdrops: [Option<Backdrop>; 2],
-    /// Lit share of the ground's cells.
-    pub ground: Vec<f32>,
+    /// Lit share of the ground's cells under source and target.
+    pub ground: [Vec<f32>; 2],
 }
 
 impl Lit {
@@ -67,6 +67,27 @@ impl Lit {
     }
 }
 
+/// What one picture is taken with.
+#[derive(Clone, Copy)]
+struct Shot<'a> {
+    camera: &'a Camera,
+    /// Samples a pixel along each edge.
+    factor: usize,
+    lit: &'a Lit,
+}
+
+/// The display of a picture: false colours are made of the sRGB curve alone, which can be undone.
+fn shown_display(display: Display, false_color: bool) -> Display {
+    if false_color {
+        Display {
+            exposure: display.exposure,
+            ..Display::default()
+        }
+    } else {
+        display
+    }
+}
+
 /// The asset, ready to be pictured.
 pub struct Studio {
     pub cloud: Arc<SurfelCloud>,
@@ -90,15 +111,7 @@ impl Studio {
         linear: bool,
         painter: Painter,
     ) -> Self {
-        let display = if look.false_color {
-            // Made of the sRGB curve alone, which can be undone.
-            Display {
-                exposure: look.display.exposure,
-                ..Display::default()
-            }
-        } else {
-            look.display
-        };
+        let display = shown_display(look.display, look.false_color && view.is_light());
         let hidden = if look.hide.is_off() {
             Vec::new()
         } else {
@@ -125,61 +138,74 @@ impl Studio {
     /// # Errors
     /// The device failed.
     pub fn take(&self, camera: &Camera, factor: usize, lit: &Lit) -> Result<Raster> {
-        let camera = camera.supersampled(factor);
-        let raster = match self.view {
+        let shot = Shot {
+            camera,
+            factor,
+            lit,
+        };
+        let mut raster = match self.view {
             View::SideBySide => {
-                let half = half(&camera);
-                let left = self.finished(self.before(&half, lit)?, &half, lit, 0);
-                let right = self.finished(self.after(&half, lit)?, &half, lit, 1);
-                let mut both = present::side_by_side(&left, &right);
+                let half = half(camera);
+                let shot = Shot {
+                    camera: &half,
+                    ..shot
+                };
+                let both = present::side_by_side(
+                    &self.finished(self.before(shot)?, shot, 0),
+                    &self.finished(self.after(shot)?, shot, 1),
+                );
                 // An odd column is left over at the right.
                 if both.width < camera.width {
-                    both = widened(&both, camera.width);
+                    widened(&both, camera.width)
+                } else {
+                    both
                 }
-                both
             }
             View::Split => {
-                let left = self.finished(self.before(&camera, lit)?, &camera, lit, 0);
-                let right = self.finished(self.after(&camera, lit)?, &camera, lit, 1);
+                let left = self.finished(self.before(shot)?, shot, 0);
+                let right = self.finished(self.after(shot)?, shot, 1);
                 present::split(&left, &right, self.look.wipe)
             }
             View::Difference => {
-                let (before, after) = (self.before(&camera, lit)?, self.after(&camera, lit)?);
+                let (before, after) = (self.before(shot)?, self.after(shot)?);
                 let scale = self.look.difference_scale;
                 let difference = present::difference(&before, &after, self.space, scale);
-                self.finished(difference, &camera, lit, 1)
+                self.finished(difference, shot, 1)
             }
-            View::Before => self.finished(self.before(&camera, lit)?, &camera, lit, 0),
-            _ => self.finished(self.after(&camera, lit)?, &camera, lit, 1),
+            View::Before => self.finished(self.before(shot)?, shot, 0),
+            _ => self.finished(self.after(shot)?, shot, 1),
         };
-        let mut raster = raster.downsampled(factor);
-        if self.look.false_color && self.space != ColorSpace::Linear {
+        if self.look.false_color && self.view.is_light() && self.space != ColorSpace::Linear {
             present::false_color_picture(&mut raster);
         }
         Ok(raster)
     }
 
-    fn paint(&self, camera: &Camera, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
-        self.painter.draw(camera, paint, space, &self.hidden)
+    fn paint(&self, shot: Shot<'_>, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
+        let camera = shot.camera.supersampled(shot.factor);
+        let drawn = self.painter.draw(&camera, paint, space, &self.hidden)?;
+        Ok(drawn.downsampled(shot.factor))
     }
 
-    fn before(&self, camera: &Camera, lit: &Lit) -> Result<Raster> {
+    fn before(&self, shot: Shot<'_>) -> Result<Raster> {
         let cloud = &self.cloud;
-        if let (Some((sh, display)), true) = (&lit.before, self.view != View::Before) {
+        if let (Some((sh, display)), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
-                ColorSpace::Display(_) => ColorSpace::Display(*display),
+                ColorSpace::Display(_) => {
+                    ColorSpace::Display(shown_display(*display, self.look.false_color))
+                }
                 ColorSpace::Linear => ColorSpace::Linear,
             };
             let encoding = Encoding::Linear;
-            return self.paint(camera, Paint::Sh { sh, encoding }, space);
+            return self.paint(shot, Paint::Sh { sh, encoding }, space);
         }
         let (sh, encoding) = (&cloud.sh, cloud.encoding);
-        self.paint(camera, Paint::Sh { sh, encoding }, self.space)
+        self.paint(shot, Paint::Sh { sh, encoding }, self.space)
     }
 
-    fn after(&self, camera: &Camera, lit: &Lit) -> Result<Raster> {
-        let cloud = &self.cloud;
-        let colors = |colors: &[[f32; 3]]| self.paint(camera, Paint::Colors(colors), PLAIN);
+    fn after(&self, shot: Shot<'_>) -> Result<Raster> {
+        let (cloud, camera, lit) = (&self.cloud, shot.camera, shot.lit);
+        let colors = |colors: &[[f32; 3]]| self.paint(shot, Paint::Colors(colors), PLAIN);
         match self.view {
             View::Depth => {
                 let white = vec![[1.0; 3]; cloud.len()];
@@ -196,7 +222,7 @@ impl Studio {
                 );
                 let encoding = Encoding::Linear;
                 self.paint(
-                    camera,
+                    shot,
                     Paint::Sh {
                         sh: &lit.sh,
                         encoding,
@@ -208,14 +234,16 @@ impl Studio {
     }
 
     /// Puts ground and background under a picture; `side` is 0 before and 1 after.
-    fn finished(&self, mut raster: Raster, camera: &Camera, lit: &Lit, side: usize) -> Raster {
-        if let (Some(ground), false) = (&self.ground, lit.ground.is_empty()) {
+    fn finished(&self, mut raster: Raster, shot: Shot<'_>, side: usize) -> Raster {
+        let (camera, lit) = (shot.camera, shot.lit);
+        let share = &lit.ground[side];
+        if let (Some(ground), false) = (&self.ground, share.is_empty()) {
             present::composite(&mut raster, |x, y| {
                 [
                     0.0,
                     0.0,
                     0.0,
-                    ground.shadow(&lit.ground, camera, x, y, self.space),
+                    ground.shadow(share, camera, x, y, self.space),
                 ]
             });
         }

@@ -61,12 +61,15 @@ pub fn open(opening: Opening, software_only: bool) -> Result<()> {
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = wgpu_setup(software_only);
+    let fatal = opening.fatal.clone();
     let created = eframe::run_native(
         "transplat",
         options,
         Box::new(|cc| Ok(Box::new(Viewer::new(cc, opening)?))),
     );
-    created.map_err(|error| anyhow!("{}", plain(&error.to_string())))
+    created.map_err(|error| anyhow!("{}", plain(&error.to_string())))?;
+    let fatal = fatal.lock().unwrap_or_else(|p| p.into_inner()).take();
+    fatal.map_or(Ok(()), |text| Err(anyhow!("{text}")))
 }
 
 /// What a window's failure means in plain words.

@@ -21,7 +21,7 @@ use crate::report::Report;
 use crate::scene::{Lights, Scene, asset_of, look_of, progress_bar, targets_of};
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
-const MAX_SAMPLES: usize = 1 << 28;
+pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     let mut report = Report::new("render", &args.out);
@@ -328,8 +328,12 @@ impl Shots<'_> {
         report: &mut Report,
     ) -> Result<()> {
         let look = &self.scene.look;
-        if let (Some(ground), Some([_, map])) = (&self.studio.ground, maps) {
-            lit.ground = ground.lit_share(&look.target.orient(map, self.scene.cloud.up));
+        if let (Some(ground), Some([source, target])) = (&self.studio.ground, maps) {
+            let up = self.scene.cloud.up;
+            lit.ground = [
+                ground.lit_share(&look.source.orient(source, up)),
+                ground.lit_share(&look.target.orient(target, up)),
+            ];
         }
         if look.background != Background::Environment {
             return Ok(());
@@ -341,11 +345,7 @@ impl Shots<'_> {
             (Some(target), &look.target, matched),
         ];
         for (side, (path, settings, gain)) in sides.into_iter().enumerate() {
-            let shown = match view {
-                View::Before => side == 0,
-                View::Split | View::SideBySide => true,
-                _ => side == 1,
-            };
+            let shown = view.backdrops()[side];
             let Some(path) = path.filter(|_| shown) else {
                 continue;
             };

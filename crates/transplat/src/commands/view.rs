@@ -20,7 +20,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
-    look_of(&options, Some(&light))?;
+    let told = look_of(&options, Some(&light))? != transplat_core::look::Look::default();
     if light.target.len() > 1 {
         crate::commands::usage(
             "the viewer takes one --target; give more lights as files, for the shelf",
@@ -33,8 +33,9 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     };
     let opening = Opening {
         files: args.files.clone(),
-        settings: Some(Box::new(settings)),
+        settings: told.then(|| Box::new(settings) as _),
         bake,
+        ..Opening::default()
     };
     viewer::open(opening, args.options.device == DeviceChoice::Cpu)
 }

@@ -49,7 +49,7 @@ impl Viewer {
             }
         });
         for (action, fine) in actions {
-            self.act(context, action, fine);
+            self.act(action, fine);
         }
         let digits = [
             Key::Num1,
@@ -70,7 +70,7 @@ impl Viewer {
         }
     }
 
-    pub(super) fn act(&mut self, context: &egui::Context, action: Action, fine: bool) {
+    pub(super) fn act(&mut self, action: Action, fine: bool) {
         let step = if fine { 1.0 } else { 5.0 };
         let session = &mut self.session;
         let target = &mut session.look.target;
@@ -81,7 +81,7 @@ impl Viewer {
             Action::ExportSplat => self.ask_for_splat(),
             Action::Screenshot => self.export(Task::Screenshot(None)),
             Action::Copy => self.export(Task::Clipboard),
-            Action::Undo => self.undo(context),
+            Action::Undo => self.undo(),
             Action::Redo => self.redo(),
             Action::Frame => panels::frame(self),
             Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
@@ -123,7 +123,7 @@ impl Viewer {
         ask(&mut self.session, Dialog::Save(SaveKind::Look, name));
     }
 
-    pub(super) fn undo(&mut self, _context: &egui::Context) {
+    pub(super) fn undo(&mut self) {
         if let Some(look) = self.undoer.undo(&self.session.look).cloned() {
             self.session.apply_look(look);
         }

@@ -1,18 +1,18 @@
 //! The window: menus, panels, shelf, viewport, status; keys and drops.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self, Key, Ui};
-use transplat_core::load::{FileKind, file_kind};
+use transplat_core::load::{FileKind, file_kind, load_look};
 use transplat_core::look::{EVEN, Look};
-use transplat_core::rasterize::MIN_ALPHA;
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
 use super::export::{self, Task};
 use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
-use super::opening::Settings;
+use super::jobs::Kind;
+use super::opening::{Capture, Settings};
 use super::panels;
 use super::preferences::Preferences;
 use super::probes::Probe;
@@ -36,6 +36,8 @@ pub struct Opening {
     pub settings: Option<Box<dyn FnOnce(Look) -> Look>>,
     /// A saved bake of the splat.
     pub bake: Option<PathBuf>,
+    /// Gets what ended the window against the user's will.
+    pub fatal: Arc<Mutex<Option<String>>>,
 }
 
 /// The viewer.
@@ -56,6 +58,14 @@ pub struct Viewer {
     pub(super) dropped_at: f64,
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
+    pub(super) settings_for_once: bool,
+    /// A file that would be written over, to be asked about.
+    pub(super) replacing: Option<(PathBuf, SaveKind)>,
+    /// Lights that the sides had when they were last put on the shelf.
+    pub(super) last_lights: [u64; 2],
+    /// Where the look is kept should the device be lost.
+    pub recovery: Option<PathBuf>,
+    pub(super) fatal: Arc<Mutex<Option<String>>>,
     pub(super) title: String,
 }
 
@@ -104,6 +114,12 @@ impl Viewer {
             dropped_at: 0.0,
             clipboard: None,
             lost: false,
+            settings_for_once: false,
+            replacing: None,
+            last_lights: [0; 2],
+            recovery: directories::ProjectDirs::from("", "", "transplat")
+                .map(|d| d.cache_dir().join("recovered_look.json")),
+            fatal: opening.fatal.clone(),
             title: String::new(),
             preferences,
         };
@@ -111,18 +127,23 @@ impl Viewer {
         Ok(viewer)
     }
 
-    fn first_scene(&mut self, opening: Opening) {
+    fn first_scene(&mut self, mut opening: Opening) {
+        for file in &mut opening.files {
+            *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
+        }
         let lights = BUNDLED_LIGHTS.iter().filter_map(|name| bundled(name));
         let lights: Vec<PathBuf> = lights.collect();
-        for path in &lights {
-            self.shelf.add(&mut self.session, path);
-        }
-        for path in self.preferences.shelf.clone() {
+        let kept = self.preferences.shelf.clone();
+        for path in kept.as_ref().unwrap_or(&lights) {
+            // What is on a disk that is not there now comes back with it.
             if path.is_file() {
-                self.shelf.add(&mut self.session, &path);
+                self.shelf.add(&mut self.session, path);
+            } else {
+                self.shelf.absent.push(path.clone());
             }
         }
         let mut look = self.session.look.clone();
+        self.settings_for_once = opening.settings.is_some();
         if let Some(settings) = opening.settings {
             look = settings(look);
         }
@@ -143,13 +164,13 @@ impl Viewer {
             .file
             .get_or_insert(known.unwrap_or_else(|| EVEN.into()));
         self.session.request_light(&source.clone());
-        let settings = Settings::Capture {
+        let settings = Settings::Capture(Box::new(Capture {
             source: look.source.clone(),
             up: look.up,
             linear: look.linear,
             hide: look.hide,
             camera: look.camera,
-        };
+        }));
         let asset = splat.clone().or(look.asset.clone());
         self.session.look = Look {
             camera: None,
@@ -167,8 +188,16 @@ impl Viewer {
             }
         }
         for file in opening.files {
-            if Some(&file) != splat.as_ref() {
-                self.open(&file);
+            match (&splat, load_look(&file)) {
+                (Some(own), _) if *own == file => {}
+                // A look beside a splat is for that splat.
+                (Some(_), Ok(look)) if is(&file, FileKind::Look) => {
+                    self.session.apply_look(Look {
+                        asset: None,
+                        ..look
+                    });
+                }
+                _ => self.open(&file),
             }
         }
     }
@@ -196,6 +225,7 @@ impl Viewer {
         if let Ok(kind) = file_kind(&path) {
             self.preferences.remember(&path);
             if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
+                self.session.reread_light(&path);
                 self.shelf.add(&mut self.session, &path);
             }
         }
@@ -229,6 +259,7 @@ impl Viewer {
             let kind = file_kind(&path);
             match (slot, kind) {
                 (Some(side), Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)) => {
+                    self.session.reread_light(&path);
                     self.shelf.add(&mut self.session, &path);
                     self.session.set_light(side, path);
                 }
@@ -237,15 +268,42 @@ impl Viewer {
         }
     }
 
-    pub(super) fn save_look(&mut self, path: &Path) {
+    /// Writes to a file that the user named: never over what is open, and over anything else only when `replace` says so.
+    pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         let path = if path.extension().is_some() {
             path.to_owned()
         } else {
-            path.with_extension("json")
+            path.with_extension(match kind {
+                SaveKind::Look => "json",
+                SaveKind::Splat => "ply",
+                _ => self.preferences.export.format.extension(),
+            })
         };
-        match transplat_core::export::save_look(&path, &self.session.look_to_save()) {
+        let same = |other: &Path| other.canonicalize().ok() == path.canonicalize().ok();
+        let session = &self.session;
+        let open = session.asset.iter().map(|a| &a.path);
+        let open = open.chain(&self.shelf.paths).chain(&session.bake_file);
+        let mut open = open.chain(session.sides.iter().map(|s| &s.path));
+        if path.exists() && open.any(|p| same(p)) {
+            self.session.error(format!(
+                "{}: is open here and would be lost; choose another name",
+                path.display()
+            ));
+        } else if path.exists() && !replace {
+            self.replacing = Some((path, kind));
+        } else {
+            match kind {
+                SaveKind::Look => self.save_look(&path),
+                SaveKind::Splat => self.export(Task::Splat(path)),
+                _ => self.export(Task::Screenshot(Some(path))),
+            }
+        }
+    }
+
+    fn save_look(&mut self, path: &Path) {
+        match transplat_core::export::save_look(path, &self.session.look_to_save()) {
             Ok(()) => {
-                self.preferences.remember(&path);
+                self.preferences.remember(path);
                 self.session.info(format!("saved {}", path.display()));
             }
             Err(error) => self.session.error(error.to_string()),
@@ -284,12 +342,11 @@ impl Viewer {
                     self.open(&path);
                 }
             }
-            Event::SaveTo(path, SaveKind::Look) => self.save_look(&path),
-            Event::SaveTo(path, SaveKind::Splat) => self.export(Task::Splat(path)),
-            Event::SaveTo(path, SaveKind::Screenshot) => self.export(Task::Screenshot(Some(path))),
             Event::SaveTo(path, SaveKind::Folder) => {
                 self.preferences.export.folder = path.display().to_string();
             }
+            // The dialog has asked.
+            Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
             Event::LightFailed { path, .. } => self.shelf.forget(&path),
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
             _ => {}
@@ -318,6 +375,18 @@ impl Viewer {
         }
     }
 
+    /// What lights a side is on the shelf too, wherever it came from.
+    fn shelve_lights(&mut self) {
+        for side in [SOURCE, TARGET] {
+            let light = &self.session.sides[side];
+            if !light.is_even() && self.last_lights[side] != light.id {
+                self.last_lights[side] = light.id;
+                let path = light.path.clone();
+                self.shelf.add(&mut self.session, &path);
+            }
+        }
+    }
+
     // ---- what tests read ----
 
     /// How often the stages on the GPU ran.
@@ -343,19 +412,14 @@ impl Viewer {
         let Some(asset) = &session.asset else {
             return out;
         };
-        let faint = asset
-            .cloud
-            .opacities
-            .iter()
-            .filter(|o| **o <= MIN_ALPHA)
-            .count();
+        let faint = asset.never_seen;
         if faint > 0 {
             add(
                 "surfels never seen",
                 format!("{} are too faint or broken", thousands(faint)),
             );
         }
-        let hidden = session.hidden.iter().filter(|h| **h).count();
+        let hidden = session.hidden_count;
         if hidden > 0 {
             add("hidden surfels", thousands(hidden));
         }
@@ -371,7 +435,7 @@ impl Viewer {
             if !terms.specular {
                 add("specular transfer", "switched off".into());
             } else if prepared.specular_degree == 0 {
-                let why = if !asset.cloud.has_view_dependence() {
+                let why = if !asset.has_view_dependence {
                     "the asset's colour does not depend on the view"
                 } else if session.look.transfer.sh_degree == 0 {
                     "the light has degree 0"
@@ -400,23 +464,20 @@ impl Viewer {
             return;
         }
         self.lost = true;
-        let look = directories::ProjectDirs::from("", "", "transplat")
-            .map(|d| d.cache_dir().join("recovered_look.json"));
-        let kept = look.filter(|path| {
-            let made = path
-                .parent()
-                .is_none_or(|f| std::fs::create_dir_all(f).is_ok());
+        let kept = self.recovery.clone().filter(|path| {
+            let folder = path.parent();
+            let made = folder.is_none_or(|f| std::fs::create_dir_all(f).is_ok());
             made && transplat_core::export::save_look(path, &self.session.look_to_save()).is_ok()
         });
-        let kept = kept.map_or(String::new(), |path| {
-            format!(
-                " Your settings are in {}: open them after a new start.",
+        let mut text = "the graphics device was lost; its driver may have been updated or reset, or have run out of memory".to_owned();
+        if let Some(path) = kept {
+            text += &format!(
+                ". The settings are in {}: open that after a new start",
                 path.display()
-            )
-        });
-        eprintln!(
-            "transplat: the graphics device was lost; the driver may have been updated, reset or run out of memory.{kept}"
-        );
+            );
+            self.preferences.remember(&path);
+        }
+        *self.fatal.lock().unwrap_or_else(|p| p.into_inner()) = Some(text);
         context.send_viewport_cmd(egui::ViewportCommand::Close);
     }
 }
@@ -433,7 +494,11 @@ impl eframe::App for Viewer {
             ask(&mut self.session, Dialog::Open);
         }
         let time = context.input(|i| i.time);
-        self.undoer.feed_state(time, &self.session.look);
+        // While a splat is loading, its look is still to come.
+        if !self.session.jobs.is_running(Kind::Load) {
+            self.undoer.feed_state(time, &self.session.look);
+        }
+        self.shelve_lights();
         let title = match &self.session.asset {
             Some(asset) => format!("{} – transplat", asset.name()),
             None => "transplat".into(),
@@ -464,21 +529,19 @@ impl eframe::App for Viewer {
         self.light_probes(&context);
         self.jobs_and_messages(&context);
         self.path_window(&context);
+        self.replace_window(&context);
         self.sheet_of_shortcuts(&context);
         self.drop_hint(&context);
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        self.preferences.keep(&self.session.look);
+        // Settings of one command line are for once.
+        if !self.settings_for_once {
+            self.preferences.keep(&self.session.look);
+        }
         self.preferences.grid = self.session.grid;
-        let own: Vec<PathBuf> = BUNDLED_LIGHTS.iter().filter_map(|n| bundled(n)).collect();
-        self.preferences.shelf = self
-            .shelf
-            .paths
-            .iter()
-            .filter(|p| !own.contains(p))
-            .cloned()
-            .collect();
+        let absent = self.shelf.absent.iter();
+        self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());
         if let Ok(text) = serde_json::to_string(&self.preferences) {
             storage.set_string(STORAGE_KEY, text);
         }

@@ -24,8 +24,8 @@ pub struct Baked {
     pub ms: f64,
     /// Where it came from or went to; none while unfinished.
     pub file: Option<PathBuf>,
-    /// Why it is not kept.
-    pub not_kept: Option<String>,
+    /// What went wrong on the way, without spoiling it.
+    pub complaint: Option<String>,
 }
 
 /// Where a bake may be kept: beside the asset, or in the user's cache.
@@ -52,14 +52,20 @@ pub fn bake(
 ) -> anyhow::Result<Baked> {
     let start = Instant::now();
     let files = cache_files(asset, cloud, directions);
+    let mut complaint = None;
     if let Some(file) = saved {
-        return Ok(Baked {
-            visibility: load_bake(file, cloud)?,
-            share: 1.0,
-            ms: start.elapsed().as_secs_f64() * 1e3,
-            file: Some(file.to_owned()),
-            not_kept: None,
-        });
+        match load_bake(file, cloud) {
+            Ok(visibility) => {
+                return Ok(Baked {
+                    visibility,
+                    share: 1.0,
+                    ms: start.elapsed().as_secs_f64() * 1e3,
+                    file: Some(file.to_owned()),
+                    complaint: None,
+                });
+            }
+            Err(error) => complaint = Some(format!("{error}; baking anew")),
+        }
     }
     for file in &files {
         // One of another geometry or size is as good as none.
@@ -71,7 +77,7 @@ pub fn bake(
                 share: 1.0,
                 ms: start.elapsed().as_secs_f64() * 1e3,
                 file: Some(file.clone()),
-                not_kept: None,
+                complaint: None,
             });
         }
     }
@@ -103,22 +109,25 @@ pub fn bake(
                 share: done as f32 / directions as f32,
                 ms: start.elapsed().as_secs_f64() * 1e3,
                 file: None,
-                not_kept: None,
+                complaint: None,
             });
         }
     }
     let ms = start.elapsed().as_secs_f64() * 1e3;
     let visibility = Visibility::from_open(cloud, directions, open);
-    let (file, not_kept) = match keep(&files, cloud, &visibility) {
-        Ok(file) => (Some(file), None),
-        Err(why) => (None, Some(why)),
+    let file = match keep(&files, cloud, &visibility) {
+        Ok(file) => Some(file),
+        Err(why) => {
+            complaint.get_or_insert(format!("the bake could not be kept: {why}"));
+            None
+        }
     };
     Ok(Baked {
         visibility,
         share: 1.0,
         ms,
         file,
-        not_kept,
+        complaint,
     })
 }
 

@@ -1,5 +1,7 @@
 //! Pictures and splats out, off the interface's thread: each picture goes the way of `transplat render` with the same look.
 
+use std::cell::{OnceCell, RefCell};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -7,7 +9,7 @@ use anyhow::{Context as _, Result, bail};
 use serde::{Deserialize, Serialize};
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, encode_sh};
-use transplat_core::environment::EnvironmentMap;
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
 use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
 use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
@@ -22,11 +24,9 @@ use super::jobs::{Handle, Kind};
 use super::lights::{Light, load_map};
 use super::navigation::wrap;
 use super::session::{BackgroundDevice, Event, SOURCE, Session, TARGET};
+use crate::commands::render::MAX_SAMPLES;
 use crate::device::Painter;
 use crate::picture::{Backdrop, Lit, Studio};
-
-/// Pictures with more samples than this would not fit.
-const MAX_SAMPLES: usize = 1 << 28;
 
 /// Format of saved pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,8 +126,43 @@ pub enum Task {
     Splat(PathBuf),
 }
 
-/// Everything that an export reads, as it was when it was asked for.
+impl Task {
+    /// The settings that it is done with: a file's extension decides on its format, and a clipboard holds display values.
+    fn settings(&self, settings: &ExportSettings) -> Result<ExportSettings> {
+        let mut settings = settings.clone();
+        match self {
+            Self::Clipboard => settings.format = Format::Png8,
+            Self::Screenshot(Some(path)) => {
+                let extension = path
+                    .extension()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .to_lowercase();
+                let linear = match &*extension {
+                    "png" => false,
+                    "exr" => true,
+                    _ => bail!("{}: a picture is .png or .exr", path.display()),
+                };
+                if settings.format.is_linear() != linear {
+                    settings.format = if linear {
+                        Format::ExrHalf
+                    } else {
+                        Format::Png8
+                    };
+                }
+            }
+            _ => {}
+        }
+        Ok(settings)
+    }
+}
+
+/// Everything that an export reads, as it was when it was asked for, and what is made of it once.
 struct Snapshot {
+    /// Of the look's source: no target changes it.
+    prepared: OnceCell<PreparedTransfer>,
+    /// Blurred maps by light.
+    maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
     cloud: Arc<SurfelCloud>,
     file: Arc<AssetFile>,
@@ -151,6 +186,13 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         session.error("there is nothing to save yet");
         return;
     };
+    let settings = match task.settings(settings) {
+        Ok(settings) => settings,
+        Err(error) => {
+            session.error(error.to_string());
+            return;
+        }
+    };
     let of = |path: &Option<PathBuf>| {
         let path = path.as_deref()?;
         session.lights.get(path).cloned()
@@ -170,6 +212,8 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         look.background = Background::Transparent;
     }
     let snapshot = Snapshot {
+        prepared: OnceCell::new(),
+        maps: RefCell::default(),
         device: session.background.clone(),
         cloud: asset.cloud.clone(),
         file: asset.file.clone(),
@@ -185,9 +229,21 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             .filter_map(|p| session.lights.get(p).cloned())
             .collect(),
         pinned,
-        settings: settings.clone(),
+        settings,
         look,
     };
+    if session.bake_share < 1.0 {
+        let percent = 100.0 * session.bake_share;
+        session.info(format!(
+            "the bake is at {percent:.0} %: the shadows of what is saved are coarse"
+        ));
+    }
+    let waiting = shelf.iter().filter(|p| session.is_loading(p)).count();
+    if waiting > 0 && matches!(task, Task::EachLight | Task::ContactSheet) {
+        session.info(format!(
+            "{waiting} lights of the shelf are still being read and are left out"
+        ));
+    }
     let label = match &task {
         Task::Splat(path) => format!("writing {}", path.display()),
         Task::Clipboard => "drawing a picture for the clipboard".into(),
@@ -204,7 +260,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
 impl Snapshot {
     fn run(mut self, task: &Task, handle: &Handle<Event>) -> Result<Event> {
         if let Task::Splat(path) = task {
-            return self.write_splat(path);
+            return self.write_splat(path, handle);
         }
         let [width, height] = self.settings.size;
         let factor = self.settings.supersample;
@@ -223,6 +279,7 @@ impl Snapshot {
         match task {
             Task::Screenshot(Some(path)) => {
                 let raster = self.picture(self.look.view, &self.lights[TARGET])?;
+                handle_step(handle, 0, 1)?;
                 self.write(path, &raster)?;
                 Ok(saved(std::slice::from_ref(path)))
             }
@@ -233,6 +290,7 @@ impl Snapshot {
                     handle_step(handle, i, views.len())?;
                     let light = &self.lights[TARGET];
                     let raster = self.picture(*view, light)?;
+                    handle_step(handle, i, views.len())?;
                     let path = self.named(&light.name(), *view, None);
                     self.write(&path, &raster)?;
                     written.push(path);
@@ -305,53 +363,83 @@ impl Snapshot {
         Ok(studio)
     }
 
-    fn relit(
+    /// Relights by a target: the source's part is the same for all of them.
+    fn relit(&self, look: &Look, target: &Light) -> Result<(&PreparedTransfer, Vec<[f32; 3]>)> {
+        let maps = [&self.lights[SOURCE].radiance, &target.radiance];
+        let [source, target] = look.lights(maps[0], maps[1], self.up);
+        if self.prepared.get().is_none() {
+            let prepared = self.prepare(look, &source)?;
+            let _ = self.prepared.set(prepared);
+        }
+        let prepared = self.prepared.get().context("a transfer is prepared")?;
+        Ok((prepared, self.transfer(prepared, &target)?))
+    }
+
+    fn prepare(&self, look: &Look, source: &IncidentRadiance) -> Result<PreparedTransfer> {
+        let (cloud, visibility) = (&self.cloud, &self.visibility);
+        Ok(PreparedTransfer::new(
+            cloud,
+            visibility,
+            source,
+            &look.transfer,
+        )?)
+    }
+
+    fn transfer(
         &self,
-        look: &Look,
-        source: &Light,
-        target: &Light,
-    ) -> Result<(PreparedTransfer, Vec<[f32; 3]>)> {
-        let [source, target] = look.lights(&source.radiance, &target.radiance, self.up);
-        let prepared =
-            PreparedTransfer::new(&self.cloud, &self.visibility, &source, &look.transfer)?;
+        prepared: &PreparedTransfer,
+        target: &IncidentRadiance,
+    ) -> Result<Vec<[f32; 3]>> {
         let device = self.device.fastest();
-        let mut transfer = device.transfer(&prepared)?;
-        transfer.change_light(&prepared.light(&target))?;
-        let sh = transfer.result()?;
-        drop(transfer);
-        Ok((prepared, sh))
+        let mut transfer = device.transfer(prepared)?;
+        transfer.change_light(&prepared.light(target))?;
+        transfer.result()
+    }
+
+    /// A light's map as it is seen behind the object.
+    fn backdrop_map(&self, light: &Light) -> Result<Arc<EnvironmentMap>> {
+        if let Some(map) = self.maps.borrow().get(&light.id) {
+            return Ok(map.clone());
+        }
+        let map = Arc::new(load_map(light)?.blurred(self.look.background_blur));
+        // A sheet of many lights is not to hold all their maps.
+        let mut maps = self.maps.borrow_mut();
+        if maps.len() >= 2 {
+            maps.clear();
+        }
+        maps.insert(light.id, map.clone());
+        Ok(map)
     }
 
     /// What the lights make of the asset, for a view.
     fn lit(&self, look: &Look, view: View, target: &Arc<Light>) -> Result<Lit> {
         let source = &self.lights[SOURCE];
         let mut lit = if view.needs_relit() {
-            let (prepared, sh) = self.relit(look, source, target)?;
-            Lit::of(view, sh, &self.cloud, &self.visibility, &prepared)
+            let (prepared, sh) = self.relit(look, target)?;
+            Lit::of(view, sh, &self.cloud, &self.visibility, prepared)
         } else {
             Lit::default()
         };
         if let (Some((pinned, lights)), true) = (&self.pinned, view.has_two_sides()) {
-            let (_, sh) = self.relit(pinned, &lights[SOURCE], &lights[TARGET])?;
-            let display = Display { ..pinned.display };
-            lit.before = Some((sh, display));
+            let maps = [&lights[SOURCE].radiance, &lights[TARGET].radiance];
+            let [source, target] = pinned.lights(maps[0], maps[1], self.up);
+            let prepared = self.prepare(pinned, &source)?;
+            lit.before = Some((self.transfer(&prepared, &target)?, pinned.display));
         }
         if let Some(ground) = &self.ground {
-            lit.ground = ground.lit_share(&look.target.orient(&target.radiance, self.up));
+            lit.ground = [
+                ground.lit_share(&look.source.orient(&source.radiance, self.up)),
+                ground.lit_share(&look.target.orient(&target.radiance, self.up)),
+            ];
         }
         if look.background == Background::Environment {
             let matched = look.match_gain(&source.radiance, &target.radiance);
             let sides = [(source, &look.source, 1.0), (target, &look.target, matched)];
             for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
-                let shown = match view {
-                    View::Before => side == SOURCE,
-                    View::Split | View::SideBySide => true,
-                    _ => side == TARGET,
-                };
-                if shown {
-                    let map = load_map(light)?;
+                if view.backdrops()[side] {
+                    let map = self.backdrop_map(light)?;
                     lit.backdrops[side] = Some(Backdrop {
-                        map: Arc::new(map.blurred(look.background_blur)),
+                        map,
                         map_from_asset: settings.map_from_asset(self.up),
                         gain: settings.gain().map(|g| g * gain),
                     });
@@ -439,11 +527,16 @@ impl Snapshot {
     }
 
     fn add_map(&self, picture: &mut Raster, light: &Light) {
-        let (width, edge) = (picture.width / 4, picture.width / 40);
-        let map = EnvironmentMap::reduced(&light.small, width.max(2));
-        let height = width / 2;
+        let edge = picture.width.min(picture.height) / 20;
+        let room = picture.height - edge;
+        let height = (picture.width / 8).min(room);
+        let width = 2 * height;
+        if width < 2 || width + edge > picture.width {
+            return;
+        }
+        let map = EnvironmentMap::reduced(&light.small, width);
         let display = Display::default();
-        for y in 0..height.min(picture.height.saturating_sub(edge)) {
+        for y in 0..height {
             for x in 0..width {
                 let (mx, my) = (x * map.width() / width, y * map.height() / height);
                 let radiance =
@@ -496,14 +589,15 @@ impl Snapshot {
         Ok(saved(&written))
     }
 
-    fn write_splat(&self, path: &Path) -> Result<Event> {
+    fn write_splat(&self, path: &Path, handle: &Handle<Event>) -> Result<Event> {
         if path.canonicalize().ok() == self.file.path.canonicalize().ok() && path.exists() {
             bail!(
                 "{}: is the capture itself and would be lost; choose another name",
                 path.display()
             );
         }
-        let (_, relit) = self.relit(&self.look, &self.lights[SOURCE], &self.lights[TARGET])?;
+        let (_, relit) = self.relit(&self.look, &self.lights[TARGET])?;
+        handle_step(handle, 0, 1)?;
         let stored = encode_sh(relit, self.cloud.sh_degree, self.cloud.encoding);
         write_relit_ply(&self.file, &stored, path)?;
         Ok(saved(&[path.to_owned()]))

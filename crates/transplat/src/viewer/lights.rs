@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Result;
 use transplat_core::color::luminance;
@@ -14,12 +15,17 @@ use super::session::BackgroundDevice;
 use crate::device::Device;
 use crate::scene::map_warnings;
 
+/// Number of the next light that is read.
+static NEXT_ID: AtomicU64 = AtomicU64::new(1);
+
 /// Width of the small map.
 const SMALL_WIDTH: usize = 256;
 
 /// What is kept of an environment.
 #[derive(Debug)]
 pub struct Light {
+    /// Another one for each time that a file is read.
+    pub id: u64,
     /// Its file, or `even`.
     pub path: PathBuf,
     /// To the highest degree, as the map lies in its file.
@@ -35,6 +41,7 @@ impl Light {
     /// Uniform white light.
     pub fn even() -> Self {
         Self {
+            id: 0,
             path: transplat_core::look::EVEN.into(),
             radiance: IncidentRadiance::even(MAX_DEGREE),
             small: EnvironmentMap::even(),
@@ -61,6 +68,7 @@ impl Light {
             .sum();
         let mean = (logs / small.pixels().len() as f32).exp();
         Ok(Self {
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             path: path.to_owned(),
             radiance,
             size: [map.width(), map.height()],

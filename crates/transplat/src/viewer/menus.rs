@@ -25,7 +25,7 @@ impl Viewer {
                     ui.add_enabled(enabled, button).clicked()
                 };
                 if item(ui, "Undo", Action::Undo, self.undoer.has_undo(&look)) {
-                    self.undo(&ui.ctx().clone());
+                    self.undo();
                     ui.close();
                 }
                 if item(ui, "Redo", Action::Redo, self.undoer.has_redo(&look)) {
@@ -126,7 +126,7 @@ impl Viewer {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
         if let Some(action) = chosen {
-            self.act(&ui.ctx().clone(), action, false);
+            self.act(action, false);
             ui.close();
         }
     }

@@ -7,8 +7,9 @@ use std::time::Instant;
 use transplat_core::color::Encoding;
 use transplat_core::ground::ground_plane;
 use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
-use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_even};
+use transplat_core::rasterize::MIN_ALPHA;
+use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::TransferAsset;
 use transplat_gpu::live::LiveAsset;
 
@@ -17,37 +18,48 @@ use super::lights::{Light, light_name};
 use super::session::{Asset, Event, SOURCE, Session, TARGET};
 use crate::scene::asset_warnings;
 
+/// Environments that are read at the same time.
+const LIGHTS_AT_ONCE: usize = 2;
+
 /// A loaded asset on its way to the screen.
 pub struct LoadedAsset {
     pub asset: Asset,
     pub live: LiveAsset,
     pub transfer: TransferAsset,
     pub settings: Settings,
+    /// The settings as they were when it was asked for.
+    pub asked: Look,
 }
 
 /// What a splat is opened with.
 #[derive(Clone, Debug)]
 pub enum Settings {
-    /// What is told of its capture; everything else stays as it is when the splat is there.
-    Capture {
-        /// Its light; even where nobody knows it.
-        source: LightSettings,
-        /// Its up axis, where the file is not to be believed.
-        up: Option<UpAxis>,
-        /// Whether its colour is linear.
-        linear: bool,
-        /// What of it is hidden.
-        hide: Hide,
-        /// Where it is looked at from; all of it otherwise.
-        camera: Option<CameraPose>,
-    },
+    /// What is told of its capture; everything else stays as it is when the splat is there, and so does what was changed meanwhile.
+    Capture(Box<Capture>),
+    /// The open splat again, its colour taken as linear or not.
+    Again(bool),
     /// All settings.
     Look(Box<Look>),
 }
 
-impl Default for Settings {
+/// What is told of a splat's capture.
+#[derive(Clone, Debug)]
+pub struct Capture {
+    /// Its light; even where nobody knows it.
+    pub source: LightSettings,
+    /// Its up axis, where the file is not to be believed.
+    pub up: Option<UpAxis>,
+    /// Whether its colour is linear.
+    pub linear: bool,
+    /// What of it is hidden.
+    pub hide: Hide,
+    /// Where it is looked at from; all of it otherwise.
+    pub camera: Option<CameraPose>,
+}
+
+impl Default for Capture {
     fn default() -> Self {
-        Self::Capture {
+        Self {
             source: LightSettings {
                 file: Some(EVEN.into()),
                 ..LightSettings::default()
@@ -63,31 +75,41 @@ impl Default for Settings {
 impl Settings {
     fn is_linear(&self) -> bool {
         match self {
-            Self::Capture { linear, .. } => *linear,
+            Self::Capture(capture) => capture.linear,
+            Self::Again(linear) => *linear,
             Self::Look(look) => look.linear,
         }
     }
 
-    /// The look that the splat is shown with, given that of now.
-    pub fn over(self, now: &Look) -> Look {
+    /// The look that the splat is shown with, given that of when it was asked for and that of now.
+    pub fn over(self, asked: &Look, now: &Look, pose: CameraPose) -> Look {
+        /// What the user changed while the splat was loading wins.
+        fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
+            if *asked == now { new } else { now }
+        }
+        let now = now.clone();
         match self {
-            Self::Capture {
-                source,
-                up,
+            Self::Capture(capture) => Look {
+                source: kept(capture.source, &asked.source, now.source),
+                up: kept(capture.up, &asked.up, now.up),
+                linear: capture.linear,
+                hide: kept(capture.hide, &asked.hide, now.hide),
+                camera: capture.camera,
+                ..now
+            },
+            Self::Again(linear) => Look {
                 linear,
-                hide,
-                camera,
-            } => Look {
-                source,
-                up,
-                linear,
-                hide,
-                camera,
-                ..now.clone()
+                camera: Some(pose),
+                ..now
             },
             Self::Look(look) => *look,
         }
     }
+}
+
+fn never_seen(cloud: &SurfelCloud) -> usize {
+    let faint = |o: &&f32| **o <= MIN_ALPHA;
+    cloud.opacities.iter().filter(faint).count()
 }
 
 impl Session {
@@ -95,7 +117,7 @@ impl Session {
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
             Ok(FileKind::Ply) => {
-                self.load_asset(path.to_owned(), Settings::default());
+                self.load_asset(path.to_owned(), Settings::Capture(Box::default()));
             }
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(look) => self.apply_look(look),
@@ -116,7 +138,7 @@ impl Session {
     pub fn apply_look(&mut self, look: Look) {
         let open = self.asset.as_ref().map(|a| &a.path);
         match &look.asset {
-            Some(path) if open != Some(path) || look.linear != self.look.linear => {
+            Some(path) if open != Some(path) => {
                 self.load_asset(path.clone(), Settings::Look(Box::new(look)));
             }
             _ => {
@@ -140,7 +162,8 @@ impl Session {
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned();
-        let failed = |why: String| Event::Failed(why);
+        let asked = self.look.clone();
+        let failed = Event::LoadFailed;
         let work = move |handle: &Handle<Event>| {
             let start = Instant::now();
             let loaded =
@@ -157,6 +180,8 @@ impl Session {
                         Ok(LoadedAsset {
                             asset: Asset {
                                 bounds: cloud.bounds(),
+                                never_seen: never_seen(&cloud),
+                                has_view_dependence: cloud.has_view_dependence(),
                                 ground: ground_plane(&cloud, cloud.up),
                                 up: cloud.up,
                                 warnings: asset_warnings(&path, &file),
@@ -169,6 +194,7 @@ impl Session {
                             live,
                             transfer,
                             settings,
+                            asked,
                         })
                     });
             if handle.is_cancelled() {
@@ -176,7 +202,7 @@ impl Session {
             }
             Some(match loaded {
                 Ok(loaded) => Event::Asset(Box::new(loaded)),
-                Err(error) => Event::Failed(format!("{error:#}")),
+                Err(error) => Event::LoadFailed(format!("{error:#}")),
             })
         };
         self.jobs
@@ -194,13 +220,36 @@ impl Session {
         settings.file = Some(path);
     }
 
-    /// Starts reading an environment unless it is there.
+    /// Has an environment read unless it is there.
     pub fn request_light(&mut self, path: &Path) {
-        if self.lights.contains_key(path) || self.loading.iter().any(|p| p == path) {
-            return;
+        if !self.lights.contains_key(path) && !self.is_loading(path) {
+            self.waiting_lights.push_back(path.to_owned());
         }
-        self.loading.push(path.to_owned());
-        let (background, path) = (self.background.clone(), path.to_owned());
+    }
+
+    /// Has an environment read again, whatever is known of it: the file may have changed.
+    pub fn reread_light(&mut self, path: &Path) {
+        if !is_even(path) {
+            self.lights.remove(path);
+            self.request_light(path);
+        }
+    }
+
+    /// Reads what waits, those on the two sides first, and few at a time: maps are large.
+    pub(super) fn start_lights(&mut self) {
+        while self.loading.len() < LIGHTS_AT_ONCE && !self.waiting_lights.is_empty() {
+            let wanted = [&self.look.source.file, &self.look.target.file];
+            let on_side = |p: &PathBuf| wanted.iter().any(|w| w.as_ref() == Some(p));
+            let at = self.waiting_lights.iter().position(on_side).unwrap_or(0);
+            if let Some(path) = self.waiting_lights.remove(at) {
+                self.start_light(path);
+            }
+        }
+    }
+
+    fn start_light(&mut self, path: PathBuf) {
+        self.loading.push(path.clone());
+        let background = self.background.clone();
         let label = format!("reading {}", light_name(&path));
         let failed = {
             let path = path.clone();
@@ -220,7 +269,8 @@ impl Session {
 
     /// Whether a light is being read.
     pub fn is_loading(&self, path: &Path) -> bool {
-        self.loading.iter().any(|p| p == path)
+        let mut all = self.loading.iter().chain(&self.waiting_lights);
+        all.any(|p| p == path)
     }
 
     /// Exchanges the two lights with their turns and strengths.

@@ -7,9 +7,8 @@ use eframe::egui::{self, Color32, Key, Ui};
 use transplat_core::present::View;
 
 use super::app::Viewer;
-use super::export::Task;
 use super::probes::{Key as ProbeKey, Probe};
-use super::session::{SIDES, SOURCE, TARGET};
+use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{milliseconds, thousands};
 
@@ -139,7 +138,10 @@ impl Viewer {
                 job.cancel();
             }
         }
-        context.request_repaint_after_secs(0.25);
+        // Errors stay; everything else goes by itself or goes on.
+        if !jobs.is_empty() || messages.iter().any(|m| !m.is_error) {
+            context.request_repaint_after_secs(0.25);
+        }
     }
 
     pub(super) fn light_probes(&mut self, context: &egui::Context) {
@@ -160,7 +162,7 @@ impl Viewer {
             };
             let shown = &frame.presentation.lights[side];
             let key = ProbeKey {
-                light: session.sides[side].path.clone(),
+                light: session.sides[side].id,
                 oriented: lights[side].clone(),
                 map_from_asset: settings.map_from_asset(session.up()),
                 gain: shown.gain,
@@ -272,13 +274,13 @@ impl Viewer {
                         act = Some(|v, path| v.open(&path));
                     }
                     if ui.button("Save look").clicked() {
-                        act = Some(|v, path| v.save_look(&path));
+                        act = Some(|v, path| v.save_to(&path, SaveKind::Look, false));
                     }
                     if ui.button("Save picture").clicked() {
-                        act = Some(|v, path| v.export(Task::Screenshot(Some(path))));
+                        act = Some(|v, path| v.save_to(&path, SaveKind::Screenshot, false));
                     }
                     if ui.button("Export splat").clicked() {
-                        act = Some(|v, path| v.export(Task::Splat(path)));
+                        act = Some(|v, path| v.save_to(&path, SaveKind::Splat, false));
                     }
                 });
             });
@@ -287,6 +289,27 @@ impl Viewer {
             _ if open => self.path_field = Some(text),
             _ => {}
         }
+    }
+
+    /// Asks before a file is written over.
+    pub(super) fn replace_window(&mut self, context: &egui::Context) {
+        let Some((path, kind)) = self.replacing.clone() else {
+            return;
+        };
+        egui::Window::new("Replace?")
+            .resizable(false)
+            .show(context, |ui| {
+                ui.label(format!("{} is there already.", path.display()));
+                ui.horizontal(|ui| {
+                    if ui.button("Replace it").clicked() {
+                        self.replacing = None;
+                        self.save_to(&path, kind, true);
+                    }
+                    if ui.button("Keep it").clicked() {
+                        self.replacing = None;
+                    }
+                });
+            });
     }
 
     pub(super) fn drop_hint(&self, context: &egui::Context) {

@@ -7,6 +7,7 @@ use transplat_core::color::Display;
 use transplat_core::look::Look;
 use transplat_core::present::Background;
 use transplat_core::transfer::TransferSettings;
+use transplat_core::visibility::DEFAULT_DIRECTIONS;
 
 use super::export::ExportSettings;
 
@@ -24,7 +25,10 @@ pub struct Preferences {
     pub match_strength: bool,
     pub grid: bool,
     pub probes: bool,
-    pub shelf: Vec<PathBuf>,
+    /// Lights on the shelf in their order; none before the first start.
+    pub shelf: Option<Vec<PathBuf>>,
+    pub directions: usize,
+    pub shadow_catcher: bool,
     pub recent: Vec<PathBuf>,
     pub export: ExportSettings,
 }
@@ -39,7 +43,9 @@ impl Default for Preferences {
             match_strength: false,
             grid: false,
             probes: true,
-            shelf: Vec::new(),
+            shelf: None,
+            directions: DEFAULT_DIRECTIONS,
+            shadow_catcher: false,
             recent: Vec::new(),
             export: ExportSettings::default(),
         }
@@ -55,6 +61,8 @@ impl Preferences {
             background: self.background,
             background_blur: self.background_blur,
             match_strength: self.match_strength,
+            directions: self.directions,
+            shadow_catcher: self.shadow_catcher,
             ..Look::default()
         };
         if look.validate().is_ok() {
@@ -71,6 +79,8 @@ impl Preferences {
         self.background = look.background;
         self.background_blur = look.background_blur;
         self.match_strength = look.match_strength;
+        self.directions = look.directions;
+        self.shadow_catcher = look.shadow_catcher;
     }
 
     /// Puts a file first among the recent ones.

@@ -21,7 +21,7 @@ const MAP_WIDTH: usize = 128;
 /// All that the pictures of one light depend on.
 #[derive(Clone, PartialEq)]
 pub struct Key {
-    pub light: std::path::PathBuf,
+    pub light: u64,
     pub oriented: IncidentRadiance,
     pub map_from_asset: DMat3,
     pub gain: [f32; 3],

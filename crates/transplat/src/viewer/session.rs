@@ -1,14 +1,15 @@
 //! What is open, as what it is lit, and what follows from that: the pipeline's stages, each run when what it reads has changed.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 use eframe::egui;
 use transplat_core::camera::Camera;
-use transplat_core::environment::IncidentRadiance;
+use transplat_core::color::Encoding;
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
 use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::load::AssetFile;
 use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
@@ -39,6 +40,9 @@ pub struct Asset {
     pub bounds: Bounds,
     pub warnings: Vec<String>,
     pub load_ms: f64,
+    /// Surfels that are too faint to be seen, or broken.
+    pub never_seen: usize,
+    pub has_view_dependence: bool,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
     /// Up axis that the ground is made for.
@@ -84,11 +88,11 @@ pub enum Event {
     Backdrop {
         side: usize,
         key: BackdropKey,
+        map: Arc<EnvironmentMap>,
         backdrop: Backdrop,
     },
     Ground {
-        asset: u64,
-        directions: usize,
+        key: GroundKey,
         ground: Box<Ground>,
     },
     Doubts {
@@ -100,6 +104,7 @@ pub enum Event {
     /// A picture for the clipboard: width, height, straight RGBA bytes.
     Clipboard([usize; 2], Vec<u8>),
     SaveTo(PathBuf, SaveKind),
+    LoadFailed(String),
     Done(String),
     Failed(String),
 }
@@ -132,7 +137,13 @@ pub(super) struct PrepareKey {
 
 /// All that a map behind the object depends on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BackdropKey(pub PathBuf, pub f32);
+pub struct BackdropKey {
+    pub light: u64,
+    pub blur: f32,
+}
+
+/// All that the ground's bake depends on: asset, directions, up axis.
+pub type GroundKey = (u64, usize, UpAxis);
 
 /// A message to the user.
 #[derive(Clone, Debug)]
@@ -163,7 +174,7 @@ pub struct Times {
 #[derive(Clone)]
 pub struct BackgroundDevice {
     window: Arc<Context>,
-    own: Arc<OnceLock<Option<Arc<Context>>>>,
+    own: Arc<Mutex<Option<Arc<Context>>>>,
 }
 
 impl BackgroundDevice {
@@ -174,10 +185,13 @@ impl BackgroundDevice {
         }
     }
 
-    /// The adapter, software or not; none where it gives no second device.
+    /// The adapter, software or not; none where it gives no second device. One that was lost is opened anew.
     pub fn gpu(&self) -> Option<Arc<Context>> {
-        let open = || self.window.sibling().ok().map(Arc::new);
-        self.own.get_or_init(open).clone()
+        let mut own = self.own.lock().unwrap_or_else(|p| p.into_inner());
+        if own.as_ref().is_none_or(|c| c.is_lost()) {
+            *own = self.window.sibling().ok().map(Arc::new);
+        }
+        own.clone()
     }
 
     /// Where long work is the faster: the adapter if it is a real one, else the CPU.
@@ -193,6 +207,7 @@ impl BackgroundDevice {
 #[derive(Default)]
 pub struct GpuTimer {
     micros: Arc<AtomicU64>,
+    count: Arc<AtomicU64>,
     waiting: Arc<AtomicBool>,
 }
 
@@ -202,17 +217,24 @@ impl GpuTimer {
         self.micros.load(Ordering::Relaxed) as f64 / 1e3
     }
 
+    /// How many were measured.
+    pub fn count(&self) -> u64 {
+        self.count.load(Ordering::Relaxed)
+    }
+
     /// Measures what began at `start` and has just been submitted.
     pub fn measure(&self, context: &Arc<Context>, start: Instant, egui: &egui::Context) {
         if self.waiting.swap(true, Ordering::Relaxed) {
             return;
         }
         let (micros, waiting) = (self.micros.clone(), self.waiting.clone());
+        let count = self.count.clone();
         let (context, egui) = (context.clone(), egui.clone());
         let submission = context.last_submission();
         std::thread::spawn(move || {
             context.finish(&submission);
             micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
+            count.fetch_add(1, Ordering::Relaxed);
             waiting.store(false, Ordering::Relaxed);
             egui.request_repaint();
         });
@@ -270,8 +292,17 @@ pub struct Session {
     pub(super) backdrop_for: [Option<BackdropKey>; 2],
     pub(super) backdrop_asked: [Option<BackdropKey>; 2],
     pub(super) ground: Option<Ground>,
-    pub(super) ground_for: Option<(u64, usize)>,
-    pub(super) ground_lit_for: Option<(u64, usize, IncidentRadiance)>,
+    pub(super) ground_for: Option<GroundKey>,
+    pub(super) ground_asked: Option<GroundKey>,
+    pub(super) ground_lit_for: Option<(GroundKey, [IncidentRadiance; 2])>,
+    /// Whole maps of the last lights that were seen behind the object.
+    pub(super) maps: Vec<(u64, Arc<EnvironmentMap>)>,
+    /// Environments that are to be read.
+    pub(super) waiting_lights: VecDeque<PathBuf>,
+    /// Whether something shows what is doubtful.
+    pub wants_doubts: bool,
+    /// How many surfels are hidden.
+    pub hidden_count: usize,
     /// Files that are being read as lights.
     pub(super) loading: Vec<PathBuf>,
 }
@@ -337,7 +368,12 @@ impl Session {
             backdrop_asked: [None, None],
             ground: None,
             ground_for: None,
+            ground_asked: None,
             ground_lit_for: None,
+            maps: Vec::new(),
+            waiting_lights: VecDeque::new(),
+            wants_doubts: false,
+            hidden_count: 0,
             loading: Vec::new(),
         }
     }
@@ -387,6 +423,7 @@ impl Session {
             left.extend(self.take(event));
         }
         self.resolve_lights();
+        self.start_lights();
         self.update_asset();
         self.start_bake();
         self.start_prepare();
@@ -409,8 +446,8 @@ impl Session {
                 self.bake_share = baked.share;
                 self.times.bake = baked.ms;
                 self.stages.bake += 1;
-                if let Some(why) = baked.not_kept {
-                    self.error(format!("the bake could not be kept: {why}"));
+                if let Some(why) = baked.complaint {
+                    self.error(why);
                 }
                 self.bake_file = baked.file;
                 self.visibility = Some(Arc::new(baked.visibility));
@@ -450,27 +487,30 @@ impl Session {
             Event::Backdrop {
                 side,
                 key,
+                map,
                 backdrop,
             } => {
+                self.keep_map(key.light, map);
                 if self.backdrop_asked[side].as_ref() == Some(&key) {
-                    self.live().set_backdrop(side, Some(backdrop));
+                    self.live().set_backdrop(side, backdrop);
                     self.backdrop_for[side] = Some(key);
                 }
             }
-            Event::Ground {
-                asset,
-                directions,
-                ground,
-            } if asset == self.asset_id => {
+            Event::Ground { key, ground } if self.ground_asked == Some(key) => {
                 self.stages.ground += 1;
                 self.ground = Some(*ground);
-                self.ground_for = Some((asset, directions));
+                self.ground_for = Some(key);
             }
             Event::Doubts { key, doubts } if key.0 == self.asset_id => self.show_doubts(doubts),
             Event::Baked { .. }
             | Event::Prepared(_)
             | Event::Ground { .. }
             | Event::Doubts { .. } => {}
+            Event::LoadFailed(text) => {
+                // What could not be loaded again stays as it was loaded.
+                self.look.linear = self.loaded_linear();
+                self.error(text);
+            }
             Event::Done(text) => self.info(text),
             Event::Failed(text) => self.error(text),
             other => return Some(other),
@@ -484,8 +524,9 @@ impl Session {
             live,
             transfer,
             settings,
+            asked,
         } = loaded;
-        let look = settings.over(&self.look);
+        let look = settings.over(&asked, &self.look, self.pose);
         for kind in [Kind::Bake, Kind::Ground, Kind::Prepare, Kind::Doubts] {
             self.jobs.cancel(kind);
         }
@@ -506,6 +547,7 @@ impl Session {
         self.doubts = Arc::default();
         self.ground = None;
         self.ground_for = None;
+        self.ground_asked = None;
         self.ground_lit_for = None;
         self.relit_for = None;
         self.transfer_asset = Some(Arc::new(Mutex::new(transfer)));
@@ -529,8 +571,27 @@ impl Session {
         self.asset = Some(asset);
     }
 
+    /// Whether the open asset's colour was taken as linear.
+    pub(super) fn loaded_linear(&self) -> bool {
+        let asset = self.asset.as_ref();
+        asset.is_some_and(|a| a.cloud.encoding == Encoding::StoredLinear)
+    }
+
+    /// Keeps a whole map for the next time that it is seen, and of others the last few.
+    fn keep_map(&mut self, light: u64, map: Arc<EnvironmentMap>) {
+        self.maps.retain(|(id, _)| *id != light);
+        self.maps.push((light, map));
+        if self.maps.len() > 3 {
+            self.maps.remove(0);
+        }
+    }
+
     /// Keeps the settings as they are, to compare others with them.
     pub fn pin(&mut self) {
+        if !self.live().has_relit() {
+            self.error("there is nothing relit to be pinned yet");
+            return;
+        }
         self.pinned = Some(self.look.clone());
         self.against_pinned = true;
         let display = self.look.display;
@@ -567,12 +628,15 @@ impl Session {
         let (center, axes) = asset.ground;
         let ready = |side: usize| {
             let shown = &self.backdrop_for[side];
-            shown.as_ref().is_some_and(|k| k.0 == self.sides[side].path)
+            shown
+                .as_ref()
+                .is_some_and(|k| k.light == self.sides[side].id)
         };
-        let side = if view == View::Before { SOURCE } else { TARGET };
+        let [source, target] = view.backdrops();
         // Until its map is read, an environment behind the object is a plain grey.
+        let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
         let background = match look.background {
-            Background::Environment if !ready(side) => Background::Color([0.25; 3]),
+            Background::Environment if waits => Background::Color([0.25; 3]),
             other => other,
         };
         Some(Frame {

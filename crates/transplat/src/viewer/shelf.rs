@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui};
 
-use super::lights::light_name;
+use super::lights::{Light, light_name};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 
@@ -22,7 +22,9 @@ pub const HEIGHT: f32 = 104.0;
 #[derive(Default)]
 pub struct Shelf {
     pub paths: Vec<PathBuf>,
-    thumbnails: HashMap<PathBuf, TextureHandle>,
+    /// Lights that were here and are not to be found now.
+    pub absent: Vec<PathBuf>,
+    thumbnails: HashMap<u64, TextureHandle>,
     /// Where the slots are in the window, for what is dropped on them.
     pub slots: [Option<Rect>; 2],
     /// The clicked "add" asks for files.
@@ -31,7 +33,7 @@ pub struct Shelf {
 
 /// A light that is dragged along the shelf or onto a slot.
 #[derive(Clone)]
-struct Dragged(usize);
+struct Dragged(PathBuf);
 
 impl Shelf {
     /// Puts a light on the shelf, unless it is there.
@@ -47,14 +49,9 @@ impl Shelf {
         self.paths.retain(|p| p != path);
     }
 
-    fn texture(&mut self, ui: &Ui, session: &Session, path: &Path) -> Option<TextureHandle> {
-        if let Some(texture) = self.thumbnails.get(path) {
-            return Some(texture.clone());
-        }
-        let light = session.lights.get(path)?;
-        let texture = thumbnail(ui.ctx(), light, THUMBNAIL_PIXELS);
-        self.thumbnails.insert(path.to_owned(), texture.clone());
-        Some(texture)
+    fn texture(&mut self, ui: &Ui, light: &Light) -> TextureHandle {
+        let new = || thumbnail(ui.ctx(), light, THUMBNAIL_PIXELS);
+        self.thumbnails.entry(light.id).or_insert_with(new).clone()
     }
 
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
@@ -107,7 +104,7 @@ impl Shelf {
             response.widget_info(|| {
                 egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{}: {name}", SIDES[side]))
             });
-            let texture = self.texture(ui, session, &light.path);
+            let texture = Some(self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
             if session.is_loading(&wanted) {
                 ui.put(rect, egui::Spinner::new());
@@ -119,10 +116,8 @@ impl Shelf {
                 "The light that the splat is relit by. Drop an environment here, or click one on the shelf."
             };
             let response = response.on_hover_text(format!("{name}\n\n{tip}"));
-            if let Some(dragged) = response.dnd_release_payload::<Dragged>()
-                && let Some(path) = self.paths.get(dragged.0)
-            {
-                session.set_light(side, path.clone());
+            if let Some(dragged) = response.dnd_release_payload::<Dragged>() {
+                session.set_light(side, dragged.0.clone());
             }
             response.context_menu(|ui| {
                 if ui.button("Even light").clicked() {
@@ -149,7 +144,8 @@ impl Shelf {
             response.widget_info(|| {
                 egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Light {name}"))
             });
-            let texture = self.texture(ui, session, &path);
+            let light = session.lights.get(&path).cloned();
+            let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
             if session.is_loading(&path) {
                 ui.put(rect, egui::Spinner::new());
@@ -161,10 +157,11 @@ impl Shelf {
                 ui.painter().text(badge, Align2::CENTER_CENTER, index + 1, font, Color32::WHITE);
             }
             ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
-            response.dnd_set_drag_payload(Dragged(index));
+            response.dnd_set_drag_payload(Dragged(path.clone()));
             if let Some(dragged) = response.dnd_release_payload::<Dragged>() {
-                let moved = self.paths.remove(dragged.0);
-                self.paths.insert(index.min(self.paths.len()), moved);
+                self.paths.retain(|p| *p != dragged.0);
+                let at = index.min(self.paths.len());
+                self.paths.insert(at, dragged.0.clone());
             }
             let tip = match session.lights.get(&path) {
                 Some(light) => format!(

@@ -13,15 +13,18 @@ use transplat_gpu::present::Backdrop;
 use super::baking::{self, Baked};
 use super::jobs::{Handle, Kind};
 use super::lights::load_map;
+use super::opening::Settings;
 use super::session::{BackdropKey, Event, PrepareKey, Prepared, SOURCE, Session, TARGET};
 
 /// How much of a mark covers a surfel's colour.
 const MARK_WEIGHT: f32 = 0.75;
 
 impl Session {
-    /// The ground lies under another side of the asset when that is turned.
+    /// Follows what the settings say of the asset itself: which way is up, and what its colour is.
     pub(super) fn update_asset(&mut self) {
         let up = self.up();
+        let reload = self.look.linear != self.loaded_linear();
+        let is_loading = self.jobs.is_running(Kind::Load);
         let Some(asset) = &mut self.asset else {
             return;
         };
@@ -29,7 +32,10 @@ impl Session {
             asset.up = up;
             asset.ground = ground_plane(&asset.cloud, up);
             self.ground = None;
-            self.ground_for = None;
+        }
+        if reload && !is_loading {
+            let path = asset.path.clone();
+            self.load_asset(path, Settings::Again(self.look.linear));
         }
     }
 
@@ -44,11 +50,11 @@ impl Session {
             let Some(file) = settings.file.clone() else {
                 continue;
             };
-            if self.sides[side].path == file {
-                continue;
-            }
             match self.lights.get(&file) {
-                Some(light) => self.sides[side] = light.clone(),
+                Some(light) if light.id != self.sides[side].id => {
+                    self.sides[side] = light.clone();
+                }
+                Some(_) => {}
                 None => self.request_light(&file),
             }
         }
@@ -64,6 +70,7 @@ impl Session {
         }
         self.jobs.cancel(Kind::Bake);
         self.baked_for = Some(key);
+        self.bake_share = 0.0;
         let (id, directions) = key;
         let (background, path, cloud) = (
             self.background.clone(),
@@ -95,6 +102,11 @@ impl Session {
         };
         // The reporting closure is shared with the bake's own threads.
         self.jobs.start(Kind::Bake, label, work, Event::Failed);
+    }
+
+    /// Starts the bake again after it was cancelled.
+    pub fn rebake(&mut self) {
+        self.baked_for = None;
     }
 
     /// Source and target as the asset sees them.
@@ -185,6 +197,7 @@ impl Session {
         } else {
             self.look.hide.hidden(&asset.cloud, &asset.bounds)
         });
+        self.hidden_count = self.hidden.iter().filter(|h| **h).count();
         self.hidden_version += 1;
         self.hidden_for = Some(key);
     }
@@ -194,33 +207,34 @@ impl Session {
             return;
         };
         if !self.look.shadow_catcher {
+            self.ground_asked = self.ground_for;
             return;
         }
-        let key = (self.asset_id, self.look.directions);
-        if self.ground_for != Some(key) && !self.jobs.is_running(Kind::Ground) {
-            let (id, directions) = key;
-            let (cloud, up) = (asset.cloud.clone(), asset.up);
+        let key = (self.asset_id, self.look.directions, asset.up);
+        if self.ground_asked != Some(key) {
+            self.jobs.cancel(Kind::Ground);
+            self.ground_asked = Some(key);
+            let (_, directions, up) = key;
+            let cloud = asset.cloud.clone();
             let work = move |handle: &Handle<Event>| {
                 let settings = BakeSettings { directions };
-                match Ground::bake(&cloud, up, &settings, &|done| handle.progress(done)) {
-                    Ok(ground) => Some(Event::Ground {
-                        asset: id,
-                        directions,
-                        ground: Box::new(ground),
-                    }),
-                    Err(_) => None,
-                }
+                let ground = Ground::bake(&cloud, up, &settings, &|done| handle.progress(done));
+                let ground = Box::new(ground.ok()?);
+                Some(Event::Ground { key, ground })
             };
             self.jobs
                 .start(Kind::Ground, "baking the ground", work, Event::Failed);
         }
-        if let Some(ground) = &self.ground {
-            let light = &self.sides[TARGET].radiance;
-            let target = self.look.target.orient(light, self.up());
-            let lit_for = (self.asset_id, self.look.directions, target);
+        if let (Some(ground), Some(ground_key)) = (&self.ground, self.ground_for) {
+            let up = self.up();
+            let oriented = [
+                self.look.source.orient(&self.sides[SOURCE].radiance, up),
+                self.look.target.orient(&self.sides[TARGET].radiance, up),
+            ];
+            let lit_for = (ground_key, oriented);
             if self.ground_lit_for.as_ref() != Some(&lit_for) {
-                let lit = ground.lit_share(&lit_for.2);
-                self.live().set_ground(&lit);
+                let lit = [0, 1].map(|side| ground.lit_share(&lit_for.1[side]));
+                self.live().set_ground([&lit[0], &lit[1]]);
                 self.ground_lit_for = Some(lit_for);
             }
         }
@@ -231,42 +245,36 @@ impl Session {
         self.ground.clone().filter(|_| self.look.shadow_catcher)
     }
 
+    /// Reads the maps behind the object: that of the side that is seen first, then the other's, since before and after are a key apart.
     pub(super) fn start_backdrops(&mut self) {
-        if self.look.background != Background::Environment {
+        if self.look.background != Background::Environment || self.asset.is_none() {
             return;
         }
-        for side in [SOURCE, TARGET] {
-            let shown = match self.look.view {
-                View::Before => side == SOURCE,
-                View::Split | View::SideBySide => true,
-                _ => side == TARGET,
+        for side in [TARGET, SOURCE] {
+            let key = BackdropKey {
+                light: self.sides[side].id,
+                blur: self.look.background_blur,
             };
-            let key = BackdropKey(self.sides[side].path.clone(), self.look.background_blur);
             let kind = Kind::Backdrop(side);
-            if !shown
-                || self.backdrop_for[side].as_ref() == Some(&key)
-                || self.jobs.is_running(kind)
-            {
-                continue;
-            }
-            if self.backdrop_asked[side].as_ref() == Some(&key) {
-                // It failed, and was told.
+            // One that failed was asked for, and was told.
+            if self.backdrop_asked[side].as_ref() == Some(&key) || self.jobs.is_running(kind) {
                 continue;
             }
             self.backdrop_asked[side] = Some(key.clone());
             let (context, light) = (self.context.clone(), self.sides[side].clone());
+            let kept = self.maps.iter().find(|(id, _)| *id == light.id);
+            let kept = kept.map(|(_, map)| map.clone());
             let work = move |_: &Handle<Event>| {
-                Some(match load_map(&light) {
-                    Ok(map) => {
-                        let map = map.blurred(key.1);
-                        let backdrop = Backdrop::new(&context, &map);
-                        Event::Backdrop {
-                            side,
-                            key,
-                            backdrop,
-                        }
-                    }
-                    Err(error) => Event::Failed(format!("{error:#}")),
+                let map = match kept.map_or_else(|| load_map(&light), Ok) {
+                    Ok(map) => map,
+                    Err(error) => return Some(Event::Failed(format!("{error:#}"))),
+                };
+                let backdrop = Backdrop::new(&context, &map.blurred(key.blur));
+                Some(Event::Backdrop {
+                    side,
+                    key,
+                    map,
+                    backdrop,
                 })
             };
             let label = format!("reading {} for the background", self.sides[side].name());
@@ -297,7 +305,8 @@ impl Session {
             return;
         };
         let key = (self.asset_id, self.relit_version);
-        if self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
+        let wanted = self.wants_doubts || self.show_marks || self.look.view == View::Doubts;
+        if !wanted || self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
             return;
         }
         let Some((_, target)) = self.relit_for.clone() else {

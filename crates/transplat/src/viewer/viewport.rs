@@ -35,7 +35,8 @@ pub struct Viewport {
     pub inspected: Option<usize>,
     /// The light turns with the camera.
     pub light_locked_to_camera: bool,
-    last_azimuth: Option<f64>,
+    /// Of which frame the time was that quality was last set by.
+    judged: u64,
 }
 
 impl Default for Viewport {
@@ -47,7 +48,7 @@ impl Default for Viewport {
             dragging_wipe: false,
             inspected: None,
             light_locked_to_camera: false,
-            last_azimuth: None,
+            judged: 0,
         }
     }
 }
@@ -74,7 +75,12 @@ impl Viewport {
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Canvas, true, "Viewport"));
         let before = (session.pose, session.look.target.clone(), session.look.wipe);
         self.navigate(ui, session, &response);
-        self.turn_light_with_camera(session);
+        if self.light_locked_to_camera {
+            // As the camera was moved here, and by nothing else.
+            let turned = navigation::wrap(session.pose.azimuth - before.0.azimuth);
+            let target = &mut session.look.target;
+            target.rotation = navigation::wrap(target.rotation + turned);
+        }
         let now = ui.input(|i| i.time);
         if before != (session.pose, session.look.target.clone(), session.look.wipe) {
             self.last_move = now;
@@ -105,11 +111,16 @@ impl Viewport {
     fn picture_size(&mut self, ui: &Ui, session: &Session, now: f64) -> [usize; 2] {
         let moving = now - self.last_move < SETTLE_S;
         if moving {
-            let ms = session.frame_timer.ms();
-            if ms > SLOW_FRAME_MS && self.step < MAX_STEP {
-                self.step += 1;
-            } else if ms < SLOW_FRAME_MS / 3.0 && self.step > 1 {
-                self.step -= 1;
+            let (ms, frame) = (session.frame_timer.ms(), session.frame_timer.count());
+            // Once for each measured frame; and back only to what would be fast enough.
+            if frame != self.judged {
+                self.judged = frame;
+                let finer = (self.step as f64 / (self.step as f64 - 1.0).max(0.5)).powi(2);
+                if ms > SLOW_FRAME_MS && self.step < MAX_STEP {
+                    self.step += 1;
+                } else if self.step > 1 && ms * finer < 0.7 * SLOW_FRAME_MS {
+                    self.step -= 1;
+                }
             }
             ui.request_repaint_after_secs(SETTLE_S as f32 + 0.02);
         } else {
@@ -118,6 +129,22 @@ impl Viewport {
         let scale = ui.pixels_per_point() / self.step as f32;
         let pixels = |points: f32| ((points * scale).round() as usize).clamp(1, 8192);
         [pixels(self.rect.width()), pixels(self.rect.height())]
+    }
+
+    /// The picture that a place belongs to: one of two side by side, or all of the viewport.
+    fn part_at(&self, session: &Session, at: Option<Pos2>) -> Rect {
+        if session.look.view != View::SideBySide {
+            return self.rect;
+        }
+        let middle = self.rect.center().x;
+        let (mut left, mut right) = (self.rect, self.rect);
+        left.set_right(middle);
+        right.set_left(middle);
+        if at.is_some_and(|p| p.x >= middle) {
+            right
+        } else {
+            left
+        }
     }
 
     /// From a place in the window to the picture's pixels and its camera.
@@ -146,7 +173,8 @@ impl Viewport {
     fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
         let up = session.up();
         let radius = session.asset.as_ref().map_or(1.0, |a| a.bounds.radius);
-        let shorter = self.rect.width().min(self.rect.height()).max(1.0);
+        let part = self.part_at(session, response.hover_pos());
+        let shorter = part.width().min(part.height()).max(1.0);
         let drag = Vec2::new(response.drag_delta().x, response.drag_delta().y);
         let shift = ui.input(|i| i.modifiers.shift);
         self.drag_wipe(ui, session, response);
@@ -173,7 +201,7 @@ impl Viewport {
         if let Some(pointer) = response.hover_pos() {
             let scroll = ui.input(|i| i.smooth_scroll_delta().y + 300.0 * i.zoom_delta().ln());
             if scroll != 0.0 {
-                let from_middle = pointer - self.rect.center();
+                let from_middle = pointer - part.center();
                 let at = Vec2::new(from_middle.x, from_middle.y);
                 let factor = (-scroll / 300.0).exp();
                 navigation::zoom(&mut session.pose, up, factor, at, shorter, radius);
@@ -227,19 +255,6 @@ impl Viewport {
                 self.dragging_wipe = false;
             }
         }
-    }
-
-    /// A light that is locked to the camera turns as the camera does.
-    fn turn_light_with_camera(&mut self, session: &mut Session) {
-        let azimuth = session.pose.azimuth;
-        if let (true, Some(last)) = (self.light_locked_to_camera, self.last_azimuth) {
-            let turned = navigation::wrap(azimuth - last);
-            let target = &mut session.look.target;
-            if turned != 0.0 {
-                target.rotation = navigation::wrap(target.rotation + turned);
-            }
-        }
-        self.last_azimuth = Some(azimuth);
     }
 
     /// The crop box, where one is set.

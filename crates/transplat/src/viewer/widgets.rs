@@ -18,18 +18,30 @@ pub struct Control<'a, T> {
 
 impl<T: Numeric> Control<'_, T> {
     pub fn show(self, ui: &mut Ui, value: &mut T) -> Response {
-        let slider = egui::Slider::new(value, self.range)
+        // Only what the user edits is rounded and held to the range: a look may say more than a slider shows.
+        let mut shown = *value;
+        let slider = egui::Slider::new(&mut shown, self.range)
             .suffix(self.unit)
             .max_decimals(self.decimals)
             .logarithmic(self.logarithmic)
-            .clamping(egui::SliderClamping::Always);
-        let response = ui
-            .horizontal(|ui| {
-                let label = name(ui, self.label);
-                ui.add(slider).labelled_by(label.id)
-            })
-            .inner;
-        reset(response, self.tip, value, self.default)
+            .clamping(egui::SliderClamping::Edits);
+        let row = ui.horizontal(|ui| {
+            let label = name(ui, self.label);
+            ui.add(slider).labelled_by(label.id)
+        });
+        let response = row.inner;
+        if response.changed() {
+            *value = shown;
+        }
+        // A slider's rail tells no double clicks itself.
+        let double = ui.input(|i| {
+            i.pointer
+                .button_double_clicked(egui::PointerButton::Primary)
+        });
+        if double && row.response.contains_pointer() {
+            *value = self.default;
+        }
+        tip(response, self.tip)
     }
 }
 
@@ -47,17 +59,14 @@ pub fn name(ui: &mut Ui, text: &str) -> Response {
     .inner
 }
 
-/// Adds the tooltip, and the reset to a response.
-pub fn reset<T>(mut response: Response, tip: &str, value: &mut T, default: T) -> Response {
-    if response.double_clicked() {
-        *value = default;
-        response.mark_changed();
-    }
-    response.on_hover_text(format!("{tip}\n\nDouble click: back to the default."))
+/// The tooltip of a control that a double click resets.
+fn tip(response: Response, text: &str) -> Response {
+    response.on_hover_text(format!("{text}\n\nDouble click: back to the default."))
 }
 
 /// An angle in degrees that goes round.
 pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
+    *value = super::navigation::wrap(*value);
     Control {
         label,
         unit: "°",

@@ -8,8 +8,6 @@ use transplat_core::surfels::{Hide, UpAxis};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::opening::Settings;
-use crate::viewer::session::Session;
 use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, file, switch, thousands};
 
@@ -49,18 +47,17 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    let mut linear = session.look.linear;
-    let switched = switch(
+    switch(
         ui,
         "Colour is linear",
         "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
-        &mut linear,
+        &mut session.look.linear,
     );
-    if switched.changed() {
-        reload(session, linear);
-    }
     let mut turned = 0.0;
-    let turn = egui::DragValue::new(&mut turned).suffix("°").speed(0.5);
+    let turn = egui::DragValue::new(&mut turned)
+        .suffix("°")
+        .speed(0.5)
+        .update_while_editing(false);
     let drag = ui
         .horizontal(|ui| {
             ui.label("Turn the object");
@@ -81,22 +78,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     hide(ui, &mut viewer.session.look.hide);
     ui.separator();
     inspected(ui, viewer);
-}
-
-/// Loads the splat again with its colour taken otherwise.
-fn reload(session: &mut Session, linear: bool) {
-    let Some(asset) = &session.asset else {
-        return;
-    };
-    let path = asset.path.clone();
-    let settings = Settings::Capture {
-        source: session.look.source.clone(),
-        up: session.look.up,
-        linear,
-        hide: session.look.hide,
-        camera: Some(session.pose),
-    };
-    session.load_asset(path, settings);
 }
 
 fn hide(ui: &mut Ui, hide: &mut Hide) {

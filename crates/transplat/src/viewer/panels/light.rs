@@ -5,7 +5,7 @@ use transplat_core::surfels::UpAxis;
 
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SOURCE, TARGET};
-use crate::viewer::widgets::{Control, angle, fact, file, reset, switch};
+use crate::viewer::widgets::{Control, angle, fact, file, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
@@ -67,13 +67,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     }
     .show(ui, &mut settings.strength);
     ui.horizontal(|ui| {
-        let response = ui.color_edit_button_rgb(&mut settings.tint);
-        reset(
-            response,
-            "Colour that the light is multiplied by.",
-            &mut settings.tint,
-            [1.0; 3],
-        );
+        ui.color_edit_button_rgb(&mut settings.tint)
+            .on_hover_text("Colour that the light is multiplied by.");
         ui.label("Tint");
         if settings.tint != [1.0; 3] && ui.small_button("white").clicked() {
             settings.tint = [1.0; 3];
@@ -125,6 +120,6 @@ fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
         })
         .inner;
     response.on_hover_text(
-        "Locked to the camera, the light turns as one orbits: the shading stays, the object turns.",
+        "Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns.",
     );
 }

@@ -7,6 +7,7 @@ use transplat_core::transfer::{EPSILON, TransferSettings};
 use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 use crate::viewer::app::Viewer;
+use crate::viewer::jobs::Kind;
 use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, name, switch};
 
@@ -85,8 +86,19 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         viewer.directions_draft = None;
         session.look.directions = directions;
     }
+    if session.bake_share < 1.0 && !session.jobs.is_running(Kind::Bake) {
+        ui.label("The bake is not finished: shadows are coarse.");
+        if ui
+            .button("Bake on")
+            .on_hover_text("Bakes the object's visibility from the start.")
+            .clicked()
+        {
+            session.rebake();
+        }
+    }
     ui.separator();
     ui.label("How far the result can be trusted");
+    session.wants_doubts = !ui.input(|i| i.pointer.any_down());
     match session.shares {
         Some(shares) => {
             for (doubt, share) in Doubt::ALL.iter().zip(shares) {
