@@ -303,3 +303,13 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     #[cfg(target_os = "linux")]
     check(&[&relight[..], &["/dev/full"]].concat(), "No space left");
 }
+
+#[test]
+fn without_an_adapter_it_is_said_in_plain_words() {
+    let error = transplat_gpu::choose_adapter(&[]).expect_err("there is none");
+    let text = error.to_string();
+    assert!(
+        text.contains("no graphics driver was found") && text.contains("install"),
+        "{text}"
+    );
+}

@@ -1,6 +1,7 @@
 //! The viewer: live relighting in a window.
 
 mod actions;
+mod annotations;
 mod app;
 mod baking;
 mod export;

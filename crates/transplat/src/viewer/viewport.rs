@@ -2,14 +2,15 @@
 
 use std::sync::{Arc, Mutex};
 
-use eframe::egui::{self, Align2, Color32, PointerButton, Pos2, Rect, Sense, Stroke, Ui};
+use eframe::egui::{self, PointerButton, Pos2, Rect, Sense, Ui};
 use eframe::{egui_wgpu, wgpu};
 use glam::{Vec2, Vec3};
 use transplat_core::camera::Camera;
-use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View};
+use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
 use transplat_gpu::live::Live;
 
+use super::annotations::{annotate, draw_crop_box};
 use super::navigation;
 use super::session::Session;
 
@@ -104,7 +105,10 @@ impl Viewport {
             ui.painter()
                 .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         }
-        self.annotate(ui, session, view);
+        if let Some((camera, ..)) = self.camera_at(session, self.rect.min) {
+            draw_crop_box(ui, self.rect, session, &camera);
+        }
+        annotate(ui, self.rect, session, view);
     }
 
     /// Pixels of the picture: those of the screen, or fewer while something moves and frames are slow.
@@ -255,174 +259,5 @@ impl Viewport {
                 self.dragging_wipe = false;
             }
         }
-    }
-
-    /// The crop box, where one is set.
-    fn draw_crop_box(&self, ui: &Ui, session: &Session) {
-        let hide = &session.look.hide;
-        let (Some(asset), true) = (&session.asset, hide.crop) else {
-            return;
-        };
-        let Some((camera, ..)) = self.camera_at(session, self.rect.min) else {
-            return;
-        };
-        let corner = |i: usize| {
-            let pick = |axis: usize| {
-                if i >> axis & 1 == 0 {
-                    hide.crop_min[axis]
-                } else {
-                    hide.crop_max[axis]
-                }
-            };
-            let point =
-                asset.bounds.center + Vec3::new(pick(0), pick(1), pick(2)) * asset.bounds.radius;
-            let ([x, y], depth) = camera.project(point);
-            (depth > camera.near).then(|| self.rect.min + egui::vec2(x, y))
-        };
-        let painter = ui.painter_at(self.rect);
-        let stroke = Stroke::new(1.0, Color32::from_rgb(240, 200, 80));
-        for i in 0..8 {
-            for axis in 0..3 {
-                let j = i | 1 << axis;
-                if j != i
-                    && let (Some(a), Some(b)) = (corner(i), corner(j))
-                {
-                    painter.line_segment([a, b], stroke);
-                }
-            }
-        }
-    }
-
-    /// Text and legends over the picture.
-    fn annotate(&self, ui: &Ui, session: &Session, view: View) {
-        self.draw_crop_box(ui, session);
-        let painter = ui.painter_at(self.rect);
-        let tag = |at: Pos2, anchor: Align2, text: &str| {
-            let font = egui::FontId::proportional(13.0);
-            let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
-            let rect = anchor.anchor_size(at, galley.size());
-            painter.rect_filled(
-                rect.expand2(egui::vec2(6.0, 3.0)),
-                4.0,
-                Color32::from_black_alpha(140),
-            );
-            painter.galley(rect.min, galley, Color32::WHITE);
-        };
-        let [left, right] = if session.against_pinned && session.pinned.is_some() {
-            ["pinned look", "this look"]
-        } else {
-            ["before", "after"]
-        };
-        let (top, margin) = (self.rect.top() + 14.0, 14.0);
-        match view {
-            View::Split => {
-                let x = self.rect.left() + session.look.wipe * self.rect.width();
-                tag(egui::pos2(x - margin, top), Align2::RIGHT_TOP, left);
-                tag(egui::pos2(x + margin, top), Align2::LEFT_TOP, right);
-                let handle = egui::pos2(x, self.rect.center().y);
-                painter.circle(
-                    handle,
-                    7.0,
-                    Color32::from_gray(230),
-                    Stroke::new(1.5, Color32::from_gray(60)),
-                );
-            }
-            View::SideBySide => {
-                let at = |share: f32| egui::pos2(self.rect.left() + share * self.rect.width(), top);
-                tag(at(0.25), Align2::CENTER_TOP, left);
-                tag(at(0.75), Align2::CENTER_TOP, right);
-            }
-            View::Before => tag(
-                egui::pos2(self.rect.center().x, top),
-                Align2::CENTER_TOP,
-                "before: as captured",
-            ),
-            View::Difference => tag(
-                egui::pos2(self.rect.center().x, top),
-                Align2::CENTER_TOP,
-                &format!("{right} minus {left}, x {}", session.look.difference_scale),
-            ),
-            _ => {}
-        }
-        let corner = egui::pos2(self.rect.left() + 12.0, self.rect.bottom() - 12.0);
-        let encoded = |c: [f32; 3]| {
-            let [r, g, b] = c.map(|v| (v * 255.0) as u8);
-            Color32::from_rgb(r, g, b)
-        };
-        let legend = |entries: &[(Color32, String)]| {
-            let height = 18.0 * entries.len() as f32 + 10.0;
-            let rect = Rect::from_min_max(
-                egui::pos2(corner.x, corner.y - height),
-                egui::pos2(corner.x + 250.0, corner.y),
-            );
-            painter.rect_filled(rect, 4.0, Color32::from_black_alpha(150));
-            for (i, (color, text)) in entries.iter().enumerate() {
-                let y = rect.top() + 5.0 + 18.0 * i as f32;
-                let swatch = Rect::from_min_size(
-                    egui::pos2(rect.left() + 6.0, y + 3.0),
-                    egui::vec2(12.0, 12.0),
-                );
-                painter.rect_filled(swatch, 2.0, *color);
-                painter.text(
-                    egui::pos2(rect.left() + 26.0, y + 9.0),
-                    Align2::LEFT_CENTER,
-                    text,
-                    egui::FontId::proportional(12.0),
-                    Color32::WHITE,
-                );
-            }
-        };
-        if view == View::Tau {
-            let stops = [-3.0f32, -1.5, 0.0, 1.5, 3.0];
-            let colors = transplat_core::present::tau_colors(&stops.map(|s| [s.exp2(); 3]));
-            let entries: Vec<_> = stops
-                .iter()
-                .zip(colors)
-                .map(|(s, c)| (encoded(c), format!("{s:+.1} stops by the new light")))
-                .collect();
-            legend(&entries);
-        } else if view == View::Doubts || session.show_marks {
-            let shares = session.shares.unwrap_or_default();
-            let mut entries: Vec<_> = Doubt::ALL
-                .iter()
-                .zip(shares)
-                .map(|(d, share)| {
-                    (
-                        encoded(d.color()),
-                        format!("{} ({:.1} %)", doubt_name(*d), 100.0 * share),
-                    )
-                })
-                .collect();
-            if view == View::Doubts {
-                entries.push((encoded(NO_DOUBT), "nothing doubtful".into()));
-            }
-            legend(&entries);
-        } else if session.look.false_color && view.is_light() {
-            let mut from = String::from("under");
-            let entries: Vec<_> = FALSE_COLORS
-                .iter()
-                .map(|(to, color)| {
-                    let text = if to.is_finite() {
-                        format!("{from} {to:+.1} stops from middle grey")
-                    } else {
-                        format!("over {}", from.trim_end_matches(" to"))
-                    };
-                    from = format!("{to:+.1} to");
-                    (encoded(*color), text)
-                })
-                .collect();
-            legend(&entries);
-        }
-    }
-}
-
-/// A doubt's name for the user.
-pub fn doubt_name(doubt: Doubt) -> &'static str {
-    match doubt {
-        Doubt::LeftOut => "left out: broken or too faint",
-        Doubt::DarkSource => "dark under the source light",
-        Doubt::Clipped => "captured clipped at white",
-        Doubt::AtLimit => "ratio beyond 3 stops",
-        Doubt::AmbiguousNormal => "ambiguous normal",
     }
 }

@@ -6,9 +6,9 @@ use transplat_core::load::AssetKind;
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Hide, UpAxis};
 
+use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, file, switch, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

@@ -9,6 +9,26 @@ use crate::viewer::session::SaveKind;
 use crate::viewer::widgets::{choice, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    picture(ui, viewer);
+    place(ui, viewer);
+    let mut task = tasks(ui);
+    ui.separator();
+    task = task.or(turntable(ui, viewer));
+    ui.separator();
+    if ui
+        .button("Export relit splat…")
+        .on_hover_text("As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)")
+        .clicked()
+    {
+        viewer.ask_for_splat();
+    }
+    if let Some(task) = task {
+        viewer.export(task);
+    }
+}
+
+/// What a picture is made of.
+fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
         for (i, name) in ["Width", "Height"].into_iter().enumerate() {
@@ -60,6 +80,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             ("before and after", Sides::Each),
         ],
     );
+}
+
+/// Where pictures go, and what they are called.
+fn place(ui: &mut Ui, viewer: &mut Viewer) {
+    let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
         let field = egui::TextEdit::singleline(&mut settings.folder).desired_width(150.0);
         let label = ui.label("Folder");
@@ -78,6 +103,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text("Name of pictures: {asset}, {light}, {view} and {n} (the frame's number) stand for what they say.");
     });
+}
+
+/// What can be saved at once.
+fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {
         if ui
@@ -109,7 +138,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             task = Some(Task::ContactSheet);
         }
     });
-    ui.separator();
+    task
+}
+
+/// A whole turn in numbered frames.
+fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
         let drag = egui::DragValue::new(&mut settings.frames)
@@ -124,18 +157,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui.selectable_value(&mut settings.turn, Turn::Light, "light")
             .on_hover_text("The light goes round the object.");
     });
-    if ui
-        .button("Save turntable")
+    let button = ui.button("Save turntable");
+    let clicked = button
         .on_hover_text("Numbered frames of a whole turn.")
-        .clicked()
-    {
-        task = Some(Task::Turntable);
-    }
-    ui.separator();
-    if ui.button("Export relit splat…").on_hover_text("As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)").clicked() {
-        viewer.ask_for_splat();
-    }
-    if let Some(task) = task {
-        viewer.export(task);
-    }
+        .clicked();
+    clicked.then_some(Task::Turntable)
 }

@@ -6,9 +6,9 @@ use transplat_core::sh::MAX_DEGREE;
 use transplat_core::transfer::{EPSILON, TransferSettings};
 use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
+use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::jobs::Kind;
-use crate::viewer::viewport::doubt_name;
 use crate::viewer::widgets::{Control, fact, name, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

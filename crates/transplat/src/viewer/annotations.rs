@@ -1,0 +1,179 @@
+//! What is written over the picture: which side is which, legends, the crop box.
+
+use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Stroke, Ui};
+use glam::Vec3;
+use transplat_core::camera::Camera;
+use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, tau_colors};
+
+use super::session::Session;
+
+/// Height of a legend's line in points.
+const LEGEND_LINE: f32 = 18.0;
+
+/// Width of a legend in points.
+const LEGEND_WIDTH: f32 = 250.0;
+
+/// Names the sides of a comparison, and explains colours that are none of light.
+pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
+    let painter = ui.painter_at(rect);
+    name_sides(&painter, rect, session, view);
+    let entries = legend(session, view);
+    if !entries.is_empty() {
+        draw_legend(&painter, rect, &entries);
+    }
+}
+
+fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
+    let [left, right] = if session.against_pinned && session.pinned.is_some() {
+        ["pinned look", "this look"]
+    } else {
+        ["before", "after"]
+    };
+    let (top, margin) = (rect.top() + 14.0, 14.0);
+    let at = |share: f32| egui::pos2(rect.left() + share * rect.width(), top);
+    match view {
+        View::Split => {
+            let x = at(session.look.wipe).x;
+            tag(
+                painter,
+                egui::pos2(x - margin, top),
+                Align2::RIGHT_TOP,
+                left,
+            );
+            tag(
+                painter,
+                egui::pos2(x + margin, top),
+                Align2::LEFT_TOP,
+                right,
+            );
+            let handle = egui::pos2(x, rect.center().y);
+            let rim = Stroke::new(1.5, Color32::from_gray(60));
+            painter.circle(handle, 7.0, Color32::from_gray(230), rim);
+        }
+        View::SideBySide => {
+            tag(painter, at(0.25), Align2::CENTER_TOP, left);
+            tag(painter, at(0.75), Align2::CENTER_TOP, right);
+        }
+        View::Before => tag(painter, at(0.5), Align2::CENTER_TOP, "before: as captured"),
+        View::Difference => {
+            let text = format!(
+                "{right} minus {left}, x {:.1}",
+                session.look.difference_scale
+            );
+            tag(painter, at(0.5), Align2::CENTER_TOP, &text);
+        }
+        _ => {}
+    }
+}
+
+fn tag(painter: &Painter, at: Pos2, anchor: Align2, text: &str) {
+    let font = egui::FontId::proportional(13.0);
+    let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+    let rect = anchor.anchor_size(at, galley.size());
+    let shade = Color32::from_black_alpha(140);
+    painter.rect_filled(rect.expand2(egui::vec2(6.0, 3.0)), 4.0, shade);
+    painter.galley(rect.min, galley, Color32::WHITE);
+}
+
+/// Colours with what they stand for, from the top.
+fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
+    if view == View::Tau {
+        let stops = [-3.0f32, -1.5, 0.0, 1.5, 3.0];
+        let colors = tau_colors(&stops.map(|s| [s.exp2(); 3]));
+        let text = |s: &f32| format!("{s:+.1} stops by the new light");
+        return stops
+            .iter()
+            .map(text)
+            .zip(colors)
+            .map(|(t, c)| (encoded(c), t))
+            .collect();
+    }
+    if view == View::Doubts || session.show_marks {
+        let shares = session.shares.unwrap_or_default();
+        let entry = |(doubt, share): (&Doubt, f32)| {
+            let text = format!("{} ({:.1} %)", doubt_name(*doubt), 100.0 * share);
+            (encoded(doubt.color()), text)
+        };
+        let mut entries: Vec<_> = Doubt::ALL.iter().zip(shares).map(entry).collect();
+        if view == View::Doubts {
+            entries.push((encoded(NO_DOUBT), "nothing doubtful".into()));
+        }
+        return entries;
+    }
+    if session.look.false_color && view.is_light() {
+        let bounds = FALSE_COLORS.map(|(to, _)| to);
+        let text = |i: usize| match i {
+            0 => format!("under {:+.1} stops from middle grey", bounds[0]),
+            _ if bounds[i].is_finite() => format!("{:+.1} to {:+.1}", bounds[i - 1], bounds[i]),
+            _ => format!("over {:+.1}", bounds[i - 1]),
+        };
+        let entries = FALSE_COLORS.iter().enumerate();
+        return entries
+            .map(|(i, (_, color))| (encoded(*color), text(i)))
+            .collect();
+    }
+    Vec::new()
+}
+
+fn draw_legend(painter: &Painter, viewport: Rect, entries: &[(Color32, String)]) {
+    let size = egui::vec2(LEGEND_WIDTH, LEGEND_LINE * entries.len() as f32 + 10.0);
+    let corner = viewport.left_bottom() + egui::vec2(12.0, -12.0 - size.y);
+    let rect = Rect::from_min_size(corner, size);
+    painter.rect_filled(rect, 4.0, Color32::from_black_alpha(150));
+    for (i, (color, text)) in entries.iter().enumerate() {
+        let line = rect.min + egui::vec2(6.0, 5.0 + LEGEND_LINE * i as f32);
+        let swatch = Rect::from_min_size(line + egui::vec2(0.0, 3.0), egui::vec2(12.0, 12.0));
+        painter.rect_filled(swatch, 2.0, *color);
+        let font = egui::FontId::proportional(12.0);
+        let at = line + egui::vec2(20.0, LEGEND_LINE / 2.0);
+        painter.text(at, Align2::LEFT_CENTER, text, font, Color32::WHITE);
+    }
+}
+
+fn encoded(color: [f32; 3]) -> Color32 {
+    let [r, g, b] = color.map(|v| (v * 255.0) as u8);
+    Color32::from_rgb(r, g, b)
+}
+
+/// The crop box, where one is set.
+pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
+    let hide = &session.look.hide;
+    let (Some(asset), true) = (&session.asset, hide.crop) else {
+        return;
+    };
+    let corner = |i: usize| {
+        let pick = |axis: usize| {
+            let end = if i >> axis & 1 == 0 {
+                hide.crop_min
+            } else {
+                hide.crop_max
+            };
+            end[axis]
+        };
+        let offset = Vec3::new(pick(0), pick(1), pick(2)) * asset.bounds.radius;
+        let ([x, y], depth) = camera.project(asset.bounds.center + offset);
+        (depth > camera.near).then(|| rect.min + egui::vec2(x, y))
+    };
+    let painter = ui.painter_at(rect);
+    let stroke = Stroke::new(1.0, Color32::from_rgb(240, 200, 80));
+    for i in 0..8usize {
+        for j in [1, 2, 4].map(|axis| i | axis) {
+            if j != i
+                && let (Some(a), Some(b)) = (corner(i), corner(j))
+            {
+                painter.line_segment([a, b], stroke);
+            }
+        }
+    }
+}
+
+/// A doubt's name for the user.
+pub fn doubt_name(doubt: Doubt) -> &'static str {
+    match doubt {
+        Doubt::LeftOut => "left out: broken or too faint",
+        Doubt::DarkSource => "dark under the source light",
+        Doubt::Clipped => "captured clipped at white",
+        Doubt::AtLimit => "ratio beyond 3 stops",
+        Doubt::AmbiguousNormal => "ambiguous normal",
+    }
+}
