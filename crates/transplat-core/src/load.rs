@@ -73,7 +73,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         _ => {
             return Err(Error::invalid(
                 path,
-                "not a file this program knows; it opens splats (.ply), environments (.hdr, .exr, .png, .jpg), bakes and looks",
+                "its content is of no kind that this program knows; it opens splats (.ply), environments (.hdr, .exr, .png, .jpg), bakes and looks",
             ));
         }
     })

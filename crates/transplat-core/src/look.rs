@@ -321,7 +321,11 @@ impl Look {
 
     /// The look with its paths resolved against the folder of its file.
     pub fn resolved_in(mut self, folder: &Path) -> Self {
-        self.each_path(|path| folder.join(path));
+        // Without `..` where it can be: a path is compared with others.
+        self.each_path(|path| {
+            let whole = folder.join(path);
+            whole.canonicalize().unwrap_or(whole)
+        });
         self
     }
 

@@ -82,6 +82,15 @@ impl View {
         }
     }
 
+    /// What is behind it: values that are no light, and differences, are not to be mistaken for scenery.
+    pub fn background(self, wanted: Background) -> Background {
+        match (self, wanted) {
+            (Self::Difference, Background::Environment) => Background::Color([0.5; 3]),
+            (view, Background::Environment) if !view.is_light() => Background::Color([0.2; 3]),
+            _ => wanted,
+        }
+    }
+
     /// Whether its values are colours of light, that exposure and tone curve apply to.
     pub fn is_light(self) -> bool {
         self.has_two_sides()

@@ -112,6 +112,10 @@ impl Studio {
         painter: Painter,
     ) -> Self {
         let display = shown_display(look.display, look.false_color && view.is_light());
+        let look = Look {
+            background: view.background(look.background),
+            ..look
+        };
         let hidden = if look.hide.is_off() {
             Vec::new()
         } else {

@@ -115,7 +115,7 @@ impl Scene {
         let settings = BakeSettings {
             directions: self.look.directions,
         };
-        let ground = report.time("bake", || {
+        let ground = report.time("ground", || {
             Ground::bake(&self.cloud, self.cloud.up, &settings, &progress)
         })?;
         bar.finish_and_clear();

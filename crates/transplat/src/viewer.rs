@@ -57,7 +57,7 @@ pub fn open(opening: Opening, software_only: bool) -> Result<()> {
             .with_title("transplat")
             .with_app_id("transplat")
             .with_inner_size([1280.0, 800.0])
-            .with_min_inner_size([640.0, 420.0])
+            .with_min_inner_size([800.0, 520.0])
             .with_drag_and_drop(true),
         ..Default::default()
     };
@@ -94,6 +94,8 @@ fn plain(error: &str) -> String {
             "no graphics adapter can draw the window ({error}). Install a Vulkan driver (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers); the commands work without one (--device cpu)"
         )
     } else {
-        format!("the window could not be opened: {error}")
+        // Where in its own sources the toolkit gave up helps nobody.
+        let what = error.split(": os error at").next().unwrap_or(error);
+        format!("the window could not be opened; does the display answer? ({what})")
     }
 }

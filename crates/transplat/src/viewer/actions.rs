@@ -14,7 +14,7 @@ use super::shortcuts::{Action, SHORTCUTS};
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {
-        if context.text_edit_focused() {
+        if context.text_edit_focused() || self.path_field.is_some() || self.replacing.is_some() {
             return;
         }
         // The arrows belong to a slider that was reached by Tab.

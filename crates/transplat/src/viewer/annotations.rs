@@ -167,6 +167,21 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
     }
 }
 
+/// A ring around the surfel that is inspected.
+pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surfel: Option<usize>) {
+    let position = |i: usize| session.asset.as_ref()?.cloud.positions.get(i).copied();
+    let Some(position) = surfel.and_then(position) else {
+        return;
+    };
+    let ([x, y], depth) = camera.project(position);
+    if depth > camera.near {
+        let at = rect.min + egui::vec2(x, y);
+        let painter = ui.painter_at(rect);
+        painter.circle_stroke(at, 7.0, Stroke::new(3.0, Color32::from_black_alpha(160)));
+        painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
+    }
+}
+
 /// A doubt's name for the user.
 pub fn doubt_name(doubt: Doubt) -> &'static str {
     match doubt {

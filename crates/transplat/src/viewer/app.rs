@@ -13,6 +13,7 @@ use super::export::{self, Task};
 use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
 use super::jobs::Kind;
 use super::opening::{Capture, Settings};
+use super::overlays::PathField;
 use super::panels;
 use super::preferences::Preferences;
 use super::probes::Probe;
@@ -53,7 +54,9 @@ pub struct Viewer {
     pub(super) show_help: bool,
     pub(super) show_about: bool,
     pub(super) show_panels: bool,
-    pub(super) path_field: Option<String>,
+    pub(super) path_field: Option<PathField>,
+    /// Files that were opened by the user and are not known to be good yet.
+    pub(super) unproven: Vec<PathBuf>,
     pub(super) dropped: Vec<PathBuf>,
     pub(super) dropped_at: f64,
     pub(super) clipboard: Option<arboard::Clipboard>,
@@ -110,6 +113,7 @@ impl Viewer {
             show_about: false,
             show_panels: true,
             path_field: None,
+            unproven: Vec::new(),
             dropped: Vec::new(),
             dropped_at: 0.0,
             clipboard: None,
@@ -177,7 +181,7 @@ impl Viewer {
             ..look
         };
         if let Some(asset) = asset {
-            self.preferences.remember(&asset);
+            self.unproven.push(asset.clone());
             self.session.load_asset(asset, settings);
         } else if nothing_told {
             match bundled_splat {
@@ -223,7 +227,7 @@ impl Viewer {
             return;
         }
         if let Ok(kind) = file_kind(&path) {
-            self.preferences.remember(&path);
+            self.unproven.push(path.clone());
             if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
                 self.session.reread_light(&path);
                 self.shelf.add(&mut self.session, &path);
@@ -348,6 +352,11 @@ impl Viewer {
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
             Event::LightFailed { path, .. } => self.shelf.forget(&path),
+            Event::NoDialog => {
+                let note =
+                    "The desktop shows no file dialog (neither a portal nor zenity answers).";
+                self.path_field = Some(PathField::new(Some(note)));
+            }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
             _ => {}
         }
@@ -372,6 +381,16 @@ impl Viewer {
                 .session
                 .error(format!("the clipboard refused the picture: {error}")),
             None => self.session.error("there is no clipboard here"),
+        }
+    }
+
+    /// What the user opened is recent once it has proven good.
+    fn remember_opened(&mut self) {
+        for path in std::mem::take(&mut self.session.opened) {
+            if self.unproven.contains(&path) {
+                self.unproven.retain(|p| *p != path);
+                self.preferences.remember(&path);
+            }
         }
     }
 
@@ -499,6 +518,7 @@ impl eframe::App for Viewer {
             self.undoer.feed_state(time, &self.session.look);
         }
         self.shelve_lights();
+        self.remember_opened();
         let title = match &self.session.asset {
             Some(asset) => format!("{} – transplat", asset.name()),
             None => "transplat".into(),

@@ -1,8 +1,9 @@
 //! Files in and out: dialogs, drops, and the bundled scene.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-use super::jobs::Kind;
+use super::jobs::{Handle, Kind};
 use super::session::{Event, SaveKind, Session};
 
 /// A file of the bundled scene: beside the program, where a package puts it, or in the sources that it was built from.
@@ -37,13 +38,26 @@ pub enum Dialog {
     Save(SaveKind, String),
 }
 
-/// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown it ends as if nothing had been chosen: the path
-/// field of the menu serves then.
+/// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown, the window "By path" serves.
 pub fn ask(session: &mut Session, dialog: Dialog) {
     if session.jobs.is_running(Kind::Dialog) {
         return;
     }
-    let work = move |_: &super::jobs::Handle<Event>| match dialog {
+    let work = move |_: &Handle<Event>| {
+        let start = Instant::now();
+        // A person takes longer than this to say no: there was nobody to ask.
+        show(dialog).or_else(|| (start.elapsed().as_secs_f32() < 0.3).then_some(Event::NoDialog))
+    };
+    session.jobs.start(
+        Kind::Dialog,
+        "waiting for the file dialog",
+        work,
+        Event::Failed,
+    );
+}
+
+fn show(dialog: Dialog) -> Option<Event> {
+    match dialog {
         Dialog::Open => rfd::FileDialog::new()
             .set_title("Open splats, environments, looks")
             .add_filter(
@@ -76,11 +90,5 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
                 .save_file()
                 .map(|path| Event::SaveTo(path, kind))
         }
-    };
-    session.jobs.start(
-        Kind::Dialog,
-        "waiting for the file dialog",
-        work,
-        Event::Failed,
-    );
+    }
 }

@@ -10,6 +10,7 @@ use super::app::Viewer;
 use super::export::Task;
 use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
 use super::opening::Settings;
+use super::overlays::PathField;
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};
@@ -81,7 +82,7 @@ impl Viewer {
             }
         }
         if ui.button("Open or save by path…").clicked() {
-            self.path_field = Some(String::new());
+            self.path_field = Some(PathField::new(None));
             ui.close();
         }
         let recent = self.preferences.recent.clone();

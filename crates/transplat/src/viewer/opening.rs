@@ -120,7 +120,10 @@ impl Session {
                 self.load_asset(path.to_owned(), Settings::Capture(Box::default()));
             }
             Ok(FileKind::Look) => match load_look(path) {
-                Ok(look) => self.apply_look(look),
+                Ok(look) => {
+                    self.opened.push(path.to_owned());
+                    self.apply_look(look);
+                }
                 Err(error) => self.error(error.to_string()),
             },
             Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {

@@ -53,9 +53,10 @@ impl Viewer {
             let left_out = self.left_out();
             if !left_out.is_empty() {
                 ui.separator();
-                let text = format!("left out: {}", left_out.len());
+                let text = format!("{} steps skipped", left_out.len());
                 let all: Vec<String> = left_out.iter().map(|(what, why)| format!("{what}: {why}")).collect();
-                ui.label(text).on_hover_text(all.join("\n"));
+                ui.label(text)
+                    .on_hover_text(format!("Not needed for this scene:\n{}", all.join("\n")));
             }
         });
     }
@@ -85,6 +86,7 @@ impl Viewer {
         }
         let width = (rect.width() * 0.5).clamp(240.0, 460.0);
         let mut dismissed = None;
+        let mut dismiss_all = false;
         let mut cancelled = None;
         area.show(context, |ui| {
             ui.set_max_width(width);
@@ -106,6 +108,9 @@ impl Viewer {
                         }
                     });
                 });
+            }
+            if messages.len() > 2 && ui.small_button("Dismiss all").clicked() {
+                dismiss_all = true;
             }
             for (i, message) in messages.iter().enumerate() {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
@@ -130,7 +135,9 @@ impl Viewer {
                 });
             }
         });
-        if let Some(i) = dismissed {
+        if dismiss_all {
+            self.session.messages.clear();
+        } else if let Some(i) = dismissed {
             self.session.messages.remove(i);
         }
         if let Some(id) = cancelled {
@@ -219,74 +226,74 @@ impl Viewer {
     }
 
     pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {
+        let corner = self.viewport.rect.left_top() + egui::vec2(20.0, 20.0);
         let mut open = self.show_help;
         egui::Window::new("Shortcuts")
+            .default_pos(corner)
             .open(&mut open)
             .resizable(false)
             .show(context, |ui| {
+                let room = (self.viewport.rect.height() - 80.0).max(160.0);
                 egui::ScrollArea::vertical()
-                    .max_height(500.0)
+                    .max_height(room)
                     .show(ui, |ui| {
-                        egui::Grid::new("shortcuts")
-                            .num_columns(2)
-                            .striped(true)
-                            .show(ui, |ui| {
-                                for (gesture, what) in GESTURES {
-                                    ui.label(gesture);
-                                    ui.label(what);
-                                    ui.end_row();
-                                }
-                                for (modifiers, key, _, what) in SHORTCUTS {
-                                    ui.label(shortcuts::name(modifiers, key));
-                                    ui.label(what);
-                                    ui.end_row();
-                                }
-                            });
+                        ui.horizontal_top(|ui| {
+                            let gestures =
+                                GESTURES.map(|(gesture, what)| (gesture.to_owned(), what));
+                            sheet(ui, "gestures", &gestures);
+                            ui.separator();
+                            let keys =
+                                SHORTCUTS.map(|(m, key, _, what)| (shortcuts::name(m, key), what));
+                            sheet(ui, "keys", &keys);
+                        });
                     });
             });
         self.show_help = open;
         let mut open = self.show_about;
-        egui::Window::new("About").open(&mut open).resizable(false).show(context, |ui| {
-            ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
-            ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
-        });
+        egui::Window::new("About")
+            .default_pos(corner)
+            .open(&mut open)
+            .resizable(false)
+            .show(context, |ui| {
+                ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
+                ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
+            });
         self.show_about = open;
     }
 
     pub(super) fn path_window(&mut self, context: &egui::Context) {
-        let Some(mut text) = self.path_field.take() else {
+        let Some(mut field) = self.path_field.take() else {
             return;
         };
         let mut open = true;
         let mut act: Option<fn(&mut Self, PathBuf)> = None;
         egui::Window::new("By path")
+            .default_pos(self.viewport.rect.left_top() + egui::vec2(40.0, 60.0))
             .open(&mut open)
             .resizable(false)
             .show(context, |ui| {
+                if let Some(note) = field.note {
+                    ui.label(note);
+                }
                 let label = ui.label("A file or folder to open, or the name of a file to write:");
-                let field = egui::TextEdit::singleline(&mut text).desired_width(420.0);
-                let response = ui.add(field).labelled_by(label.id);
+                let edit = egui::TextEdit::singleline(&mut field.text).desired_width(420.0);
+                let response = ui.add(edit).labelled_by(label.id);
+                if std::mem::take(&mut field.is_new) {
+                    response.request_focus();
+                }
                 if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
                     act = Some(|v, path| v.open(&path));
                 }
-                ui.horizontal(|ui| {
-                    if ui.button("Open").clicked() {
-                        act = Some(|v, path| v.open(&path));
-                    }
-                    if ui.button("Save look").clicked() {
-                        act = Some(|v, path| v.save_to(&path, SaveKind::Look, false));
-                    }
-                    if ui.button("Save picture").clicked() {
-                        act = Some(|v, path| v.save_to(&path, SaveKind::Screenshot, false));
-                    }
-                    if ui.button("Export splat").clicked() {
-                        act = Some(|v, path| v.save_to(&path, SaveKind::Splat, false));
-                    }
+                let named = !field.text.trim().is_empty();
+                ui.add_enabled_ui(named, |ui| {
+                    ui.horizontal(|ui| act = path_buttons(ui).or(act));
                 });
             });
         match act {
-            Some(act) if !text.trim().is_empty() => act(self, PathBuf::from(text.trim())),
-            _ if open => self.path_field = Some(text),
+            Some(act) if !field.text.trim().is_empty() => {
+                act(self, PathBuf::from(field.text.trim()));
+            }
+            _ if open => self.path_field = Some(field),
             _ => {}
         }
     }
@@ -330,4 +337,60 @@ impl Viewer {
             Color32::WHITE,
         );
     }
+}
+
+/// What the window "By path" asks for.
+pub struct PathField {
+    pub text: String,
+    /// Whether it gets the keyboard.
+    pub is_new: bool,
+    /// Why it was opened, if not by the user.
+    pub note: Option<&'static str>,
+}
+
+impl PathField {
+    pub fn new(note: Option<&'static str>) -> Self {
+        Self {
+            text: String::new(),
+            is_new: true,
+            note,
+        }
+    }
+}
+
+type PathAct = fn(&mut Viewer, PathBuf);
+
+fn path_buttons(ui: &mut Ui) -> Option<PathAct> {
+    let buttons: [(&str, PathAct); 4] = [
+        ("Open", |v, path| v.open(&path)),
+        ("Save look", |v, path| {
+            v.save_to(&path, SaveKind::Look, false)
+        }),
+        ("Save picture", |v, path| {
+            v.save_to(&path, SaveKind::Screenshot, false)
+        }),
+        ("Export splat", |v, path| {
+            v.save_to(&path, SaveKind::Splat, false)
+        }),
+    ];
+    let mut act = None;
+    for (name, does) in buttons {
+        if ui.button(name).clicked() {
+            act = Some(does);
+        }
+    }
+    act
+}
+
+fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {
+    egui::Grid::new(name)
+        .num_columns(2)
+        .striped(true)
+        .show(ui, |ui| {
+            for (keys, what) in lines {
+                ui.label(keys);
+                ui.label(*what);
+                ui.end_row();
+            }
+        });
 }

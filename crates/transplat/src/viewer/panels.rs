@@ -16,7 +16,8 @@ use super::session::{SOURCE, TARGET};
 
 /// All panels, each to be folded.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    ui.spacing_mut().slider_width = 90.0;
+    // What is left beside a control's name and number.
+    ui.spacing_mut().slider_width = (ui.available_width() - 204.0).clamp(80.0, 260.0);
     egui::ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {

@@ -104,6 +104,8 @@ pub enum Event {
     /// A picture for the clipboard: width, height, straight RGBA bytes.
     Clipboard([usize; 2], Vec<u8>),
     SaveTo(PathBuf, SaveKind),
+    /// The desktop shows no dialogs.
+    NoDialog,
     LoadFailed(String),
     Done(String),
     Failed(String),
@@ -301,6 +303,8 @@ pub struct Session {
     pub(super) waiting_lights: VecDeque<PathBuf>,
     /// Whether something shows what is doubtful.
     pub wants_doubts: bool,
+    /// What was opened and is good, to be remembered.
+    pub opened: Vec<PathBuf>,
     /// How many surfels are hidden.
     pub hidden_count: usize,
     /// Files that are being read as lights.
@@ -373,6 +377,7 @@ impl Session {
             maps: Vec::new(),
             waiting_lights: VecDeque::new(),
             wants_doubts: false,
+            opened: Vec::new(),
             hidden_count: 0,
             loading: Vec::new(),
         }
@@ -458,6 +463,7 @@ impl Session {
                 for warning in &light.warnings {
                     self.tell(warning.clone(), false);
                 }
+                self.opened.push(light.path.clone());
                 self.lights.insert(light.path.clone(), Arc::new(*light));
             }
             Event::LightFailed { path, why } => {
@@ -560,8 +566,12 @@ impl Session {
                 size,
             )
         });
+        self.opened.push(asset.path.clone());
         for warning in asset.warnings.clone() {
             self.info(warning);
+        }
+        if look.source.is_even() {
+            self.info("what it was captured under is not known: even light is assumed. Drop the environment of the capture on “captured under”, if there is one");
         }
         self.look = Look {
             camera: None,
@@ -635,7 +645,7 @@ impl Session {
         let [source, target] = view.backdrops();
         // Until its map is read, an environment behind the object is a plain grey.
         let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
-        let background = match look.background {
+        let background = match view.background(look.background) {
             Background::Environment if waits => Background::Color([0.25; 3]),
             other => other,
         };

@@ -175,7 +175,18 @@ pub fn name(modifiers: Modifiers, key: Key) -> String {
     if modifiers.shift {
         out += "shift + ";
     }
-    out + key.symbol_or_name()
+    // The arrows' symbols are not in every font.
+    let arrows = [
+        Key::ArrowLeft,
+        Key::ArrowRight,
+        Key::ArrowUp,
+        Key::ArrowDown,
+    ];
+    out + if arrows.contains(&key) {
+        key.name()
+    } else {
+        key.symbol_or_name()
+    }
 }
 
 /// The shortcut of an action as text, for menus.

@@ -179,7 +179,12 @@ impl Session {
         self.transfer_timer
             .measure(&self.context, start, self.jobs.context());
         let stops = (key.1.mean_irradiance() * prepared.light_gain).log2();
-        self.stops_over_source = stops.is_finite().then_some(stops);
+        let named = [&self.look.source.file, &self.look.target.file];
+        let known = named
+            .iter()
+            .zip(&self.sides)
+            .all(|(file, side)| file.as_ref().is_none_or(|f| *f == side.path));
+        self.stops_over_source = (stops.is_finite() && known).then_some(stops);
         self.relit_for = Some(key);
         self.relit_version += 1;
     }
@@ -247,7 +252,9 @@ impl Session {
 
     /// Reads the maps behind the object: that of the side that is seen first, then the other's, since before and after are a key apart.
     pub(super) fn start_backdrops(&mut self) {
-        if self.look.background != Background::Environment || self.asset.is_none() {
+        if self.look.view.background(self.look.background) != Background::Environment
+            || self.asset.is_none()
+        {
             return;
         }
         for side in [TARGET, SOURCE] {

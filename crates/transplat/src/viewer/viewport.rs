@@ -10,7 +10,7 @@ use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
 use transplat_gpu::live::Live;
 
-use super::annotations::{annotate, draw_crop_box};
+use super::annotations::{annotate, draw_crop_box, mark_surfel};
 use super::navigation;
 use super::session::Session;
 
@@ -107,6 +107,7 @@ impl Viewport {
         }
         if let Some((camera, ..)) = self.camera_at(session, self.rect.min) {
             draw_crop_box(ui, self.rect, session, &camera);
+            mark_surfel(ui, self.rect, session, &camera, self.inspected);
         }
         annotate(ui, self.rect, session, view);
     }

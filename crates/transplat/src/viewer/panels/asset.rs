@@ -2,8 +2,8 @@
 
 use eframe::egui::{self, Ui};
 use glam::Vec3;
+use transplat_core::color::decode_sh;
 use transplat_core::load::AssetKind;
-use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Hide, UpAxis};
 
 use crate::viewer::annotations::doubt_name;
@@ -139,7 +139,8 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
     }
 }
 
-fn inspected(ui: &mut Ui, viewer: &Viewer) {
+fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
+    let mut close = false;
     let session = &viewer.session;
     let (Some(i), Some(asset)) = (viewer.viewport.inspected, &session.asset) else {
         ui.weak("Click the object to inspect a surfel.");
@@ -150,7 +151,10 @@ fn inspected(ui: &mut Ui, viewer: &Viewer) {
     }
     let cloud = &asset.cloud;
     let vector = |v: Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
-    ui.label(format!("Surfel {}", thousands(i)));
+    ui.horizontal(|ui| {
+        ui.label(format!("Surfel {}", thousands(i)));
+        close = ui.small_button("close").clicked();
+    });
     fact(ui, "position", vector(cloud.positions[i]));
     fact(
         ui,
@@ -180,7 +184,7 @@ fn inspected(ui: &mut Ui, viewer: &Viewer) {
         let [_, target] = session.oriented_lights();
         let light = prepared.light(&target);
         let relit = prepared.relight_one(&light, i);
-        let k = coefficient_count(cloud.sh_degree);
+        let linear = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
         let (dc, relit_dc) = (prepared.dc[i], relit[0]);
         let ratio = |c: usize| {
             if dc[c] > 0.0 {
@@ -208,17 +212,16 @@ fn inspected(ui: &mut Ui, viewer: &Viewer) {
                     let band = &f[transplat_core::sh::band(l)];
                     band.iter().flatten().map(|v| v * v).sum::<f32>().sqrt()
                 };
-                format!(
-                    "{l}: {:.3} > {:.3}",
-                    norm(&cloud.sh[i * k..][..k]),
-                    norm(&relit)
-                )
+                format!("{l}: {:.3} > {:.3}", norm(&linear), norm(&relit))
             })
             .collect();
-        fact(ui, "SH bands, stored > relit (linear)", bands.join("  "));
+        fact(ui, "SH bands, before > after", bands.join("  "));
     }
     if let Some(Some(doubt)) = session.doubts.get(i) {
         ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
+    }
+    if close {
+        viewer.viewport.inspected = None;
     }
 }
 

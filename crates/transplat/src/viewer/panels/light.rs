@@ -94,10 +94,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
 
 fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let told = session.stops_over_source.map_or(String::new(), |stops| {
-        let word = if stops < 0.0 { "darker" } else { "brighter" };
-        format!(": now {:.1} stops {word}", stops.abs())
-    });
+    let told = match session.stops_over_source {
+        Some(stops) if stops.abs() < 0.05 => ": now as strong".into(),
+        Some(stops) => {
+            let word = if stops < 0.0 { "darker" } else { "brighter" };
+            format!(": now {:.1} stops {word}", stops.abs())
+        }
+        None => String::new(),
+    };
     switch(
         ui,
         &format!("Match the source's strength{told}"),
