@@ -53,7 +53,10 @@ impl Viewer {
             let left_out = self.left_out();
             if !left_out.is_empty() {
                 ui.separator();
-                let text = format!("{} steps skipped", left_out.len());
+                let text = match left_out.len() {
+                    1 => "1 step skipped".to_owned(),
+                    n => format!("{n} steps skipped"),
+                };
                 let all: Vec<String> = left_out.iter().map(|(what, why)| format!("{what}: {why}")).collect();
                 ui.label(text)
                     .on_hover_text(format!("Not needed for this scene:\n{}", all.join("\n")));
