@@ -201,6 +201,8 @@ impl Context {
 
     /// Whether the device is gone: nothing works on it any more.
     pub fn is_lost(&self) -> bool {
+        // The driver's word is passed on only when somebody asks.
+        let _ = self.device.poll(wgpu::PollType::Poll);
         self.lost.load(Ordering::Relaxed)
     }
 
