@@ -32,6 +32,8 @@ pub struct Viewport {
     last_move: f64,
     step: usize,
     dragging_wipe: bool,
+    /// Where the pointer was in the last frame of a drag.
+    dragged_to: Option<Pos2>,
     /// The surfel that was clicked.
     pub inspected: Option<usize>,
     /// The light turns with the camera.
@@ -47,6 +49,7 @@ impl Default for Viewport {
             last_move: -1e9,
             step: 1,
             dragging_wipe: false,
+            dragged_to: None,
             inspected: None,
             light_locked_to_camera: false,
             judged: 0,
@@ -180,20 +183,19 @@ impl Viewport {
         let radius = session.asset.as_ref().map_or(1.0, |a| a.bounds.radius);
         let part = self.part_at(session, response.hover_pos());
         let shorter = part.width().min(part.height()).max(1.0);
-        let drag = Vec2::new(response.drag_delta().x, response.drag_delta().y);
+        let drag = self.drag_since_last_frame(ui, response);
+        let held = |button| response.dragged_by(button) || response.drag_stopped_by(button);
         let shift = ui.input(|i| i.modifiers.shift);
         self.drag_wipe(ui, session, response);
         if self.dragging_wipe {
             return;
         }
         let pose = &mut session.pose;
-        if response.dragged_by(PointerButton::Middle)
-            || (shift && response.dragged_by(PointerButton::Primary))
-        {
+        if held(PointerButton::Middle) || (shift && held(PointerButton::Primary)) {
             navigation::pan(pose, up, drag, shorter);
-        } else if response.dragged_by(PointerButton::Primary) {
+        } else if held(PointerButton::Primary) {
             navigation::orbit(pose, drag);
-        } else if response.dragged_by(PointerButton::Secondary) {
+        } else if held(PointerButton::Secondary) {
             if shift {
                 let target = &mut session.look.target;
                 target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(drag.x));
@@ -222,6 +224,23 @@ impl Viewport {
             let at = response.interact_pointer_pos();
             let picked = at.and_then(|at| self.pick_at(session, at));
             self.inspected = picked.map(|p| p.surfel);
+        }
+    }
+
+    /// How far the pointer was dragged since the last frame, in points: from where the button went down, and up to where it was let go.
+    /// Where frames are slow, much of a drag lies in its first and last one.
+    fn drag_since_last_frame(&mut self, ui: &Ui, response: &egui::Response) -> Vec2 {
+        let (origin, now) = ui.input(|i| (i.pointer.press_origin(), i.pointer.latest_pos()));
+        if response.drag_started() {
+            self.dragged_to = origin;
+        }
+        let from = self.dragged_to;
+        self.dragged_to = now.filter(|_| response.dragged());
+        match (from, now) {
+            (Some(from), Some(to)) if response.dragged() || response.drag_stopped() => {
+                Vec2::new(to.x - from.x, to.y - from.y)
+            }
+            _ => Vec2::ZERO,
         }
     }
 
