@@ -434,7 +434,16 @@ impl Snapshot {
         }
         if look.background == Background::Environment {
             let matched = look.match_gain(&source.radiance, &target.radiance);
-            let sides = [(source, &look.source, 1.0), (target, &look.target, matched)];
+            // Behind a pinned look is that look's light.
+            let left = match &self.pinned {
+                Some((pinned, lights)) if view.has_two_sides() => {
+                    let gain =
+                        pinned.match_gain(&lights[SOURCE].radiance, &lights[TARGET].radiance);
+                    (&lights[TARGET], &pinned.target, gain)
+                }
+                _ => (source, &look.source, 1.0),
+            };
+            let sides = [left, (target, &look.target, matched)];
             for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
                 if view.backdrops()[side] {
                     let map = self.backdrop_map(light)?;

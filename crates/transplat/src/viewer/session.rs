@@ -630,17 +630,19 @@ impl Session {
             whole
         };
         let look = &self.look;
-        let matched = look.match_gain(&self.sides[SOURCE].radiance, &self.sides[TARGET].radiance);
-        let light = |settings: &LightSettings, gain: f32| BackdropLight {
-            map_from_asset: settings.map_from_asset(up),
-            gain: settings.gain().map(|g| g * gain),
+        let light = |side: usize| {
+            let (_, settings, gain) = self.behind(side, view);
+            BackdropLight {
+                map_from_asset: settings.map_from_asset(up),
+                gain: settings.gain().map(|g| g * gain),
+            }
         };
         let (center, axes) = asset.ground;
         let ready = |side: usize| {
             let shown = &self.backdrop_for[side];
             shown
                 .as_ref()
-                .is_some_and(|k| k.light == self.sides[side].id)
+                .is_some_and(|k| k.light == self.behind(side, view).0.id)
         };
         let [source, target] = view.backdrops();
         // Until its map is read, an environment behind the object is a plain grey.
@@ -659,7 +661,7 @@ impl Session {
                 display: look.display,
                 false_color: look.false_color,
                 background,
-                lights: [light(&look.source, 1.0), light(&look.target, matched)],
+                lights: [light(SOURCE), light(TARGET)],
                 ground: GroundPlane {
                     center,
                     axes,
@@ -674,6 +676,30 @@ impl Session {
             marks: self.show_marks,
             hidden: (self.hidden.clone(), self.hidden_version),
         })
+    }
+
+    /// The light that is seen behind a side, as it is turned, and what it is brought to the source's strength by. Behind a pinned look it
+    /// is that look's.
+    pub(super) fn behind(&self, side: usize, view: View) -> (&Arc<Light>, &LightSettings, f32) {
+        let target_of = |look: &Look, lights: [&Light; 2]| {
+            look.match_gain(&lights[0].radiance, &lights[1].radiance)
+        };
+        let find = |file: &Option<PathBuf>| self.lights.get(file.as_deref()?);
+        if side == SOURCE
+            && view.has_two_sides()
+            && let Some(pinned) = self.pinned.as_ref().filter(|_| self.against_pinned)
+            && let (Some(source), Some(target)) =
+                (find(&pinned.source.file), find(&pinned.target.file))
+        {
+            let gain = target_of(pinned, [source, target]);
+            return (target, &pinned.target, gain);
+        }
+        let [source, target] = &self.sides;
+        if side == SOURCE {
+            return (source, &self.look.source, 1.0);
+        }
+        let gain = target_of(&self.look, [source, target]);
+        (target, &self.look.target, gain)
     }
 
     /// The look as it is saved: with asset and camera.

@@ -258,8 +258,9 @@ impl Session {
             return;
         }
         for side in [TARGET, SOURCE] {
+            let light = self.behind(side, self.look.view).0.clone();
             let key = BackdropKey {
-                light: self.sides[side].id,
+                light: light.id,
                 blur: self.look.background_blur,
             };
             let kind = Kind::Backdrop(side);
@@ -268,7 +269,8 @@ impl Session {
                 continue;
             }
             self.backdrop_asked[side] = Some(key.clone());
-            let (context, light) = (self.context.clone(), self.sides[side].clone());
+            let context = self.context.clone();
+            let name = light.name();
             let kept = self.maps.iter().find(|(id, _)| *id == light.id);
             let kept = kept.map(|(_, map)| map.clone());
             let work = move |_: &Handle<Event>| {
@@ -284,7 +286,7 @@ impl Session {
                     backdrop,
                 })
             };
-            let label = format!("reading {} for the background", self.sides[side].name());
+            let label = format!("reading {name} for the background");
             self.jobs.start(kind, label, work, Event::Failed);
         }
     }
