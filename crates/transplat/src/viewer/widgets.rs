@@ -54,14 +54,16 @@ pub fn name(ui: &mut Ui, text: &str) -> Response {
     let left = egui::Layout::left_to_right(egui::Align::Center);
     ui.allocate_ui_with_layout(size, left, |ui| {
         ui.set_min_width(NAME_WIDTH);
-        ui.add(egui::Label::new(text).truncate())
+        ui.add(egui::Label::new(text).truncate().selectable(false))
     })
     .inner
 }
 
 /// The tooltip of a control that a double click resets.
 fn tip(response: Response, text: &str) -> Response {
-    response.on_hover_text(format!("{text}\n\nDouble click: back to the default."))
+    response.on_hover_text(format!(
+        "{text}\n\nDouble click on its name: back to the default."
+    ))
 }
 
 /// An angle in degrees that goes round.
@@ -84,31 +86,34 @@ pub fn switch(ui: &mut Ui, label: &str, tip: &str, value: &mut bool) -> Response
     ui.checkbox(value, label).on_hover_text(tip)
 }
 
-/// A choice of few.
+/// A choice of few; a double click on its name takes the first of them, the default.
 pub fn choice<T: PartialEq + Copy>(
     ui: &mut Ui,
     label: &str,
-    tip: &str,
+    text: &str,
     value: &mut T,
     options: &[(&str, T)],
 ) -> bool {
     let before = *value;
-    let chosen = options
-        .iter()
-        .find(|(_, v)| *v == before)
-        .map_or("", |(name, _)| name);
+    let chosen = options.iter().find(|(_, v)| *v == before);
+    let chosen = chosen.map_or("", |(name, _)| name);
     ui.horizontal(|ui| {
         let label = name(ui, label);
-        egui::ComboBox::from_id_salt(label.id)
+        let double = ui.input(|i| {
+            i.pointer
+                .button_double_clicked(egui::PointerButton::Primary)
+        });
+        if double && label.contains_pointer() {
+            *value = options[0].1;
+        }
+        let list = egui::ComboBox::from_id_salt(label.id)
             .selected_text(chosen)
             .show_ui(ui, |ui| {
                 for (name, option) in options {
                     ui.selectable_value(value, *option, *name);
                 }
-            })
-            .response
-            .labelled_by(label.id)
-            .on_hover_text(tip);
+            });
+        tip(list.response.labelled_by(label.id), text);
     });
     *value != before
 }

@@ -62,7 +62,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
         "Samples",
         "Samples a pixel along each edge: more give smoother edges and take longer.",
         &mut settings.supersample,
-        &[("1 x 1", 1), ("2 x 2", 2), ("3 x 3", 3), ("4 x 4", 4)],
+        &[("2 x 2", 2), ("1 x 1", 1), ("3 x 3", 3), ("4 x 4", 4)],
     );
     switch(
         ui,
