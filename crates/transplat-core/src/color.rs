@@ -60,6 +60,18 @@ pub struct Display {
 }
 
 impl Display {
+    /// What a picture is encoded with: false colours are made of the sRGB curve alone, which can be undone.
+    pub fn for_picture(self, false_color: bool) -> Self {
+        Self {
+            tone_map: if false_color {
+                ToneMap::Srgb
+            } else {
+                self.tone_map
+            },
+            ..self
+        }
+    }
+
     /// Whether encoded colour passes through unchanged.
     pub fn is_identity(&self) -> bool {
         self.exposure == 0.0 && self.tone_map == ToneMap::Srgb

@@ -315,7 +315,7 @@ impl Live {
         let presentation = &mut frame.presentation;
         presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
         presentation.false_color &= presentation.view.is_light();
-        presentation.display = shown_display(presentation.display, presentation.false_color);
+        presentation.display = presentation.display.for_picture(presentation.false_color);
         self.draw_sides(&asset, &frame);
         let presentation = &frame.presentation;
         self.size_screen(presentation.size);
@@ -514,17 +514,5 @@ impl Live {
             )),
             None => Ok((Vec::new(), [0, 0])),
         }
-    }
-}
-
-/// The display of a picture: false colours are made of the sRGB curve alone, which can be undone.
-fn shown_display(display: Display, false_color: bool) -> Display {
-    if false_color {
-        Display {
-            exposure: display.exposure,
-            ..Display::default()
-        }
-    } else {
-        display
     }
 }

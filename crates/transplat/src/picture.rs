@@ -76,18 +76,6 @@ struct Shot<'a> {
     lit: &'a Lit,
 }
 
-/// The display of a picture: false colours are made of the sRGB curve alone, which can be undone.
-fn shown_display(display: Display, false_color: bool) -> Display {
-    if false_color {
-        Display {
-            exposure: display.exposure,
-            ..Display::default()
-        }
-    } else {
-        display
-    }
-}
-
 /// The asset, ready to be pictured.
 pub struct Studio {
     pub cloud: Arc<SurfelCloud>,
@@ -111,7 +99,9 @@ impl Studio {
         linear: bool,
         painter: Painter,
     ) -> Self {
-        let display = shown_display(look.display, look.false_color && view.is_light());
+        let display = look
+            .display
+            .for_picture(look.false_color && view.is_light());
         let look = Look {
             background: view.background(look.background),
             ..look
@@ -196,7 +186,7 @@ impl Studio {
         if let (Some((sh, display)), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
                 ColorSpace::Display(_) => {
-                    ColorSpace::Display(shown_display(*display, self.look.false_color))
+                    ColorSpace::Display(display.for_picture(self.look.false_color))
                 }
                 ColorSpace::Linear => ColorSpace::Linear,
             };

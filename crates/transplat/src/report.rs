@@ -153,7 +153,8 @@ impl Report {
     }
 }
 
-fn milliseconds(ms: f64) -> String {
+/// A time for people.
+pub fn milliseconds(ms: f64) -> String {
     if ms >= 1000.0 {
         format!("{:.1} s", ms / 1000.0)
     } else if ms >= 10.0 {

@@ -10,7 +10,8 @@ use super::app::Viewer;
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
-use super::widgets::{milliseconds, thousands};
+use super::widgets::thousands;
+use crate::report::milliseconds;
 
 /// How long a message stays that is no error, in seconds.
 const MESSAGE_S: f32 = 7.0;

@@ -2,8 +2,9 @@
 
 use eframe::egui::{self, Ui};
 
+use crate::report::milliseconds;
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{fact, milliseconds, thousands};
+use crate::viewer::widgets::{fact, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &viewer.session;
