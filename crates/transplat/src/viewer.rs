@@ -1,6 +1,7 @@
 //! The viewer: live relighting in a window.
 
 mod actions;
+mod adapter;
 mod annotations;
 mod app;
 mod baking;

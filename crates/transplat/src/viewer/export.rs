@@ -20,10 +20,11 @@ use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::visibility::{BakeSettings, Visibility};
 
+use super::adapter::BackgroundDevice;
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, load_map};
 use super::navigation::wrap;
-use super::session::{BackgroundDevice, Event, SOURCE, Session, TARGET};
+use super::session::{Event, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
 use crate::device::Painter;
 use crate::picture::{Backdrop, Lit, Studio};

@@ -11,7 +11,7 @@ use transplat_core::load::load_environment;
 use transplat_core::look::is_even;
 use transplat_core::sh::MAX_DEGREE;
 
-use super::session::BackgroundDevice;
+use super::adapter::BackgroundDevice;
 use crate::device::Device;
 use crate::scene::map_warnings;
 

@@ -2,7 +2,6 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
@@ -21,12 +20,12 @@ use transplat_gpu::Context;
 use transplat_gpu::live::{Frame, Live, LiveTransfer, Passes};
 use transplat_gpu::present::{Backdrop, BackdropLight, GroundPlane, Presentation};
 
+use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
 use super::jobs::{Jobs, Kind};
 use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
-use crate::device::Device;
 use crate::picture::half;
 
 /// Directions of the stand-in for a bake that has not begun to arrive.
@@ -170,77 +169,6 @@ pub struct Stages {
 pub struct Times {
     pub bake: f64,
     pub prepare: f64,
-}
-
-/// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
-#[derive(Clone)]
-pub struct BackgroundDevice {
-    window: Arc<Context>,
-    own: Arc<Mutex<Option<Arc<Context>>>>,
-}
-
-impl BackgroundDevice {
-    fn new(window: &Arc<Context>) -> Self {
-        Self {
-            window: window.clone(),
-            own: Arc::default(),
-        }
-    }
-
-    /// The adapter, software or not; none where it gives no second device. One that was lost is opened anew.
-    pub fn gpu(&self) -> Option<Arc<Context>> {
-        let mut own = self.own.lock().unwrap_or_else(|p| p.into_inner());
-        if own.as_ref().is_none_or(|c| c.is_lost()) {
-            *own = self.window.sibling().ok().map(Arc::new);
-        }
-        own.clone()
-    }
-
-    /// Where long work is the faster: the adapter if it is a real one, else the CPU.
-    pub fn fastest(&self) -> Device {
-        if self.window.is_software() {
-            return Device::Cpu;
-        }
-        self.gpu().map_or(Device::Cpu, Device::Gpu)
-    }
-}
-
-/// Measures how long submitted work takes on the adapter: a thread waits for it, and meanwhile no other is measured.
-#[derive(Default)]
-pub struct GpuTimer {
-    micros: Arc<AtomicU64>,
-    count: Arc<AtomicU64>,
-    waiting: Arc<AtomicBool>,
-}
-
-impl GpuTimer {
-    /// The last that is finished, from its first command to its end on the adapter.
-    pub fn ms(&self) -> f64 {
-        self.micros.load(Ordering::Relaxed) as f64 / 1e3
-    }
-
-    /// How many were measured.
-    pub fn count(&self) -> u64 {
-        self.count.load(Ordering::Relaxed)
-    }
-
-    /// Measures what began at `start` and has just been submitted.
-    pub fn measure(&self, context: &Arc<Context>, start: Instant, egui: &egui::Context) {
-        if self.waiting.swap(true, Ordering::Relaxed) {
-            return;
-        }
-        let (micros, waiting) = (self.micros.clone(), self.waiting.clone());
-        let count = self.count.clone();
-        let (context, egui) = (context.clone(), egui.clone());
-        let submission = context.last_submission();
-        std::thread::spawn(move || {
-            context.finish(&submission);
-            micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
-            count.fetch_add(1, Ordering::Relaxed);
-            waiting.store(false, Ordering::Relaxed);
-            egui.request_repaint();
-        });
-    }
 }
 
 /// Everything that is open, and the settings.

@@ -1,106 +1,21 @@
 //! The viewer's own interface, driven without a window on the adapter that the tests have.
 
+mod driver;
+
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use eframe::egui;
-use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use transplat::viewer::{Opening, Task, Viewer, wgpu_setup};
+use transplat::viewer::Task;
 use transplat_core::color::ToneMap;
 use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
-use transplat_tests::{Folder, asset, psnr, run, small_splat};
+use transplat_tests::{Folder, asset, run, small_splat};
 
-const SIZE: egui::Vec2 = egui::vec2(1000.0, 640.0);
-
-/// How long a job may take on a slow machine.
-const PATIENCE: Duration = Duration::from_secs(120);
-
-struct Driver {
-    harness: Harness<'static, Viewer>,
-    /// Keeps the files of the scene.
-    folder: Folder,
-}
-
-impl Driver {
-    /// The viewer on a copy of the bundled scene, so that bakes are kept apart.
-    fn new() -> Self {
-        let folder = Folder::new();
-        for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
-            fs::copy(asset(name), folder.path(name)).expect("room for it");
-        }
-        let opening = Opening {
-            files: ["teapot.ply", "interior.hdr", "sunset.hdr"]
-                .map(|n| folder.path(n))
-                .into(),
-            ..Opening::default()
-        };
-        let mut driver = Self::open(opening, folder);
-        let city = driver.folder.path("city.hdr");
-        driver.viewer().session.set_light(0, city);
-        driver.settle();
-        driver
-    }
-
-    fn open(opening: Opening, folder: Folder) -> Self {
-        let harness = Harness::builder()
-            .with_size(SIZE)
-            .with_max_steps(64)
-            .wgpu_setup(wgpu_setup(false))
-            .build_eframe(move |cc| Viewer::new(cc, opening).expect("a viewer"));
-        let mut driver = Self { harness, folder };
-        driver.settle();
-        driver
-    }
-
-    fn viewer(&mut self) -> &mut Viewer {
-        self.harness.state_mut()
-    }
-
-    /// Runs until nothing is being computed any more.
-    fn settle(&mut self) {
-        let start = Instant::now();
-        let mut quiet = 0;
-        while quiet < 3 {
-            self.harness.step();
-            let busy = !self.harness.state().session.is_settled();
-            quiet = if busy { 0 } else { quiet + 1 };
-            if busy {
-                std::thread::sleep(Duration::from_millis(5));
-            }
-            assert!(
-                start.elapsed() < PATIENCE,
-                "the viewer does not come to rest"
-            );
-        }
-    }
-
-    fn picture(&mut self) -> Vec<[f32; 3]> {
-        self.settle();
-        let viewer = self.harness.state();
-        let (values, _) = viewer
-            .session
-            .live()
-            .read_screen()
-            .expect("the driver works");
-        values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
-    }
-
-    fn click(&mut self, label: &str) {
-        self.harness.get_by_label(label).scroll_to_me();
-        self.settle();
-        self.harness.get_by_label(label).click();
-        self.settle();
-    }
-}
-
-/// How different two pictures are, in dB; more is more alike.
-fn alike(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
-    psnr(a, b)
-}
+use driver::{Driver, alike};
 
 #[test]
 fn controls_run_what_they_touch_and_nothing_else() {

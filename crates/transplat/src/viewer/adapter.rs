@@ -1,0 +1,81 @@
+//! The adapter beside the window: a device for jobs, and how long submitted work takes.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use eframe::egui;
+use transplat_gpu::Context;
+
+use crate::device::Device;
+
+/// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
+#[derive(Clone)]
+pub struct BackgroundDevice {
+    window: Arc<Context>,
+    own: Arc<Mutex<Option<Arc<Context>>>>,
+}
+
+impl BackgroundDevice {
+    pub fn new(window: &Arc<Context>) -> Self {
+        Self {
+            window: window.clone(),
+            own: Arc::default(),
+        }
+    }
+
+    /// The adapter, software or not; none where it gives no second device. One that was lost is opened anew.
+    pub fn gpu(&self) -> Option<Arc<Context>> {
+        let mut own = self.own.lock().unwrap_or_else(|p| p.into_inner());
+        if own.as_ref().is_none_or(|c| c.is_lost()) {
+            *own = self.window.sibling().ok().map(Arc::new);
+        }
+        own.clone()
+    }
+
+    /// Where long work is the faster: the adapter if it is a real one, else the CPU.
+    pub fn fastest(&self) -> Device {
+        if self.window.is_software() {
+            return Device::Cpu;
+        }
+        self.gpu().map_or(Device::Cpu, Device::Gpu)
+    }
+}
+
+/// Measures how long submitted work takes on the adapter: a thread waits for it, and meanwhile no other is measured.
+#[derive(Default)]
+pub struct GpuTimer {
+    micros: Arc<AtomicU64>,
+    count: Arc<AtomicU64>,
+    waiting: Arc<AtomicBool>,
+}
+
+impl GpuTimer {
+    /// The last that is finished, from its first command to its end on the adapter.
+    pub fn ms(&self) -> f64 {
+        self.micros.load(Ordering::Relaxed) as f64 / 1e3
+    }
+
+    /// How many were measured.
+    pub fn count(&self) -> u64 {
+        self.count.load(Ordering::Relaxed)
+    }
+
+    /// Measures what began at `start` and has just been submitted.
+    pub fn measure(&self, context: &Arc<Context>, start: Instant, egui: &egui::Context) {
+        if self.waiting.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        let (micros, waiting) = (self.micros.clone(), self.waiting.clone());
+        let count = self.count.clone();
+        let (context, egui) = (context.clone(), egui.clone());
+        let submission = context.last_submission();
+        std::thread::spawn(move || {
+            context.finish(&submission);
+            micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
+            count.fetch_add(1, Ordering::Relaxed);
+            waiting.store(false, Ordering::Relaxed);
+            egui.request_repaint();
+        });
+    }
+}

@@ -1,0 +1,98 @@
+//! The viewer without a window, with its files in a folder of its own.
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+use eframe::egui;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use transplat::viewer::{Opening, Viewer, wgpu_setup};
+use transplat_tests::{Folder, asset, psnr};
+
+pub const SIZE: egui::Vec2 = egui::vec2(1000.0, 640.0);
+
+/// How long a job may take on a slow machine.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+pub struct Driver {
+    pub harness: Harness<'static, Viewer>,
+    /// Keeps the files of the scene.
+    pub folder: Folder,
+}
+
+impl Driver {
+    /// The viewer on a copy of the bundled scene, so that bakes are kept apart.
+    pub fn new() -> Self {
+        let folder = Folder::new();
+        for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
+            fs::copy(asset(name), folder.path(name)).expect("room for it");
+        }
+        let opening = Opening {
+            files: ["teapot.ply", "interior.hdr", "sunset.hdr"]
+                .map(|n| folder.path(n))
+                .into(),
+            ..Opening::default()
+        };
+        let mut driver = Self::open(opening, folder);
+        let city = driver.folder.path("city.hdr");
+        driver.viewer().session.set_light(0, city);
+        driver.settle();
+        driver
+    }
+
+    pub fn open(opening: Opening, folder: Folder) -> Self {
+        let harness = Harness::builder()
+            .with_size(SIZE)
+            .with_max_steps(64)
+            .wgpu_setup(wgpu_setup(false))
+            .build_eframe(move |cc| Viewer::new(cc, opening).expect("a viewer"));
+        let mut driver = Self { harness, folder };
+        driver.settle();
+        driver
+    }
+
+    pub fn viewer(&mut self) -> &mut Viewer {
+        self.harness.state_mut()
+    }
+
+    /// Runs until nothing is being computed any more.
+    pub fn settle(&mut self) {
+        let start = Instant::now();
+        let mut quiet = 0;
+        while quiet < 3 {
+            self.harness.step();
+            let busy = !self.harness.state().session.is_settled();
+            quiet = if busy { 0 } else { quiet + 1 };
+            if busy {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            assert!(
+                start.elapsed() < PATIENCE,
+                "the viewer does not come to rest"
+            );
+        }
+    }
+
+    pub fn picture(&mut self) -> Vec<[f32; 3]> {
+        self.settle();
+        let viewer = self.harness.state();
+        let (values, _) = viewer
+            .session
+            .live()
+            .read_screen()
+            .expect("the driver works");
+        values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
+    }
+
+    pub fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).scroll_to_me();
+        self.settle();
+        self.harness.get_by_label(label).click();
+        self.settle();
+    }
+}
+
+/// How different two pictures are, in dB; more is more alike.
+pub fn alike(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+    psnr(a, b)
+}
