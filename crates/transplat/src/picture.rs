@@ -6,13 +6,13 @@ use anyhow::Result;
 use glam::DMat3;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, Encoding, srgb_decode};
-use transplat_core::environment::EnvironmentMap;
+use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
 use transplat_core::ground::Ground;
-use transplat_core::look::Look;
+use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::sh::coefficient_count;
-use transplat_core::surfels::SurfelCloud;
+use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::visibility::Visibility;
 
@@ -24,6 +24,35 @@ pub struct Backdrop {
     pub map: Arc<EnvironmentMap>,
     pub map_from_asset: DMat3,
     pub gain: [f32; 3],
+}
+
+impl Backdrop {
+    /// A light's map, turned and as strong as its settings say; `matched` is what brings it to the source's strength.
+    pub fn new(
+        map: Arc<EnvironmentMap>,
+        settings: &LightSettings,
+        up: UpAxis,
+        matched: f32,
+    ) -> Self {
+        Self {
+            map,
+            map_from_asset: settings.map_from_asset(up),
+            gain: settings.gain().map(|g| g * matched),
+        }
+    }
+}
+
+/// Lit share of the ground's cells under source and target, from the light of their maps.
+pub fn lit_ground(
+    ground: &Ground,
+    look: &Look,
+    [source, target]: [&IncidentRadiance; 2],
+    up: UpAxis,
+) -> [Vec<f32>; 2] {
+    [
+        ground.lit_share(&look.source.orient(source, up)),
+        ground.lit_share(&look.target.orient(target, up)),
+    ]
 }
 
 /// What a pair of lights makes of the asset; empty where the view needs none of it.

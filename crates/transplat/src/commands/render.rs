@@ -16,7 +16,7 @@ use transplat_core::visibility::Visibility;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
 use crate::commands::refuse_overwriting;
-use crate::picture::{Backdrop, Lit, Studio};
+use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::report::Report;
 use crate::scene::{Lights, Scene, asset_of, look_of, progress_bar, targets_of};
 
@@ -328,14 +328,12 @@ impl Shots<'_> {
         report: &mut Report,
     ) -> Result<()> {
         let look = &self.scene.look;
-        if let (Some(ground), Some([source, target])) = (&self.studio.ground, maps) {
-            let up = self.scene.cloud.up;
-            lit.ground = [
-                ground.lit_share(&look.source.orient(source, up)),
-                ground.lit_share(&look.target.orient(target, up)),
-            ];
+        let up = self.scene.cloud.up;
+        if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
+            lit.ground = lit_ground(ground, look, maps, up);
         }
-        if look.background != Background::Environment {
+        // The studio's own: channels that are no light show no environment, and its map is not read.
+        if self.studio.look.background != Background::Environment {
             return Ok(());
         }
         let view = self.studio.view;
@@ -351,11 +349,8 @@ impl Shots<'_> {
             };
             let map = self.scene.load_light(path, report)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
-            lit.backdrops[side] = Some(Backdrop {
-                map: Arc::new(map.blurred(look.background_blur)),
-                map_from_asset: settings.map_from_asset(self.scene.cloud.up),
-                gain: settings.gain().map(|g| g * gain),
-            });
+            let map = Arc::new(map.blurred(look.background_blur));
+            lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
         }
         Ok(())
     }

@@ -27,7 +27,7 @@ use super::navigation::wrap;
 use super::session::{Event, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
 use crate::device::Painter;
-use crate::picture::{Backdrop, Lit, Studio};
+use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 
 /// Format of saved pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -428,12 +428,10 @@ impl Snapshot {
             lit.before = Some((self.transfer(&prepared, &target)?, pinned.display));
         }
         if let Some(ground) = &self.ground {
-            lit.ground = [
-                ground.lit_share(&look.source.orient(&source.radiance, self.up)),
-                ground.lit_share(&look.target.orient(&target.radiance, self.up)),
-            ];
+            let maps = [&source.radiance, &target.radiance];
+            lit.ground = lit_ground(ground, look, maps, self.up);
         }
-        if look.background == Background::Environment {
+        if view.background(look.background) == Background::Environment {
             let matched = look.match_gain(&source.radiance, &target.radiance);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
@@ -448,11 +446,7 @@ impl Snapshot {
             for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
                 if view.backdrops()[side] {
                     let map = self.backdrop_map(light)?;
-                    lit.backdrops[side] = Some(Backdrop {
-                        map,
-                        map_from_asset: settings.map_from_asset(self.up),
-                        gain: settings.gain().map(|g| g * gain),
-                    });
+                    lit.backdrops[side] = Some(Backdrop::new(map, settings, self.up, gain));
                 }
             }
         }
