@@ -1,5 +1,7 @@
 //! Stage *project environment*: a light as an equirectangular map, and as SH coefficients of its incident radiance.
 
+mod beams;
+
 use std::f64::consts::PI;
 
 use glam::{DMat3, Vec3};
@@ -9,6 +11,8 @@ use crate::color::luminance;
 use crate::sh::{
     MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
 };
+
+pub use beams::{Beam, Beams, MAX_SUNS, SUN_RADIUS, SUN_SHARE};
 
 /// No light is brighter; sums of pixels stay finite.
 const MAX_RADIANCE: f32 = 1e15;

@@ -3,8 +3,11 @@
 
 mod transfer;
 
+use glam::DVec3;
+
 use crate::environment::EnvironmentMap;
 use crate::sh::{coefficient_count, evaluate_basis, fibonacci_sphere};
+use crate::visibility::trace::{NEAREST_SCALES, START_SCALES};
 use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, Visibility};
 
 pub use transfer::{OracleTransfer, relight_surfel};
@@ -43,7 +46,7 @@ pub fn visibility_coefficients(
         .enumerate()
     {
         let open = f64::from(visibility.open[i * visibility.directions + j]) / 255.0;
-        let cosine = n.dot(glam::DVec3::from_array(w)).max(0.0);
+        let cosine = n.dot(DVec3::from_array(w)).max(0.0);
         evaluate_basis(w, degree, &mut y);
         let share = 4.0 * std::f64::consts::PI / visibility.directions as f64;
         for (sum, y) in sums.iter_mut().zip(&y) {
@@ -105,4 +108,29 @@ pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
         sum += (-f64::from(SHARPNESS) * above.max(0.0)).exp();
     }
     sum / TAPS.len() as f64
+}
+
+/// How far a ray from surfel `i` towards `direction` goes until it meets the disc of surfel `j`, if it does.
+pub fn hit_distance(input: &BakeInput, i: usize, direction: DVec3, j: usize) -> Option<f64> {
+    let (from, surfel) = (&input.surfels[i], &input.surfels[j]);
+    let (normal, size) = (from.normal.as_dvec3(), f64::from(from.bias));
+    let start = f64::from(START_SCALES) * size * normal.dot(direction).signum();
+    let origin = from.position.as_dvec3() + normal * start;
+    let [a, b] = surfel.axes.map(|v| v.as_dvec3());
+    let facing = surfel.normal.as_dvec3().dot(direction);
+    if a.length() == 0.0 || b.length() == 0.0 || facing.abs() < 1e-6 {
+        return None;
+    }
+    let center = surfel.position.as_dvec3();
+    let t = (center - origin).dot(surfel.normal.as_dvec3()) / facing;
+    let p = origin + direction * t - center;
+    let (u, v) = (p.dot(a) / a.length_squared(), p.dot(b) / b.length_squared());
+    (u * u + v * v <= 1.0 && t > f64::from(NEAREST_SCALES) * size).then_some(t)
+}
+
+/// The nearest of those distances over all surfels.
+pub fn first_hit(input: &BakeInput, i: usize, direction: DVec3) -> Option<f64> {
+    (0..input.surfels.len())
+        .filter_map(|j| hit_distance(input, i, direction, j))
+        .min_by(f64::total_cmp)
 }

@@ -3,6 +3,9 @@
 //! For every direction an orthographic map of the object's heights towards it is drawn; each surfel compares its own height with
 //! eight taps of the map, softened exponentially (exponential shadow maps, Annen et al. 2008). Geometry only: no light is needed.
 
+pub mod occlusion;
+pub mod trace;
+
 use std::ops::ControlFlow;
 
 use glam::{Vec2, Vec3};

@@ -1,0 +1,338 @@
+//! A light as beams: compact bright sources one by one, and the rest of the map in cells.
+//!
+//! A sun is a few pixels wide and holds up to half of all light: its shadow is crisp, and no sum over a lattice of directions can show
+//! that. So it is taken out of the map and kept with its exact direction. What is left is smooth enough for the lattice.
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::EnvironmentMap;
+
+/// Light from one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// Unit vector towards the source.
+    pub direction: Vec3,
+    /// Radiance times solid angle, linear RGB: the irradiance on a surface that faces it.
+    pub energy: [f32; 3],
+}
+
+/// A light as the preset `best` sees it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Beams {
+    /// Compact bright sources, brightest first; at most [`MAX_SUNS`].
+    pub suns: Vec<Beam>,
+    /// Everything else, in cells of about 2.8 degrees.
+    pub cells: Vec<Beam>,
+}
+
+/// Compact sources that are taken out of a map, at most.
+pub const MAX_SUNS: usize = 6;
+
+/// A compact source holds at least this share of all light.
+pub const SUN_SHARE: f64 = 0.02;
+
+/// Radius of the disc around the brightest pixel that a compact source lies in, in degrees.
+pub const SUN_RADIUS: f64 = 4.0;
+
+/// Outer radius of the ring around it whose median is what the sky would be without it, in degrees.
+const RING_RADIUS: f64 = 10.0;
+
+/// Columns of the map in which suns are looked for: 0.35 degrees.
+const SEARCH_COLUMNS: usize = 1024;
+
+/// Columns of the grid of cells.
+const CELL_COLUMNS: usize = 128;
+
+impl Beams {
+    /// Radiance 1 from everywhere.
+    pub fn even() -> Self {
+        Self::of(&EnvironmentMap::new(
+            2 * CELL_COLUMNS,
+            CELL_COLUMNS,
+            vec![[1.0; 3]; 2 * CELL_COLUMNS * CELL_COLUMNS],
+        ))
+    }
+
+    /// Takes a map apart.
+    pub fn of(map: &EnvironmentMap) -> Self {
+        let map = map.reduced(SEARCH_COLUMNS);
+        let mut pixels = Pixels::of(&map);
+        let total = pixels.sum();
+        let mut suns = Vec::new();
+        while suns.len() < MAX_SUNS {
+            let Some((sun, excess)) = pixels.brightest() else {
+                break;
+            };
+            let energy: f64 = sun.iter().map(|p| p.1.iter().sum::<f64>()).sum();
+            // Not NaN either.
+            if !(energy >= SUN_SHARE * total && energy > 0.0) {
+                break;
+            }
+            suns.push(beam(sun.iter().map(|(d, e, _)| (*d, *e))));
+            for ((_, _, index), excess) in sun.iter().zip(excess) {
+                for (e, x) in pixels.energy[*index].iter_mut().zip(excess) {
+                    *e -= x;
+                }
+            }
+        }
+        Self {
+            suns,
+            cells: pixels.cells(),
+        }
+    }
+
+    /// The light turned by `rotation` (world to world).
+    pub fn rotated(&self, rotation: DMat3) -> Self {
+        self.map(|b| Beam {
+            direction: (rotation * b.direction.as_dvec3()).as_vec3(),
+            ..*b
+        })
+    }
+
+    /// The light mirrored left to right in its own map: `f(x, -y, z)`.
+    pub fn mirrored(&self) -> Self {
+        self.map(|b| Beam {
+            direction: b.direction * Vec3::new(1.0, -1.0, 1.0),
+            ..*b
+        })
+    }
+
+    /// The light with each channel multiplied.
+    pub fn tinted(&self, gain: [f32; 3]) -> Self {
+        self.map(|b| Beam {
+            energy: std::array::from_fn(|c| b.energy[c] * gain[c]),
+            ..*b
+        })
+    }
+
+    fn map(&self, f: impl Fn(&Beam) -> Beam) -> Self {
+        Self {
+            suns: self.suns.iter().map(&f).collect(),
+            cells: self.cells.iter().map(&f).collect(),
+        }
+    }
+
+    /// The cells gathered into the directions nearest to them: energy `[N][3]`.
+    pub fn gathered(&self, lattice: &[Vec3]) -> Vec<[f32; 3]> {
+        let nearest: Vec<usize> = self
+            .cells
+            .par_iter()
+            .map(|cell| {
+                let mut best = (f32::MIN, 0);
+                for (i, d) in lattice.iter().enumerate() {
+                    let cosine = d.dot(cell.direction);
+                    best = if cosine > best.0 { (cosine, i) } else { best };
+                }
+                best.1
+            })
+            .collect();
+        let mut out = vec![[0f64; 3]; lattice.len()];
+        for (cell, i) in self.cells.iter().zip(nearest) {
+            for (o, e) in out[i].iter_mut().zip(cell.energy) {
+                *o += f64::from(e);
+            }
+        }
+        out.into_iter().map(|e| e.map(|v| v as f32)).collect()
+    }
+
+    /// Irradiance on a surface that sees everything, averaged over all normals and the three channels.
+    pub fn mean_irradiance(&self) -> f32 {
+        let sum: f64 = self
+            .suns
+            .iter()
+            .chain(&self.cells)
+            .flat_map(|b| b.energy)
+            .map(f64::from)
+            .sum();
+        // The clamped cosine's mean over the sphere is a quarter.
+        (sum / 12.0) as f32
+    }
+}
+
+/// The beam that holds what all of some pixels do, from their mean direction.
+fn beam(parts: impl Iterator<Item = (DVec3, [f64; 3])>) -> Beam {
+    let (mut direction, mut energy) = (DVec3::ZERO, [0f64; 3]);
+    for (d, e) in parts {
+        direction += d * e.iter().sum::<f64>();
+        for (sum, e) in energy.iter_mut().zip(e) {
+            *sum += e;
+        }
+    }
+    Beam {
+        direction: direction.normalize_or(DVec3::Z).as_vec3(),
+        energy: energy.map(|v| v as f32),
+    }
+}
+
+/// A map's pixels as energies.
+struct Pixels<'a> {
+    map: &'a EnvironmentMap,
+    /// `[height][width]`
+    energy: Vec<[f64; 3]>,
+}
+
+type Excess = Vec<(DVec3, [f64; 3], usize)>;
+
+impl<'a> Pixels<'a> {
+    fn of(map: &'a EnvironmentMap) -> Self {
+        let energy = map
+            .pixels()
+            .iter()
+            .enumerate()
+            .map(|(i, p)| {
+                let omega = map.pixel_solid_angle(i / map.width());
+                p.map(|v| omega * f64::from(v))
+            })
+            .collect();
+        Self { map, energy }
+    }
+
+    fn sum(&self) -> f64 {
+        self.energy.iter().flatten().sum()
+    }
+
+    /// What the surroundings of the brightest pixel hold above the sky around them: direction, energy and index of each pixel.
+    fn brightest(&self) -> Option<(Excess, Vec<[f64; 3]>)> {
+        let (w, h) = (self.map.width(), self.map.height());
+        let radiance =
+            |i: usize| self.energy[i].iter().sum::<f64>() / self.map.pixel_solid_angle(i / w);
+        let peak = (0..w * h).max_by(|a, b| radiance(*a).total_cmp(&radiance(*b)))?;
+        let direction = |i: usize| DVec3::from_array(self.map.direction(i % w, i / w));
+        let toward = direction(peak);
+        let (inner, outer) = (
+            SUN_RADIUS.to_radians().cos(),
+            RING_RADIUS.to_radians().cos(),
+        );
+        // Rows further away than the ring are not looked at.
+        let reach = (RING_RADIUS / 180.0 * h as f64).ceil() as usize + 1;
+        let rows = (peak / w).saturating_sub(reach)..(peak / w + reach + 1).min(h);
+        let (mut disc, mut ring) = (Vec::new(), Vec::new());
+        for i in rows.start * w..rows.end * w {
+            let cosine = direction(i).dot(toward);
+            if cosine > inner {
+                disc.push(i);
+            } else if cosine > outer {
+                ring.push(i);
+            }
+        }
+        let sky: [f64; 3] = std::array::from_fn(|c| {
+            let mut values: Vec<f64> = ring
+                .iter()
+                .map(|i| self.energy[*i][c] / self.map.pixel_solid_angle(i / w))
+                .collect();
+            let middle = values.len() / 2;
+            if values.is_empty() {
+                return 0.0;
+            }
+            *values.select_nth_unstable_by(middle, f64::total_cmp).1
+        });
+        let excess: Vec<[f64; 3]> = disc
+            .iter()
+            .map(|i| {
+                let omega = self.map.pixel_solid_angle(i / w);
+                std::array::from_fn(|c| (self.energy[*i][c] - sky[c] * omega).max(0.0))
+            })
+            .collect();
+        let sun = disc
+            .iter()
+            .zip(&excess)
+            .map(|(i, e)| (direction(*i), *e, *i))
+            .collect();
+        Some((sun, excess))
+    }
+
+    /// The rest, a block of pixels a cell.
+    fn cells(&self) -> Vec<Beam> {
+        let (w, h) = (self.map.width(), self.map.height());
+        let columns = CELL_COLUMNS.min(w);
+        let rows = (CELL_COLUMNS / 2).min(h);
+        let span = |i: usize, of: usize, to: usize| i * of / to..(i + 1) * of / to;
+        (0..rows * columns)
+            .into_par_iter()
+            .map(|cell| {
+                let (y, x) = (cell / columns, cell % columns);
+                beam(span(y, h, rows).flat_map(|row| {
+                    span(x, w, columns).map(move |column| {
+                        (
+                            DVec3::from_array(self.map.direction(column, row)),
+                            self.energy[row * w + column],
+                        )
+                    })
+                }))
+            })
+            .filter(|b| b.energy.iter().any(|e| *e > 0.0))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::sh::fibonacci_sphere;
+
+    /// A grey sky of radiance 0.2 with a sun of radiance 1000, 2 degrees wide.
+    fn sunny(width: usize) -> EnvironmentMap {
+        let height = width / 2;
+        let sun = DVec3::new(0.5, -0.6, 0.7).normalize();
+        let plain = EnvironmentMap::new(width, height, vec![[0.2; 3]; width * height]);
+        let pixels = (0..width * height)
+            .map(|i| {
+                let d = DVec3::from_array(plain.direction(i % width, i / width));
+                if d.dot(sun) > 1f64.to_radians().cos() {
+                    [1000.0, 900.0, 700.0]
+                } else {
+                    [0.2; 3]
+                }
+            })
+            .collect();
+        EnvironmentMap::new(width, height, pixels)
+    }
+
+    #[test]
+    fn a_sun_is_taken_out_and_nothing_is_lost() {
+        let map = sunny(1024);
+        let beams = Beams::of(&map);
+        assert_eq!(beams.suns.len(), 1);
+        let sun = &beams.suns[0];
+        let truth = Vec3::new(0.5, -0.6, 0.7).normalize();
+        // The pixels' centroid, a third of a degree wide each.
+        assert!(sun.direction.angle_between(truth) < 0.2f32.to_radians());
+        // Its rim cuts through pixels, six across.
+        let omega = 2.0 * PI * (1.0 - 1f64.to_radians().cos());
+        assert!((f64::from(sun.energy[0]) / (999.8 * omega) - 1.0).abs() < 0.15);
+        let total = crate::environment::project_environment(&map, 0).mean_irradiance();
+        assert!((beams.mean_irradiance() / total - 1.0).abs() < 1e-3);
+        // What is left is the sky: no cell stands out.
+        let lattice: Vec<Vec3> = fibonacci_sphere(64)
+            .iter()
+            .map(|d| Vec3::from_array(d.map(|v| v as f32)))
+            .collect();
+        for e in beams.gathered(&lattice) {
+            assert!(
+                (e[0] / (0.2 * 4.0 * PI as f32 / 64.0) - 1.0).abs() < 0.25,
+                "{e:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_sky_without_sun_has_none() {
+        assert!(Beams::even().suns.is_empty());
+        assert!((Beams::even().mean_irradiance() - PI as f32).abs() < 1e-3);
+        let dark = EnvironmentMap::new(64, 32, vec![[0.0; 3]; 64 * 32]);
+        assert!(Beams::of(&dark).suns.is_empty());
+        assert_eq!(Beams::of(&dark).mean_irradiance(), 0.0);
+    }
+
+    #[test]
+    fn small_maps_are_taken_apart_too() {
+        for (w, h) in [(1, 1), (2, 1), (1, 2), (7, 3)] {
+            let map = EnvironmentMap::new(w, h, vec![[1.0, 2.0, 3.0]; w * h]);
+            let beams = Beams::of(&map);
+            assert!((beams.mean_irradiance() - 2.0 * PI as f32).abs() < 1e-3);
+        }
+    }
+}
