@@ -3,6 +3,7 @@
 //! Everything that does not change with the target is prepared once; a new light is then one matrix-vector product,
 //! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks of lanes.
 
+pub mod best;
 mod lanes;
 mod settings;
 

@@ -39,7 +39,7 @@ impl SphereQuadrature {
 }
 
 /// Nodes and weights of Gauss-Legendre quadrature on [-1, 1], by Newton's method on `P_n`.
-fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
+pub(crate) fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     (0..n)
         .map(|i| {
             let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();

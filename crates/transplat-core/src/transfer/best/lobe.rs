@@ -1,0 +1,332 @@
+//! Gloss: what a surfel mirrors of all that shines on it, blurred by a lobe, and which lobe its own colour speaks of.
+//!
+//! The lobe is `((1 + cos) / 2)^p` around the mirrored view, a power of two: a few multiplications instead of an exponential. It keeps
+//! its energy (`(p + 1) / 4 pi`), and is dark below the surface's horizon.
+
+use std::f32::consts::PI;
+
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::nodes::Nodes;
+use crate::environment::Beam;
+use crate::visibility::occlusion::smoothstep;
+
+/// The lobes' widths: the exponents are 2 to these powers. GGX roughness alpha is about `1 / sqrt(p)`.
+pub const WIDTHS: [u32; 5] = [3, 4, 5, 6, 7];
+
+/// Reflectance of a rough dielectric along its normal over that at grazing view, with which the lobe rises (Schlick 1994). Smooth glass
+/// has 0.04; rough surfaces rise less.
+const NORMAL_OVER_GRAZING: f32 = 0.1;
+
+/// Light that does not vary over the lobe says nothing of gloss: added to what is divided by, in units of the mean irradiance squared.
+const RIDGE: f32 = 1e-3;
+
+/// Share of a surfel's colour that gloss may explain.
+pub const MOST_GLOSS: f32 = 0.98;
+
+/// No surface mirrors more than that.
+const MOST_REFLECTANCE: f32 = 1.5;
+
+/// Squared correlation of mirrored light and colour from which on the lobe counts.
+const TRUSTED_CORRELATION: f32 = 0.03;
+
+/// Reflectance between which a surface turns from a coated one into a metal: nothing else mirrors that much, and a metal has no other colour.
+const METAL: [f32; 2] = [0.1, 0.2];
+
+/// Factor on a dielectric's lobe at each node. `[Q]`
+pub fn fresnel(nodes: &Nodes) -> Vec<f32> {
+    nodes
+        .to_camera
+        .iter()
+        .map(|v| 1.0 + (1.0 / NORMAL_OVER_GRAZING - 1.0) * (1.0 - v.z).powi(5))
+        .collect()
+}
+
+/// Mirrored radiance at the nodes, `[3][Q]` into `out`, of beams in the surfel's frame.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+pub fn mirrored(nodes: &Nodes, width: u32, beams: &[Beam], out: &mut [f32]) {
+    const BLOCK: usize = 16;
+    let q = nodes.count();
+    out.fill(0.0);
+    for start in (0..q).step_by(BLOCK) {
+        let count = BLOCK.min(q - start);
+        // Half of the mirrored view, so that with the half below `1 + cos` over 2 is one sum.
+        let (mut x, mut y, mut z) = ([0f32; BLOCK], [0f32; BLOCK], [0f32; BLOCK]);
+        for i in 0..count {
+            let v = nodes.to_camera[start + i];
+            (x[i], y[i], z[i]) = (-0.5 * v.x, -0.5 * v.y, 0.5 * v.z);
+        }
+        let mut sum = [[0f32; BLOCK]; 3];
+        for beam in beams {
+            let (d, e) = (beam.direction, beam.energy);
+            let mut lobe = [0f32; BLOCK];
+            for i in 0..BLOCK {
+                lobe[i] = 0.5 + x[i] * d.x + y[i] * d.y + z[i] * d.z;
+            }
+            for _ in 0..width {
+                for l in &mut lobe {
+                    *l *= *l;
+                }
+            }
+            for c in 0..3 {
+                for i in 0..BLOCK {
+                    sum[c][i] += lobe[i] * e[c];
+                }
+            }
+        }
+        let scale = ((1u32 << width) as f32 + 1.0) / (4.0 * PI);
+        for c in 0..3 {
+            for i in 0..count {
+                out[c * q + start + i] = scale * sum[c][i];
+            }
+        }
+    }
+}
+
+/// The gloss of one surfel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Gloss {
+    /// Reflectance, per channel; 0 where the surfel is matte.
+    pub reflectance: [f32; 3],
+    /// Exponent of the lobe: 2 to this power.
+    pub width: u32,
+    /// Whether the lobe rises towards grazing view, as it does on all but metals.
+    pub rises: bool,
+}
+
+impl Gloss {
+    /// Whether there is none.
+    pub fn is_matte(&self) -> bool {
+        self.reflectance == [0.0; 3]
+    }
+}
+
+/// Sums of a surfel's colour against one lobe.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    /// Mean mirrored light.
+    mean: [f32; 3],
+    /// Covariance of mirrored light and colour.
+    covariance: [f32; 3],
+    /// Variance of mirrored light.
+    variance: [f32; 3],
+}
+
+/// What the fit needs of an asset under its source light.
+pub struct Fitted<'a> {
+    /// The nodes.
+    pub nodes: &'a Nodes,
+    /// Linear colour at the nodes `[n][Q]`.
+    pub colors: &'a [[f32; 3]],
+    /// Its mean `[n]`.
+    pub means: &'a [[f32; 3]],
+    /// Other surfels that probably are of the same stuff. `[n][neighbors]`
+    pub neighbors: &'a [u32],
+    /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
+    pub two_sided: &'a [f32],
+}
+
+/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
+/// channel, pooled over its neighbours and drawn to the mean of the channels.
+///
+/// `beams_of(i, out)` collects what shines on surfel `i`, in its frame.
+pub fn find_gloss(
+    input: &Fitted<'_>,
+    beams_of: &(dyn Fn(usize, &mut Vec<Beam>) + Sync),
+) -> Vec<Gloss> {
+    let n = input.means.len();
+    if input.nodes.degree == 0 || n == 0 {
+        return vec![Gloss::default(); n];
+    }
+    let fresnel = fresnel(input.nodes);
+    let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (0..n)
+        .into_par_iter()
+        .map_init(
+            || (Vec::new(), vec![0f32; 3 * input.nodes.count()]),
+            |(beams, values), i| {
+                beams_of(i, beams);
+                let mut found = [[Moments::default(); WIDTHS.len()]; 2];
+                for (w, width) in WIDTHS.into_iter().enumerate() {
+                    mirrored(input.nodes, width, beams, values);
+                    found[0][w] = moments(input, i, values, None);
+                    found[1][w] = moments(input, i, values, Some(&fresnel));
+                }
+                found
+            },
+        )
+        .collect();
+    let variances: Vec<[f32; 3]> = (0..n).map(|i| color_variance(input, i)).collect();
+    let metal = regress(input, &moments, &variances, 0);
+    let coated = regress(input, &moments, &variances, 1);
+    choose(input, &moments, &metal, &coated)
+}
+
+fn color_variance(input: &Fitted<'_>, i: usize) -> [f32; 3] {
+    let q = input.nodes.count();
+    let mut sum = [0f32; 3];
+    for (w, c) in input.nodes.weights.iter().zip(&input.colors[i * q..][..q]) {
+        for k in 0..3 {
+            sum[k] += w * (c[k] - input.means[i][k]).powi(2);
+        }
+    }
+    sum
+}
+
+/// Moments of one lobe, as far as a function of the asset's degree can show it.
+fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -> Moments {
+    let nodes = input.nodes;
+    let q = nodes.count();
+    let colors = &input.colors[i * q..][..q];
+    let mut found = Moments::default();
+    let mut seen = vec![0f32; q];
+    for c in 0..3 {
+        let values = &values[c * q..][..q];
+        for (row, seen) in nodes.refit.chunks_exact(q).zip(&mut seen) {
+            *seen = match rise {
+                None => row.iter().zip(values).map(|(m, v)| m * v).sum(),
+                Some(rise) => row
+                    .iter()
+                    .zip(values)
+                    .zip(rise)
+                    .map(|((m, v), r)| m * v * r)
+                    .sum(),
+            };
+        }
+        let mean: f32 = seen.iter().zip(&nodes.weights).map(|(s, w)| s * w).sum();
+        for ((s, w), color) in seen.iter().zip(&nodes.weights).zip(colors) {
+            found.covariance[c] += w * (s - mean) * (color[c] - input.means[i][c]);
+            found.variance[c] += w * (s - mean) * (s - mean);
+        }
+        found.mean[c] = mean;
+    }
+    found
+}
+
+/// A regression's result for one surfel.
+#[derive(Clone, Copy, Debug)]
+struct Regressed {
+    reflectance: [f32; 3],
+    width: usize,
+    correlation: f32,
+}
+
+fn regress(
+    input: &Fitted<'_>,
+    moments: &[[[Moments; WIDTHS.len()]; 2]],
+    variances: &[[f32; 3]],
+    kind: usize,
+) -> Vec<Regressed> {
+    let each = input.neighbors.len() / moments.len();
+    (0..moments.len())
+        .into_par_iter()
+        .map(|i| {
+            let around = &input.neighbors[i * each..][..each];
+            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
+            let share = 1.0 / (each + 1) as f32;
+            let mut best: Option<(f32, Regressed)> = None;
+            for w in 0..WIDTHS.len() {
+                let (mut num, mut den, mut var) = ([0f32; 3], [0f32; 3], [0f32; 3]);
+                let mut relative = [0f32; 3];
+                for j in with_self() {
+                    let m = &moments[j][kind][w];
+                    let brightness: f32 = input.means[j].iter().map(|c| c * c).sum();
+                    let unit = 1.0 / brightness.max(1e-6);
+                    for c in 0..3 {
+                        num[c] += share * m.covariance[c];
+                        den[c] += share * m.variance[c];
+                        var[c] += share * variances[j][c];
+                        relative[0] += unit * m.covariance[c];
+                        relative[1] += unit * m.variance[c];
+                        relative[2] += unit * variances[j][c];
+                    }
+                }
+                let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
+                let reflectance: [f32; 3] = std::array::from_fn(|c| {
+                    let k = (num[c] + mean(num)) / (den[c] + mean(den) + RIDGE);
+                    let most =
+                        MOST_GLOSS * input.means[i][c] / moments[i][kind][w].mean[c].max(1e-6);
+                    k.clamp(0.0, most.max(0.0))
+                });
+                let residual: f32 = (0..3)
+                    .map(|c| {
+                        let k = reflectance[c];
+                        var[c] - 2.0 * k * num[c] + k * k * den[c]
+                    })
+                    .sum();
+                if best.is_none_or(|(least, _)| residual < least) {
+                    let correlation =
+                        relative[0].max(0.0).powi(2) / (relative[1] * relative[2]).max(1e-12);
+                    best = Some((
+                        residual,
+                        Regressed {
+                            reflectance,
+                            width: w,
+                            correlation,
+                        },
+                    ));
+                }
+            }
+            best.map_or(
+                Regressed {
+                    reflectance: [0.0; 3],
+                    width: 0,
+                    correlation: 0.0,
+                },
+                |b| b.1,
+            )
+        })
+        .collect()
+}
+
+/// Which of the two each surfel is, and how much of it is believed.
+fn choose(
+    input: &Fitted<'_>,
+    moments: &[[[Moments; WIDTHS.len()]; 2]],
+    metal: &[Regressed],
+    coated: &[Regressed],
+) -> Vec<Gloss> {
+    let each = input.neighbors.len() / moments.len();
+    let believed = |r: &Regressed, i: usize| {
+        let trust =
+            smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - input.two_sided[i]);
+        r.reflectance.map(|k| k * trust)
+    };
+    let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
+    (0..moments.len())
+        .into_par_iter()
+        .map(|i| {
+            let around = &input.neighbors[i * each..][..each];
+            // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors.
+            let (mut mirrored, mut light, mut width, mut weight) = (0f32, 0f32, 0f32, 0f32);
+            for j in around.iter().map(|j| *j as usize).chain([i]) {
+                let k = mean(believed(&metal[j], j));
+                let m = mean(moments[j][0][metal[j].width].mean).max(0.0);
+                mirrored += k * m;
+                light += m;
+                width += k * metal[j].width as f32;
+                weight += k;
+            }
+            let metallic = smoothstep(METAL[0], METAL[1], mirrored / light.max(1e-9));
+            if metallic == 0.0 {
+                return Gloss {
+                    reflectance: believed(&coated[i], i).map(|k| k.min(MOST_REFLECTANCE)),
+                    width: WIDTHS[coated[i].width],
+                    rises: true,
+                };
+            }
+            let width = (width / weight.max(1e-9)).round() as usize;
+            let width = width.min(WIDTHS.len() - 1);
+            let k = believed(&metal[i], i);
+            Gloss {
+                reflectance: std::array::from_fn(|c| {
+                    let whole =
+                        MOST_GLOSS * input.means[i][c] / moments[i][0][width].mean[c].max(1e-6);
+                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE)
+                }),
+                width: WIDTHS[width],
+                rises: false,
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,293 @@
+//! The directions at which a surfel's colour is worked on: a quadrature of the hemisphere that cameras can see it from.
+//!
+//! They lie in the surfel's own frame, so that one set of matrices serves all surfels. The frame is the mirror that exchanges the
+//! normal and the z axis: its own inverse, and cheap to apply to SH vectors.
+
+use std::f64::consts::PI;
+
+use glam::Vec3;
+
+use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gauss_legendre};
+
+/// What the fit adds to each coefficient above the DC, as a share of the constant function's weight: it settles what the visible
+/// hemisphere leaves open.
+const FIT_RIDGE: f64 = 0.02;
+
+/// Weight of a grazing direction in the fit, beside the cosine by which the others count.
+const FIT_FLOOR: f64 = 0.1;
+
+/// The quadrature and its matrices for one degree of the asset's colour.
+#[derive(Clone, Debug)]
+pub struct Nodes {
+    /// Degree of the colour.
+    pub degree: usize,
+    /// Directions to the camera in the surfel's frame, z up. `[Q]`
+    pub to_camera: Vec<Vec3>,
+    /// Cosine-weighted quadrature over the hemisphere, sums to 1. `[Q]`
+    pub weights: Vec<f32>,
+    /// Value of each basis function at a node, as seen from there. `[Q][K]`
+    pub evaluate: Vec<f32>,
+    /// The least-squares fit of values at the nodes. `[K][Q]`
+    pub fit: Vec<f32>,
+    /// What the fit of values has at the nodes. `[Q][Q]`
+    pub refit: Vec<f32>,
+    /// The same directions on the back. `[Q][K]`
+    pub evaluate_back: Vec<f32>,
+    /// Projection of values at the nodes of the front, and of the back. `[K][Q]` each
+    pub project: [Vec<f32>; 2],
+}
+
+impl Nodes {
+    /// Nodes for colour of a degree: `degree + 1` heights times twice as many azimuths.
+    pub fn new(degree: usize) -> Self {
+        let k = coefficient_count(degree);
+        let (heights, azimuths) = (degree + 1, 2 * (degree + 1));
+        let (mut to_camera, mut areas) = (Vec::new(), Vec::new());
+        for (row, (x, w)) in gauss_legendre(heights).into_iter().enumerate() {
+            let z = 0.5 * (x + 1.0);
+            let r = (1.0 - z * z).sqrt();
+            for column in 0..azimuths {
+                let stagger = 0.5 * (row % 2) as f64;
+                let phi = 2.0 * PI * (column as f64 + stagger) / azimuths as f64;
+                to_camera.push([r * phi.cos(), r * phi.sin(), z]);
+                areas.push(0.5 * w * 2.0 * PI / azimuths as f64);
+            }
+        }
+        // Colour is a function of the direction from camera to surfel.
+        let basis = |side: f64| -> Vec<f64> {
+            to_camera
+                .iter()
+                .flat_map(|v| {
+                    let mut y = [0f64; MAX_COEFFICIENTS];
+                    evaluate_basis([-v[0], -v[1], -side * v[2]], degree, &mut y);
+                    y[..k].to_vec()
+                })
+                .collect()
+        };
+        let (front, back) = (basis(1.0), basis(-1.0));
+        let fit_weights: Vec<f64> = to_camera
+            .iter()
+            .zip(&areas)
+            .map(|(v, a)| a * (v[2] + FIT_FLOOR))
+            .collect();
+        let fit = least_squares(&front, k, &fit_weights);
+        let q = to_camera.len();
+        let mut refit = vec![0f32; q * q];
+        for a in 0..q {
+            for b in 0..q {
+                refit[a * q + b] = (0..k)
+                    .map(|i| front[a * k + i] * fit[i * q + b])
+                    .sum::<f64>() as f32;
+            }
+        }
+        let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
+        let project = |basis: &[f64]| -> Vec<f32> {
+            (0..k * q)
+                .map(|i| (areas[i % q] * basis[(i % q) * k + i / q]) as f32)
+                .collect()
+        };
+        let single = |v: &[f64]| v.iter().map(|v| *v as f32).collect::<Vec<f32>>();
+        Self {
+            degree,
+            weights: to_camera
+                .iter()
+                .zip(&areas)
+                .map(|(v, a)| (a * v[2] / total) as f32)
+                .collect(),
+            project: [project(&front), project(&back)],
+            evaluate: single(&front),
+            evaluate_back: single(&back),
+            fit: single(&fit),
+            refit,
+            to_camera: to_camera
+                .iter()
+                .map(|v| Vec3::from_array(v.map(|v| v as f32)))
+                .collect(),
+        }
+    }
+
+    /// Number of nodes Q.
+    pub fn count(&self) -> usize {
+        self.to_camera.len()
+    }
+
+    /// Values `[Q][3]` of a function `[K][3]` in the surfel's frame.
+    pub fn values(&self, evaluate: &[f32], function: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        product(evaluate, function, self.count())
+    }
+
+    /// Function `[K][3]` of values `[Q][3]` by one of the matrices `[K][Q]`.
+    pub fn function(&self, matrix: &[f32], values: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        product(matrix, values, coefficient_count(self.degree))
+    }
+}
+
+/// `matrix [rows][n] * vector [n][3]`.
+fn product(matrix: &[f32], vector: &[[f32; 3]], rows: usize) -> Vec<[f32; 3]> {
+    (0..rows)
+        .map(|r| {
+            let mut sum = [0f32; 3];
+            for (m, v) in matrix[r * vector.len()..][..vector.len()]
+                .iter()
+                .zip(vector)
+            {
+                for (s, v) in sum.iter_mut().zip(v) {
+                    *s += m * v;
+                }
+            }
+            sum
+        })
+        .collect()
+}
+
+/// `(Y^T W Y + R)^-1 Y^T W`, `[K][Q]`, by Gauss-Jordan elimination; the matrix is positive definite.
+fn least_squares(basis: &[f64], k: usize, weights: &[f64]) -> Vec<f64> {
+    let q = weights.len();
+    let total: f64 = weights.iter().sum();
+    let width = k + q;
+    let mut rows = vec![0f64; k * width];
+    for i in 0..k {
+        for j in 0..k {
+            rows[i * width + j] = (0..q)
+                .map(|s| weights[s] / total * basis[s * k + i] * basis[s * k + j])
+                .sum();
+        }
+        if i > 0 {
+            rows[i * width + i] += FIT_RIDGE / (4.0 * PI);
+        }
+        for s in 0..q {
+            rows[i * width + k + s] = weights[s] / total * basis[s * k + i];
+        }
+    }
+    for pivot in 0..k {
+        let scale = 1.0 / rows[pivot * width + pivot];
+        for v in &mut rows[pivot * width..][..width] {
+            *v *= scale;
+        }
+        let row = rows[pivot * width..][..width].to_vec();
+        for other in (0..k).filter(|o| *o != pivot) {
+            let factor = rows[other * width + pivot];
+            for (v, p) in rows[other * width..][..width].iter_mut().zip(&row) {
+                *v -= factor * p;
+            }
+        }
+    }
+    (0..k)
+        .flat_map(|i| rows[i * width + k..(i + 1) * width].to_vec())
+        .collect()
+}
+
+/// The frame of a surfel: the mirror that exchanges its normal and the z axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Unit normal of the mirror.
+    pub mirror: Vec3,
+}
+
+impl Frame {
+    /// The frame of a surfel with that unit normal.
+    pub fn new(normal: Vec3) -> Self {
+        // The difference loses its digits where the two are close; any mirror through the axis will do there.
+        let difference = normal - Vec3::Z;
+        Self {
+            mirror: if difference.length_squared() > 1e-10 {
+                difference.normalize()
+            } else {
+                Vec3::X
+            },
+        }
+    }
+
+    /// A direction from the world into the frame, or back.
+    #[inline(always)]
+    pub fn apply(&self, d: Vec3) -> Vec3 {
+        d - self.mirror * (2.0 * d.dot(self.mirror))
+    }
+
+    /// An SH function `[K][3]` from the world into the frame, or back.
+    pub fn apply_sh(&self, degree: usize, function: &mut [[f32; 3]]) {
+        let m = self.mirror;
+        let r = m.x.hypot(m.y);
+        let azimuth = if r > 1e-12 {
+            (m.x / r, m.y / r)
+        } else {
+            (1.0, 0.0)
+        };
+        let mirror = Mirror::new(azimuth, (m.z, r));
+        let mut band = [0f32; 2 * crate::sh::MAX_DEGREE + 1];
+        for l in 1..=degree {
+            for c in 0..3 {
+                let range = crate::sh::band(l);
+                for (b, f) in band.iter_mut().zip(&function[range.clone()]) {
+                    *b = f[c];
+                }
+                mirror.reflect_band(l, &mut band[..2 * l + 1]);
+                for (f, b) in function[range].iter_mut().zip(band) {
+                    f[c] = b;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sh::evaluate_sh;
+
+    fn function(degree: usize) -> Vec<[f32; 3]> {
+        (0..coefficient_count(degree))
+            .map(|i| std::array::from_fn(|c| ((i * 7 + c * 3) as f32).sin() / (1 + i) as f32))
+            .collect()
+    }
+
+    #[test]
+    fn a_fit_of_a_functions_own_values_is_close_to_it_where_it_is_seen() {
+        for degree in 0..=4 {
+            let nodes = Nodes::new(degree);
+            let f = function(degree);
+            let values = nodes.values(&nodes.evaluate, &f);
+            let back = nodes.values(&nodes.evaluate, &nodes.function(&nodes.fit, &values));
+            for (a, b) in values.iter().zip(&back) {
+                // The ridge draws it a little towards the constant.
+                assert!((a[0] - b[0]).abs() < 0.1, "degree {degree}: {a:?} {b:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_frame_is_its_own_inverse_and_turns_functions_with_directions() {
+        for n in [
+            Vec3::Z,
+            -Vec3::Z,
+            Vec3::X,
+            Vec3::new(1e-6, 0.0, 1.0),
+            Vec3::new(0.3, -0.5, 0.2),
+        ] {
+            let n = n.normalize();
+            let frame = Frame::new(n);
+            assert!((frame.apply(n) - Vec3::Z).length() < 1e-5);
+            let d = Vec3::new(0.6, -0.64, 0.48);
+            assert!((frame.apply(frame.apply(d)) - d).length() < 1e-6);
+            let f = function(3);
+            let mut turned = f.clone();
+            frame.apply_sh(3, &mut turned);
+            let (a, b) = (
+                evaluate_sh(&f, 3, d.to_array()),
+                evaluate_sh(&turned, 3, frame.apply(d).to_array()),
+            );
+            assert!((a[1] - b[1]).abs() < 1e-5, "{n}: {a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn the_two_sides_project_a_function_exactly() {
+        let nodes = Nodes::new(3);
+        let f = function(3);
+        let front = nodes.function(&nodes.project[0], &nodes.values(&nodes.evaluate, &f));
+        let back = nodes.function(&nodes.project[1], &nodes.values(&nodes.evaluate_back, &f));
+        for ((f, a), b) in f.iter().zip(front).zip(back) {
+            assert!((f[2] - a[2] - b[2]).abs() < 1e-5, "{f:?} {a:?} {b:?}");
+        }
+    }
+}
