@@ -318,6 +318,24 @@ fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
     sum
 }
 
+/// Share of surfels whose albedo is below the whitest one, so that a few odd ones do not count.
+const WHITEST: f32 = 0.95;
+
+/// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels.
+fn whitest(means: &[[f32; 3]], divisor: &[[f32; 3]]) -> f32 {
+    let mut albedos: Vec<f32> = means
+        .iter()
+        .zip(divisor)
+        .map(|(m, d)| std::f32::consts::PI * m.iter().sum::<f32>() / d.iter().sum::<f32>())
+        .filter(|a| a.is_finite())
+        .collect();
+    if albedos.is_empty() {
+        return 1.0;
+    }
+    let index = ((albedos.len() - 1) as f32 * WHITEST) as usize;
+    (*albedos.select_nth_unstable_by(index, f32::total_cmp).1).max(1e-12)
+}
+
 /// The surfels nearest in place and normal: probably of the same stuff. `[n][min(NEIGHBORS, n - 1)]`
 fn neighbors(input: &BakeInput, normals: &[Vec3]) -> Vec<u32> {
     let n = normals.len();
@@ -365,14 +383,16 @@ impl BestTransfer {
         let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
         let light = asset.incident(&source.tinted([light_gain; 3]));
         let bounced = asset.gathered(&asset.means);
-        let divisor = [0, 1].map(|s| {
+        let divisor: [Vec<[f32; 3]>; 2] = [0, 1].map(|s| {
             light.irradiance[s]
                 .iter()
                 .zip(&bounced[s])
                 .map(|(e, b)| std::array::from_fn(|c| e[c] + b[c] + EPSILON))
                 .collect()
         });
+        let white = whitest(&asset.means[0], &divisor[0]);
         let fitted = Fitted {
+            white,
             nodes: &asset.nodes,
             colors: &asset.colors,
             means: &asset.means[0],
@@ -607,3 +627,6 @@ fn mean_of(values: &[[f32; 3]]) -> [f32; 3] {
     }
     sum.map(|s| (s / values.len().max(1) as f64) as f32)
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,14 +25,15 @@ const RIDGE: f32 = 1e-3;
 /// Share of a surfel's colour that gloss may explain.
 pub const MOST_GLOSS: f32 = 0.98;
 
-/// No surface mirrors more than that.
-const MOST_REFLECTANCE: f32 = 1.5;
+/// No surface mirrors more than that many times what the whitest one scatters.
+const MOST_REFLECTANCE: f32 = 2.0;
 
 /// Squared correlation of mirrored light and colour from which on the lobe counts.
 const TRUSTED_CORRELATION: f32 = 0.03;
 
-/// Reflectance between which a surface turns from a coated one into a metal: nothing else mirrors that much, and a metal has no other colour.
-const METAL: [f32; 2] = [0.1, 0.2];
+/// Reflectance, in units of the asset's whitest albedo, between which a surface turns from a coated one into a metal: nothing else
+/// mirrors that much, and a metal has no other colour.
+const METAL: [f32; 2] = [0.15, 0.3];
 
 /// Factor on a dielectric's lobe at each node. `[Q]`
 pub fn fresnel(nodes: &Nodes) -> Vec<f32> {
@@ -125,6 +126,8 @@ pub struct Fitted<'a> {
     pub neighbors: &'a [u32],
     /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
     pub two_sided: &'a [f32],
+    /// The asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
+    pub white: f32,
 }
 
 /// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
@@ -307,10 +310,15 @@ fn choose(
                 width += k * metal[j].width as f32;
                 weight += k;
             }
-            let metallic = smoothstep(METAL[0], METAL[1], mirrored / light.max(1e-9));
+            let metallic = smoothstep(
+                METAL[0],
+                METAL[1],
+                mirrored / (input.white * light).max(1e-9),
+            );
             if metallic == 0.0 {
                 return Gloss {
-                    reflectance: believed(&coated[i], i).map(|k| k.min(MOST_REFLECTANCE)),
+                    reflectance: believed(&coated[i], i)
+                        .map(|k| k.min(MOST_REFLECTANCE * input.white)),
                     width: WIDTHS[coated[i].width],
                     rises: true,
                 };
@@ -322,7 +330,7 @@ fn choose(
                 reflectance: std::array::from_fn(|c| {
                     let whole =
                         MOST_GLOSS * input.means[i][c] / moments[i][0][width].mean[c].max(1e-6);
-                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE)
+                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE * input.white)
                 }),
                 width: WIDTHS[width],
                 rises: false,

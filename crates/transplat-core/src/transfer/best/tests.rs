@@ -1,0 +1,197 @@
+use std::f32::consts::PI;
+
+use glam::{DMat3, DVec3};
+
+use super::*;
+use crate::environment::EnvironmentMap;
+use crate::scenes;
+use crate::visibility::no_progress;
+
+fn asset_of(cloud: &SurfelCloud) -> Arc<BestAsset> {
+    let occlusion = Occlusion::bake(cloud, &no_progress).expect("not cancelled");
+    Arc::new(BestAsset::new(cloud, Arc::new(occlusion)))
+}
+
+/// A gradient with a sun, and its colours.
+fn sky(sun: DVec3, tint: [f32; 3]) -> Beams {
+    let plain = EnvironmentMap::new(256, 128, vec![[0.0; 3]; 256 * 128]);
+    let pixels = (0..256 * 128)
+        .map(|i| {
+            let d = DVec3::from_array(plain.direction(i % 256, i / 256));
+            let glare = if d.dot(sun.normalize()) > 0.9994 {
+                300.0
+            } else {
+                0.0
+            };
+            tint.map(|t| t * (0.6 + 0.5 * d.z as f32) + glare)
+        })
+        .collect();
+    Beams::of(&EnvironmentMap::new(256, 128, pixels))
+}
+
+/// A sphere over a plate whose colour varies with the place and the view.
+fn glossy() -> SurfelCloud {
+    let mut cloud = scenes::sphere_over_plate(500);
+    let k = coefficient_count(cloud.sh_degree);
+    for (i, f) in cloud.sh.chunks_exact_mut(k).enumerate() {
+        for (j, c) in f.iter_mut().enumerate().skip(1) {
+            *c = std::array::from_fn(|c| 0.1 * ((i * 13 + j * 7 + c) as f32).sin() / j as f32);
+        }
+    }
+    cloud
+}
+
+fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    a.iter()
+        .flatten()
+        .zip(b.iter().flatten())
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f32::max)
+}
+
+#[test]
+fn the_source_light_returns_the_asset() {
+    let cloud = glossy();
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let relit = BestTransfer::new(&asset_of(&cloud), &source).relight(&source);
+    // The bounced light's fixed point starts at the source's own radiance, so nothing but rounding is left.
+    assert!(
+        farthest(&relit.sh, &cloud.sh) < 1e-3,
+        "{}",
+        farthest(&relit.sh, &cloud.sh)
+    );
+    assert!(relit.tau.iter().flatten().all(|t| (t - 1.0).abs() < 1e-3));
+}
+
+#[test]
+fn the_strength_of_both_lights_changes_nothing() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
+    let relit = BestTransfer::new(&asset, &source).relight(&target);
+    for gain in [1e-6, 1e6] {
+        let same =
+            BestTransfer::new(&asset, &source.tinted([gain; 3])).relight(&target.tinted([gain; 3]));
+        assert!(farthest(&relit.sh, &same.sh) < 1e-3, "gain {gain}");
+    }
+}
+
+#[test]
+fn a_matte_sphere_takes_its_analytic_irradiance() {
+    // Open all around: E of a gradient a + b z is pi a + 2 pi b n.z / 3, and the sphere was lit evenly.
+    let cloud = scenes::sphere(800);
+    let transfer = BestTransfer::new(&asset_of(&cloud), &Beams::even());
+    let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
+    let gradient = (0..128 * 64)
+        .map(|i| [0.5 + 0.4 * plain.direction(i % 128, i / 128)[2] as f32; 3])
+        .collect();
+    let relit = transfer.relight(&Beams::of(&EnvironmentMap::new(128, 64, gradient)));
+    let mut worst = 0f32;
+    for (i, tau) in relit.tau.iter().enumerate() {
+        let z = cloud.positions[i].normalize().z;
+        let exact = 0.5 + 0.4 * 2.0 / 3.0 * z;
+        worst = worst.max((tau[0] / exact - 1.0).abs());
+    }
+    // 512 directions, of which those at the horizon are cut by the neighbours' discs in both lights.
+    assert!(worst < 0.03, "{worst}");
+}
+
+#[test]
+fn a_black_target_is_black_and_a_black_source_is_finite() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let black = Beams::of(&EnvironmentMap::new(64, 32, vec![[0.0; 3]; 64 * 32]));
+    let relit = BestTransfer::new(&asset, &Beams::even()).relight(&black);
+    // Epsilon is what is left: 0.006 of the mean irradiance.
+    assert!(relit.tau.iter().flatten().all(|t| *t < 0.05));
+    let relit = BestTransfer::new(&asset, &black).relight(&Beams::even());
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+}
+
+#[test]
+fn turning_asset_and_lights_turns_the_result() {
+    let cloud = glossy();
+    let turn = DMat3::from_axis_angle(DVec3::new(0.3, -0.2, 0.9).normalize(), 1.1);
+    let mut turned = cloud.clone();
+    let k = coefficient_count(cloud.sh_degree);
+    for p in &mut turned.positions {
+        *p = (turn * p.as_dvec3()).as_vec3();
+    }
+    for t in turned.tangents.iter_mut().flatten() {
+        *t = (turn * t.as_dvec3()).as_vec3();
+    }
+    for f in turned.sh.chunks_exact_mut(k) {
+        let r = crate::sh::rotate_coefficients(turn, cloud.sh_degree, f);
+        f.copy_from_slice(&r);
+    }
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
+    let here = BestTransfer::new(&asset_of(&cloud), &source).relight(&target);
+    let there =
+        BestTransfer::new(&asset_of(&turned), &source.rotated(turn)).relight(&target.rotated(turn));
+    // The lattice stays where it is, so the sums differ by its coarseness: in the mean, not surfel by surfel.
+    let mean = |tau: &[[f32; 3]]| tau.iter().map(|t| t[1]).sum::<f32>() / tau.len() as f32;
+    let (a, b) = (mean(&here.tau), mean(&there.tau));
+    assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
+    let typical: f32 = here
+        .tau
+        .iter()
+        .zip(&there.tau)
+        .map(|(a, b)| (a[1] - b[1]).abs())
+        .sum::<f32>()
+        / here.tau.len() as f32;
+    assert!(typical < 0.1 * a, "{typical} of {a}");
+}
+
+#[test]
+fn a_metal_is_found_and_a_matte_surface_is_not() {
+    // Each surfel of a sphere shows what it mirrors (a metal), or its irradiance (plaster), under a sky with a sun.
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    for metal in [true, false] {
+        let mut cloud = scenes::sphere(600);
+        cloud.sh_degree = 3;
+        cloud.encoding = Encoding::Linear;
+        cloud.sh = vec![[0.0; 3]; cloud.len() * 16];
+        let asset = asset_of(&cloud);
+        let light = asset.incident(&source);
+        let mut beams = Vec::new();
+        let mut values = vec![0f32; 3 * asset.nodes.count()];
+        for i in 0..cloud.len() {
+            asset.beams_of(i, &light, &asset.means, &mut beams);
+            mirrored(&asset.nodes, 4, &beams, &mut values);
+            let q = asset.nodes.count();
+            let shown: Vec<[f32; 3]> = (0..q)
+                .map(|s| {
+                    std::array::from_fn(|c| {
+                        if metal {
+                            0.8 * values[c * q + s]
+                        } else {
+                            0.5 / PI * light.irradiance[0][i][c]
+                        }
+                    })
+                })
+                .collect();
+            let mut f = asset.nodes.function(&asset.nodes.fit, &shown);
+            Frame::new(asset.occlusion.normals[i]).apply_sh(3, &mut f);
+            cloud.sh[i * 16..][..16].copy_from_slice(&f);
+        }
+        let transfer = BestTransfer::new(&asset_of(&cloud), &source);
+        let metals = transfer.gloss.iter().filter(|g| !g.rises).count();
+        if metal {
+            assert!(metals * 10 > 9 * cloud.len(), "{metals}");
+            // The colour was made under the light as it is, and is explained by the light that the transfer works in.
+            let sum: f32 = transfer.gloss.iter().map(|g| g.reflectance[1]).sum();
+            let mean = sum * transfer.light_gain / cloud.len() as f32;
+            assert!((mean - 0.8).abs() < 0.1, "{mean}");
+        } else {
+            assert_eq!(metals, 0);
+            let most = transfer
+                .gloss
+                .iter()
+                .map(|g| g.reflectance[1])
+                .fold(0f32, f32::max);
+            assert!(most < 0.02, "{most}");
+        }
+    }
+}
