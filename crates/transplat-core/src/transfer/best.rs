@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::color::{Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, srgb_decode, srgb_encode};
@@ -18,7 +19,7 @@ use crate::environment::{Beam, Beams};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{
-    BACK, DIRECTIONS, HIT_DIRECTIONS, HIT_STRIDE, Occlusion, lattice, smoothstep,
+    BACK, DIRECTIONS, HIT_DIRECTIONS, HIT_STRIDE, Occlusion, WORDS, lattice, smoothstep,
 };
 use crate::visibility::trace::Tracer;
 use crate::visibility::{BakeInput, BakeSettings};
@@ -54,6 +55,8 @@ pub struct BestAsset {
     input: BakeInput,
     order: Vec<u32>,
     lattice: Vec<Vec3>,
+    /// The same. `[3][DIRECTIONS]`
+    planes: Planes,
     /// For each direction, the nearest that knows what it meets, by its place among those.
     nearest_hit: Vec<u16>,
     /// Stored colour. `[n][K]`
@@ -171,6 +174,7 @@ impl BestAsset {
             nodes,
             encoding,
             occlusion,
+            planes: planes(lattice.iter().map(|d| d.to_array())),
             lattice,
             nearest_hit,
             sh: cloud.sh.clone(),
@@ -201,9 +205,10 @@ impl BestAsset {
                 (*s, open)
             })
             .collect();
+        let energies = planes(cells.iter().copied());
         let sides: Vec<[[f32; 3]; 2]> = (0..self.len())
             .into_par_iter()
-            .map(|i| self.irradiance(i, &cells, &suns))
+            .map(|i| self.irradiance(i, &energies, &suns))
             .collect();
         Incident {
             cells,
@@ -213,28 +218,15 @@ impl BestAsset {
     }
 
     /// Irradiance of surfel `i`, front and back.
-    fn irradiance(
-        &self,
-        i: usize,
-        cells: &[[f32; 3]],
-        suns: &[(Beam, Vec<bool>)],
-    ) -> [[f32; 3]; 2] {
+    fn irradiance(&self, i: usize, cells: &Planes, suns: &[(Beam, Vec<bool>)]) -> [[f32; 3]; 2] {
         let n = self.occlusion.normals[i];
-        let mut sides = [[0f32; 3]; 2];
-        let mut add = |d: Vec3, energy: &[f32; 3]| {
-            let cosine = n.dot(d);
-            for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(energy) {
-                *s += cosine.abs() * e;
-            }
-        };
-        for (j, (d, e)) in self.lattice.iter().zip(cells).enumerate() {
-            if self.occlusion.is_open(i, j) {
-                add(*d, e);
-            }
-        }
+        let mut sides = open_irradiance(n, &self.occlusion.open[i], &self.planes, cells);
         for (sun, open) in suns {
             if open[i] {
-                add(sun.direction, &sun.energy);
+                let cosine = n.dot(sun.direction);
+                for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(sun.energy) {
+                    *s += cosine.abs() * e;
+                }
             }
         }
         sides
@@ -261,7 +253,7 @@ impl BestAsset {
         [0, 1].map(|s| sides.iter().map(|e| e[s]).collect())
     }
 
-    /// All that shines on the front of surfel `i`, in its frame: cells, suns, and what is met where the light is blocked.
+    /// All that shines on the front of surfel `i`: cells, suns, and what is met where the light is blocked.
     fn beams_of(
         &self,
         i: usize,
@@ -270,15 +262,14 @@ impl BestAsset {
         out: &mut Vec<Beam>,
     ) {
         out.clear();
-        let frame = Frame::new(self.occlusion.normals[i]);
+        let n = self.occlusion.normals[i];
         let mut met = [u32::MAX; HIT_DIRECTIONS];
         for hit in self.occlusion.hits_of(i) {
             met[usize::from(hit.direction) / HIT_STRIDE] = hit.surfel;
         }
         let scale = 4.0 * std::f32::consts::PI / DIRECTIONS as f32;
-        for (j, (d, e)) in self.lattice.iter().zip(&light.cells).enumerate() {
-            let direction = frame.apply(*d);
-            if direction.z <= 0.0 {
+        for (j, (direction, e)) in self.lattice.iter().zip(&light.cells).enumerate() {
+            if n.dot(*direction) <= 0.0 {
                 continue;
             }
             let energy = if self.occlusion.is_open(i, j) {
@@ -290,18 +281,62 @@ impl BestAsset {
                 }
                 .map(|b| b * scale)
             };
-            out.push(Beam { direction, energy });
+            out.push(Beam {
+                direction: *direction,
+                energy,
+            });
         }
-        for (sun, open) in &light.suns {
-            let direction = frame.apply(sun.direction);
-            if open[i] && direction.z > 0.0 {
-                out.push(Beam {
-                    direction,
-                    energy: sun.energy,
-                });
+        let above = |sun: &Beam| n.dot(sun.direction) > 0.0;
+        let shining = light
+            .suns
+            .iter()
+            .filter(|(sun, open)| open[i] && above(sun));
+        out.extend(shining.map(|(sun, _)| *sun));
+    }
+}
+
+/// Three numbers a direction, as structure of arrays.
+type Planes = [Vec<f32>; 3];
+
+fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
+    std::array::from_fn(|c| values.clone().map(|v| v[c]).collect())
+}
+
+/// Sum over the open directions of cosine times energy, front and back.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn open_irradiance(
+    n: Vec3,
+    open: &[u64; WORDS],
+    lattice: &Planes,
+    cells: &Planes,
+) -> [[f32; 3]; 2] {
+    const LANES: usize = 16;
+    let mut sums = [[[0f32; LANES]; 3]; 2];
+    for start in (0..DIRECTIONS).step_by(LANES) {
+        let bits = (open[start / 64] >> (start % 64)) as u32;
+        let part = |p: &Planes, c: usize| -> [f32; LANES] {
+            let mut out = [0f32; LANES];
+            out.copy_from_slice(&p[c][start..start + LANES]);
+            out
+        };
+        let (x, y, z) = (part(lattice, 0), part(lattice, 1), part(lattice, 2));
+        let mut cosines = [[0f32; LANES]; 2];
+        for i in 0..LANES {
+            let cosine = n.x * x[i] + n.y * y[i] + n.z * z[i];
+            let seen = ((bits >> i) & 1) as f32;
+            cosines[0][i] = seen * if cosine > 0.0 { cosine } else { 0.0 };
+            cosines[1][i] = seen * if cosine < 0.0 { -cosine } else { 0.0 };
+        }
+        for c in 0..3 {
+            let e = part(cells, c);
+            for side in 0..2 {
+                for i in 0..LANES {
+                    sums[side][c][i] += cosines[side][i] * e[i];
+                }
             }
         }
     }
+    sums.map(|side| side.map(|lanes| lanes.iter().sum()))
 }
 
 fn radiance_of(radiance: &[Vec<[f32; 3]>; 2], hit: u32) -> [f32; 3] {
@@ -394,6 +429,7 @@ impl BestTransfer {
         let fitted = Fitted {
             white,
             nodes: &asset.nodes,
+            normals: &asset.occlusion.normals,
             colors: &asset.colors,
             means: &asset.means[0],
             neighbors: &asset.neighbors,
@@ -467,6 +503,7 @@ impl BestTransfer {
         scratch.values.resize(3 * q, 0.0);
         mirrored(
             &self.asset.nodes,
+            Frame::new(self.asset.occlusion.normals[i]),
             gloss.width,
             &scratch.beams,
             &mut scratch.values,

@@ -5,10 +5,11 @@
 
 use std::f32::consts::PI;
 
+use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::nodes::Nodes;
+use super::nodes::{Frame, Nodes};
 use crate::environment::Beam;
 use crate::visibility::occlusion::smoothstep;
 
@@ -44,45 +45,60 @@ pub fn fresnel(nodes: &Nodes) -> Vec<f32> {
         .collect()
 }
 
-/// Mirrored radiance at the nodes, `[3][Q]` into `out`, of beams in the surfel's frame.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-pub fn mirrored(nodes: &Nodes, width: u32, beams: &[Beam], out: &mut [f32]) {
-    const BLOCK: usize = 16;
+/// Nodes that are worked on at once.
+const BLOCK: usize = 16;
+
+/// Mirrored radiance at the nodes, `[3][Q]` into `out`; the beams are in the world, and `frame` is the surfel's.
+pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, beams: &[Beam], out: &mut [f32]) {
+    match width {
+        0..=3 => mirrored_of::<3>(nodes, frame, beams, out),
+        4 => mirrored_of::<4>(nodes, frame, beams, out),
+        5 => mirrored_of::<5>(nodes, frame, beams, out),
+        6 => mirrored_of::<6>(nodes, frame, beams, out),
+        _ => mirrored_of::<7>(nodes, frame, beams, out),
+    }
+}
+
+fn mirrored_of<const WIDTH: u32>(nodes: &Nodes, frame: Frame, beams: &[Beam], out: &mut [f32]) {
     let q = nodes.count();
-    out.fill(0.0);
+    let scale = ((1u32 << WIDTH) as f32 + 1.0) / (4.0 * PI);
     for start in (0..q).step_by(BLOCK) {
         let count = BLOCK.min(q - start);
-        // Half of the mirrored view, so that with the half below `1 + cos` over 2 is one sum.
-        let (mut x, mut y, mut z) = ([0f32; BLOCK], [0f32; BLOCK], [0f32; BLOCK]);
+        // Half of the mirrored view, so that half of `1 + cos` is one sum.
+        let mut half = [[0f32; BLOCK]; 3];
         for i in 0..count {
             let v = nodes.to_camera[start + i];
-            (x[i], y[i], z[i]) = (-0.5 * v.x, -0.5 * v.y, 0.5 * v.z);
-        }
-        let mut sum = [[0f32; BLOCK]; 3];
-        for beam in beams {
-            let (d, e) = (beam.direction, beam.energy);
-            let mut lobe = [0f32; BLOCK];
-            for i in 0..BLOCK {
-                lobe[i] = 0.5 + x[i] * d.x + y[i] * d.y + z[i] * d.z;
-            }
-            for _ in 0..width {
-                for l in &mut lobe {
-                    *l *= *l;
-                }
-            }
-            for c in 0..3 {
-                for i in 0..BLOCK {
-                    sum[c][i] += lobe[i] * e[c];
-                }
+            let r = frame.apply(0.5 * Vec3::new(-v.x, -v.y, v.z));
+            for axis in 0..3 {
+                half[axis][i] = r[axis];
             }
         }
-        let scale = ((1u32 << width) as f32 + 1.0) / (4.0 * PI);
+        let sum = sum_lobes::<WIDTH>(&half, beams);
         for c in 0..3 {
             for i in 0..count {
                 out[c * q + start + i] = scale * sum[c][i];
             }
         }
     }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn sum_lobes<const WIDTH: u32>(half: &[[f32; BLOCK]; 3], beams: &[Beam]) -> [[f32; BLOCK]; 3] {
+    let mut sum = [[0f32; BLOCK]; 3];
+    for beam in beams {
+        let (d, e) = (beam.direction, beam.energy);
+        for i in 0..BLOCK {
+            let mut lobe =
+                half[2][i].mul_add(d.z, half[1][i].mul_add(d.y, half[0][i].mul_add(d.x, 0.5)));
+            for _ in 0..WIDTH {
+                lobe *= lobe;
+            }
+            for c in 0..3 {
+                sum[c][i] = lobe.mul_add(e[c], sum[c][i]);
+            }
+        }
+    }
+    sum
 }
 
 /// The gloss of one surfel.
@@ -118,6 +134,8 @@ struct Moments {
 pub struct Fitted<'a> {
     /// The nodes.
     pub nodes: &'a Nodes,
+    /// Normals `[n]`.
+    pub normals: &'a [Vec3],
     /// Linear colour at the nodes `[n][Q]`.
     pub colors: &'a [[f32; 3]],
     /// Its mean `[n]`.
@@ -133,7 +151,7 @@ pub struct Fitted<'a> {
 /// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
 /// channel, pooled over its neighbours and drawn to the mean of the channels.
 ///
-/// `beams_of(i, out)` collects what shines on surfel `i`, in its frame.
+/// `beams_of(i, out)` collects what shines on surfel `i`.
 pub fn find_gloss(
     input: &Fitted<'_>,
     beams_of: &(dyn Fn(usize, &mut Vec<Beam>) + Sync),
@@ -149,9 +167,10 @@ pub fn find_gloss(
             || (Vec::new(), vec![0f32; 3 * input.nodes.count()]),
             |(beams, values), i| {
                 beams_of(i, beams);
+                let frame = Frame::new(input.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {
-                    mirrored(input.nodes, width, beams, values);
+                    mirrored(input.nodes, frame, width, beams, values);
                     found[0][w] = moments(input, i, values, None);
                     found[1][w] = moments(input, i, values, Some(&fresnel));
                 }

@@ -159,7 +159,8 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
             asset.beams_of(i, &light, &asset.means, &mut beams);
-            mirrored(&asset.nodes, 4, &beams, &mut values);
+            let frame = Frame::new(asset.occlusion.normals[i]);
+            mirrored(&asset.nodes, frame, 4, &beams, &mut values);
             let q = asset.nodes.count();
             let shown: Vec<[f32; 3]> = (0..q)
                 .map(|s| {
@@ -173,7 +174,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
                 })
                 .collect();
             let mut f = asset.nodes.function(&asset.nodes.fit, &shown);
-            Frame::new(asset.occlusion.normals[i]).apply_sh(3, &mut f);
+            frame.apply_sh(3, &mut f);
             cloud.sh[i * 16..][..16].copy_from_slice(&f);
         }
         let transfer = BestTransfer::new(&asset_of(&cloud), &source);
