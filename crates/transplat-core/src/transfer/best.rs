@@ -14,7 +14,9 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::color::{Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, srgb_decode, srgb_encode};
+use crate::color::{
+    Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, srgb_decode, srgb_encode, srgb_encode_all,
+};
 use crate::environment::{Beam, Beams};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
@@ -109,6 +111,25 @@ fn to_linear(encoding: Encoding, value: f32) -> f32 {
         Encoding::Stored => srgb_decode((value + STORED_OFFSET).clamp(0.0, MAX_STORED)),
         Encoding::StoredLinear => (value + STORED_OFFSET).max(0.0),
         Encoding::Linear => value.max(0.0),
+    }
+}
+
+/// [`to_stored`] of many values.
+fn all_to_stored(encoding: Encoding, linear: &mut [[f32; 3]]) {
+    let values = bytemuck::cast_slice_mut::<[f32; 3], f32>(linear);
+    for v in values.iter_mut() {
+        *v = v.clamp(0.0, MAX_LINEAR);
+    }
+    let offset = match encoding {
+        Encoding::Stored => {
+            srgb_encode_all(values);
+            STORED_OFFSET
+        }
+        Encoding::StoredLinear => STORED_OFFSET,
+        Encoding::Linear => 0.0,
+    };
+    for v in values {
+        *v -= offset;
     }
 }
 
@@ -463,12 +484,13 @@ impl BestTransfer {
             .map_init(Scratch::default, |scratch, i| {
                 let colors = &asset.colors[i * q..][..q];
                 let glossy = self.glossy(i, light, &asset.means, scratch);
-                let seen = asset.nodes.values(&asset.nodes.refit, &glossy);
-                let matte: Vec<[f32; 3]> = colors
-                    .iter()
-                    .zip(&seen)
-                    .map(|(c, g)| std::array::from_fn(|c_| (c[c_] - g[c_]).max(0.0)))
-                    .collect();
+                let mut matte = colors.to_vec();
+                if !glossy.is_empty() {
+                    let seen = asset.nodes.values(&asset.nodes.refit, &glossy);
+                    for (m, s) in matte.iter_mut().zip(&seen) {
+                        *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
+                    }
+                }
                 let stored = self.stored(&matte, &glossy, [1.0; 3]);
                 let mean = mean_of(&stored);
                 let mut fit = asset.nodes.function(&asset.nodes.fit, &stored);
@@ -486,7 +508,7 @@ impl BestTransfer {
         }
     }
 
-    /// What surfel `i` mirrors towards each node. `[Q]`, or all dark
+    /// What surfel `i` mirrors towards each node. `[Q]`, or empty where that is nothing
     fn glossy(
         &self,
         i: usize,
@@ -497,7 +519,7 @@ impl BestTransfer {
         let q = self.asset.nodes.count();
         let gloss = &self.gloss[i];
         if gloss.is_matte() {
-            return vec![[0.0; 3]; q];
+            return Vec::new();
         }
         self.asset.beams_of(i, light, radiance, &mut scratch.beams);
         scratch.values.resize(3 * q, 0.0);
@@ -516,15 +538,19 @@ impl BestTransfer {
             .collect()
     }
 
-    /// Stored colour of `matte * tau + glossy`, `[Q]`.
+    /// Stored colour of `matte * tau + glossy`, `[Q]`; `glossy` is empty where there is none.
     fn stored(&self, matte: &[[f32; 3]], glossy: &[[f32; 3]], tau: [f32; 3]) -> Vec<[f32; 3]> {
-        matte
+        let mut out: Vec<[f32; 3]> = matte
             .iter()
-            .zip(glossy)
-            .map(|(m, g)| {
-                std::array::from_fn(|c| to_stored(self.asset.encoding, m[c] * tau[c] + g[c]))
-            })
-            .collect()
+            .map(|m| std::array::from_fn(|c| m[c] * tau[c]))
+            .collect();
+        for (o, g) in out.iter_mut().zip(glossy) {
+            for c in 0..3 {
+                o[c] += g[c];
+            }
+        }
+        all_to_stored(self.asset.encoding, &mut out);
+        out
     }
 
     /// Relights.
@@ -599,7 +625,7 @@ impl BestTransfer {
             (mean[c] + floor) / (self.encoded_mean[i][c] + floor)
         });
         let frame = Frame::new(asset.occlusion.normals[i]);
-        out.copy_from_slice(&asset.nodes.function(&asset.nodes.fit, &stored));
+        asset.nodes.fit_into(&stored, out);
         let two_sided = asset.occlusion.two_sided[i];
         if two_sided > 0.0 {
             self.add_back(i, tau, two_sided, out);

@@ -10,6 +10,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::nodes::{Frame, Nodes};
+use super::weighted_mean;
 use crate::environment::Beam;
 use crate::visibility::occlusion::smoothstep;
 
@@ -88,13 +89,12 @@ fn sum_lobes<const WIDTH: u32>(half: &[[f32; BLOCK]; 3], beams: &[Beam]) -> [[f3
     for beam in beams {
         let (d, e) = (beam.direction, beam.energy);
         for i in 0..BLOCK {
-            let mut lobe =
-                half[2][i].mul_add(d.z, half[1][i].mul_add(d.y, half[0][i].mul_add(d.x, 0.5)));
+            let mut lobe = 0.5 + half[0][i] * d.x + half[1][i] * d.y + half[2][i] * d.z;
             for _ in 0..WIDTH {
                 lobe *= lobe;
             }
             for c in 0..3 {
-                sum[c][i] = lobe.mul_add(e[c], sum[c][i]);
+                sum[c][i] += lobe * e[c];
             }
         }
     }
@@ -200,27 +200,23 @@ fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -
     let nodes = input.nodes;
     let q = nodes.count();
     let colors = &input.colors[i * q..][..q];
-    let mut found = Moments::default();
-    let mut seen = vec![0f32; q];
-    for c in 0..3 {
-        let values = &values[c * q..][..q];
-        for (row, seen) in nodes.refit.chunks_exact(q).zip(&mut seen) {
-            *seen = match rise {
-                None => row.iter().zip(values).map(|(m, v)| m * v).sum(),
-                Some(rise) => row
-                    .iter()
-                    .zip(values)
-                    .zip(rise)
-                    .map(|((m, v), r)| m * v * r)
-                    .sum(),
-            };
+    let lit: Vec<[f32; 3]> = (0..q)
+        .map(|s| {
+            let rise = rise.map_or(1.0, |r| r[s]);
+            std::array::from_fn(|c| rise * values[c * q + s])
+        })
+        .collect();
+    let seen = nodes.values(&nodes.refit, &lit);
+    let mut found = Moments {
+        mean: weighted_mean(&nodes.weights, &seen),
+        ..Moments::default()
+    };
+    for ((s, w), color) in seen.iter().zip(&nodes.weights).zip(colors) {
+        for c in 0..3 {
+            let off = s[c] - found.mean[c];
+            found.covariance[c] += w * off * (color[c] - input.means[i][c]);
+            found.variance[c] += w * off * off;
         }
-        let mean: f32 = seen.iter().zip(&nodes.weights).map(|(s, w)| s * w).sum();
-        for ((s, w), color) in seen.iter().zip(&nodes.weights).zip(colors) {
-            found.covariance[c] += w * (s - mean) * (color[c] - input.means[i][c]);
-            found.variance[c] += w * (s - mean) * (s - mean);
-        }
-        found.mean[c] = mean;
     }
     found
 }

@@ -6,6 +6,7 @@
 use std::f64::consts::PI;
 
 use glam::Vec3;
+use multiversion::multiversion;
 
 use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gauss_legendre};
 
@@ -25,15 +26,15 @@ pub struct Nodes {
     pub to_camera: Vec<Vec3>,
     /// Cosine-weighted quadrature over the hemisphere, sums to 1. `[Q]`
     pub weights: Vec<f32>,
-    /// Value of each basis function at a node, as seen from there. `[Q][K]`
+    /// Value of each basis function at a node, as seen from there. `[K][Q]`
     pub evaluate: Vec<f32>,
-    /// The least-squares fit of values at the nodes. `[K][Q]`
+    /// The least-squares fit of values at the nodes. `[Q][K]`
     pub fit: Vec<f32>,
-    /// What the fit of values has at the nodes. `[Q][Q]`
+    /// What the fit of values has at the nodes. `[Q][Q]`, values first
     pub refit: Vec<f32>,
-    /// The same directions on the back. `[Q][K]`
+    /// The same directions on the back. `[K][Q]`
     pub evaluate_back: Vec<f32>,
-    /// Projection of values at the nodes of the front, and of the back. `[K][Q]` each
+    /// Projection of values at the nodes of the front, and of the back. `[Q][K]` each
     pub project: [Vec<f32>; 2],
 }
 
@@ -72,21 +73,20 @@ impl Nodes {
             .collect();
         let fit = least_squares(&front, k, &fit_weights);
         let q = to_camera.len();
-        let mut refit = vec![0f32; q * q];
+        let mut refit = vec![0f64; q * q];
         for a in 0..q {
             for b in 0..q {
                 refit[a * q + b] = (0..k)
                     .map(|i| front[a * k + i] * fit[i * q + b])
-                    .sum::<f64>() as f32;
+                    .sum::<f64>();
             }
         }
         let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
         let project = |basis: &[f64]| -> Vec<f32> {
-            (0..k * q)
-                .map(|i| (areas[i % q] * basis[(i % q) * k + i / q]) as f32)
+            (0..q * k)
+                .map(|i| (areas[i / k] * basis[i]) as f32)
                 .collect()
         };
-        let single = |v: &[f64]| v.iter().map(|v| *v as f32).collect::<Vec<f32>>();
         Self {
             degree,
             weights: to_camera
@@ -95,10 +95,10 @@ impl Nodes {
                 .map(|(v, a)| (a * v[2] / total) as f32)
                 .collect(),
             project: [project(&front), project(&back)],
-            evaluate: single(&front),
-            evaluate_back: single(&back),
-            fit: single(&fit),
-            refit,
+            evaluate: transposed(&front, q),
+            evaluate_back: transposed(&back, q),
+            fit: transposed(&fit, k),
+            refit: transposed(&refit, q),
             to_camera: to_camera
                 .iter()
                 .map(|v| Vec3::from_array(v.map(|v| v as f32)))
@@ -111,32 +111,63 @@ impl Nodes {
         self.to_camera.len()
     }
 
-    /// Values `[Q][3]` of a function `[K][3]` in the surfel's frame.
+    /// Values `[Q][3]` of a function `[K][3]` in the surfel's frame, by one of the matrices `[K][Q]`.
     pub fn values(&self, evaluate: &[f32], function: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        product(evaluate, function, self.count())
+        let mut out = vec![[0.0; 3]; self.count()];
+        product(evaluate, function, &mut out);
+        out
     }
 
-    /// Function `[K][3]` of values `[Q][3]` by one of the matrices `[K][Q]`.
+    /// Function `[K][3]` of values `[Q][3]` by one of the matrices `[Q][K]`.
     pub fn function(&self, matrix: &[f32], values: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        product(matrix, values, coefficient_count(self.degree))
+        let mut out = vec![[0.0; 3]; coefficient_count(self.degree)];
+        product(matrix, values, &mut out);
+        out
+    }
+
+    /// The fit of values `[Q][3]` into `out`, `[K][3]`.
+    pub fn fit_into(&self, values: &[[f32; 3]], out: &mut [[f32; 3]]) {
+        product(&self.fit, values, out);
     }
 }
 
-/// `matrix [rows][n] * vector [n][3]`.
-fn product(matrix: &[f32], vector: &[[f32; 3]], rows: usize) -> Vec<[f32; 3]> {
-    (0..rows)
-        .map(|r| {
-            let mut sum = [0f32; 3];
-            for (m, v) in matrix[r * vector.len()..][..vector.len()]
-                .iter()
-                .zip(vector)
-            {
-                for (s, v) in sum.iter_mut().zip(v) {
-                    *s += m * v;
+/// `vector [n][3]` times `matrix [n][rows]`: rows are next to each other, so that they are lanes.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2", "aarch64+neon"))]
+fn product(matrix: &[f32], vector: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    const LANES: usize = 16;
+    let rows = out.len();
+    for start in (0..rows).step_by(LANES) {
+        let count = LANES.min(rows - start);
+        let mut sum = [[0f32; LANES]; 3];
+        if count == LANES {
+            for (row, v) in matrix.chunks_exact(rows).zip(vector) {
+                let mut lanes = [0f32; LANES];
+                lanes.copy_from_slice(&row[start..start + LANES]);
+                for c in 0..3 {
+                    for i in 0..LANES {
+                        sum[c][i] += lanes[i] * v[c];
+                    }
                 }
             }
-            sum
-        })
+        } else {
+            for (row, v) in matrix.chunks_exact(rows).zip(vector) {
+                for c in 0..3 {
+                    for i in 0..count {
+                        sum[c][i] += row[start + i] * v[c];
+                    }
+                }
+            }
+        }
+        for i in 0..count {
+            out[start + i] = [sum[0][i], sum[1][i], sum[2][i]];
+        }
+    }
+}
+
+fn transposed(matrix: &[f64], rows: usize) -> Vec<f32> {
+    let columns = matrix.len() / rows;
+    (0..matrix.len())
+        .map(|i| matrix[(i % rows) * columns + i / rows] as f32)
         .collect()
 }
 
