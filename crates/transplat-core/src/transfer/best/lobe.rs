@@ -85,11 +85,14 @@ fn mirrored_of<const WIDTH: u32>(nodes: &Nodes, frame: Frame, beams: &[Beam], ou
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn sum_lobes<const WIDTH: u32>(half: &[[f32; BLOCK]; 3], beams: &[Beam]) -> [[f32; BLOCK]; 3] {
+    // Far from its axis a lobe is nothing; numbers too small for f32's range would only be slow.
+    let least = 1e-20f32.powf(0.5f32.powi(WIDTH as i32));
     let mut sum = [[0f32; BLOCK]; 3];
     for beam in beams {
         let (d, e) = (beam.direction, beam.energy);
         for i in 0..BLOCK {
-            let mut lobe = 0.5 + half[0][i] * d.x + half[1][i] * d.y + half[2][i] * d.z;
+            let near = 0.5 + half[0][i] * d.x + half[1][i] * d.y + half[2][i] * d.z;
+            let mut lobe = if near > least { near } else { least };
             for _ in 0..WIDTH {
                 lobe *= lobe;
             }
