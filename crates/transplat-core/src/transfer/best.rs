@@ -151,7 +151,8 @@ impl BestAsset {
         let lattice = lattice();
         let k = coefficient_count(cloud.sh_degree);
         let q = nodes.count();
-        let per_surfel: Vec<(Vec<[f32; 3]>, [[f32; 3]; 2])> = cloud
+        type Seen = (Vec<[f32; 3]>, [[f32; 3]; 2]);
+        let per_surfel: Vec<Seen> = cloud
             .sh
             .par_chunks_exact(k)
             .zip(&occlusion.normals)
@@ -423,7 +424,7 @@ fn neighbors(input: &BakeInput, normals: &[Vec3]) -> Vec<u32> {
                 .execute();
             let others: Vec<u32> = found
                 .into_iter()
-                .map(|f| f.item as u32)
+                .map(|f| f.item)
                 .filter(|j| *j as usize != i)
                 .take(count)
                 .collect();
