@@ -181,6 +181,47 @@ pub enum Encoding {
     Linear,
 }
 
+impl Encoding {
+    /// What is added to the value of the coefficients.
+    pub fn offset(self) -> f32 {
+        match self {
+            Self::Stored | Self::StoredLinear => STORED_OFFSET,
+            Self::Linear => 0.0,
+        }
+    }
+
+    /// Linear radiance of a value of the coefficients; negative radiance is clamped as the renderer clamps it.
+    #[inline]
+    pub fn decode(self, value: f32) -> f32 {
+        let value = value + self.offset();
+        match self {
+            Self::Stored => srgb_decode(value.clamp(0.0, MAX_STORED)),
+            Self::StoredLinear | Self::Linear => value.max(0.0),
+        }
+    }
+
+    /// The value of the coefficients for linear radiance.
+    #[inline]
+    pub fn encode(self, linear: f32) -> f32 {
+        let mut value = [linear];
+        self.encode_all(&mut value);
+        value[0]
+    }
+
+    /// [`Encoding::encode`] of many values, in place.
+    pub fn encode_all(self, values: &mut [f32]) {
+        for v in values.iter_mut() {
+            *v = v.clamp(0.0, MAX_LINEAR);
+        }
+        if self == Self::Stored {
+            srgb_encode_all(values);
+        }
+        for v in values {
+            *v -= self.offset();
+        }
+    }
+}
+
 /// Turns a whole SH function into another encoding: evaluate it on a quadrature, convert each value, project back.
 ///
 /// The curve is not a polynomial, so the result is the projection on a quadrature of degree `2 * degree + 2`.
@@ -250,9 +291,7 @@ pub fn decode_sh(stored: &[[f32; 3]], degree: usize, encoding: Encoding) -> Vec<
         Encoding::Stored => {
             let sampler = SphereSampler::new(degree);
             out.par_chunks_exact_mut(k).for_each(|f| {
-                sampler.convert(f, |v| {
-                    v.map(|v| srgb_decode((v + STORED_OFFSET).clamp(0.0, MAX_STORED)))
-                });
+                sampler.convert(f, |v| v.map(|v| encoding.decode(v)));
             });
         }
     }
@@ -275,9 +314,7 @@ pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -
         Encoding::Stored => {
             let sampler = SphereSampler::new(degree);
             linear.par_chunks_exact_mut(k).for_each(|f| {
-                sampler.convert(f, |v| {
-                    v.map(|v| srgb_encode(v.clamp(0.0, MAX_LINEAR)) - STORED_OFFSET)
-                });
+                sampler.convert(f, |v| v.map(|v| encoding.encode(v)));
             });
         }
     }
@@ -287,12 +324,7 @@ pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -
 /// Radiance of one surfel towards one direction, in linear light.
 #[inline]
 pub fn radiance(function: &[[f32; 3]], degree: usize, encoding: Encoding, d: [f32; 3]) -> [f32; 3] {
-    let value = sh::evaluate_sh(function, degree, d);
-    match encoding {
-        Encoding::Linear => value.map(|v| v.max(0.0)),
-        Encoding::StoredLinear => value.map(|v| (v + STORED_OFFSET).max(0.0)),
-        Encoding::Stored => value.map(|v| srgb_decode((v + STORED_OFFSET).clamp(0.0, MAX_STORED))),
-    }
+    sh::evaluate_sh(function, degree, d).map(|v| encoding.decode(v))
 }
 
 #[cfg(test)]

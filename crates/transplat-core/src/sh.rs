@@ -12,7 +12,7 @@ mod rotation;
 pub use basis::{BasisConstants, Real, basis_constants, evaluate_basis, evaluate_sh};
 pub use product::{LightOperator, light_operator, triple_product_tensor};
 pub(crate) use quadrature::gauss_legendre;
-pub use quadrature::{SphereQuadrature, fibonacci_sphere};
+pub use quadrature::{SphereQuadrature, fibonacci_sphere, lattice};
 pub use rotation::{ExchangeEntry, Mirror, exchange_yz, rotate_coefficients};
 
 /// The highest degree that any part of the program handles.

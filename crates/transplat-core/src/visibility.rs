@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::sh::{
-    MAX_COEFFICIENTS, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere,
+    MAX_COEFFICIENTS, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere, lattice,
 };
 use crate::surfels::SurfelCloud;
 
@@ -122,9 +122,19 @@ pub struct BakeInput {
     pub radius: f32,
 }
 
-impl BakeInput {
-    /// Scales the object to the unit ball and chooses the maps' resolution: two texels a median standard deviation, 256 to 1024.
-    pub fn new(cloud: &SurfelCloud, settings: &BakeSettings) -> Self {
+/// An asset scaled to the unit ball.
+pub(crate) struct ScaledObject {
+    pub surfels: Vec<BakeSurfel>,
+    /// Where the scaled coordinates have their origin, in the asset's.
+    pub center: Vec3,
+    /// What 1 in the scaled coordinates is, in scene units.
+    pub radius: f32,
+    /// Median of the surfels' larger standard deviations, scaled.
+    pub median_size: f32,
+}
+
+impl ScaledObject {
+    pub fn new(cloud: &SurfelCloud) -> Self {
         let bounds = cloud.bounds();
         let mut scales: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
         let middle = scales.len() / 2;
@@ -134,8 +144,6 @@ impl BakeInput {
             *scales.select_nth_unstable_by(middle, f32::total_cmp).1
         };
         let radius = 1.01 * bounds.radius + OCCLUDER_REACH * median.min(bounds.radius);
-        let texels = (4.0 * radius / median.max(1e-30)).clamp(256.0, 1024.0);
-        let resolution = (texels as usize).next_power_of_two();
         let surfels = (0..cloud.len())
             .map(|i| {
                 let casts = cloud.opacities[i] > OCCLUDER_OPACITY;
@@ -150,10 +158,29 @@ impl BakeInput {
                 }
             })
             .collect();
-        let frames = fibonacci_sphere(settings.directions)
+        Self {
+            surfels,
+            center: bounds.center,
+            radius,
+            median_size: median / radius,
+        }
+    }
+}
+
+impl BakeInput {
+    /// Scales the object to the unit ball and chooses the maps' resolution: two texels a median standard deviation, 256 to 1024.
+    pub fn new(cloud: &SurfelCloud, settings: &BakeSettings) -> Self {
+        let ScaledObject {
+            surfels,
+            center,
+            radius,
+            median_size,
+        } = ScaledObject::new(cloud);
+        let texels = (4.0 / median_size.max(1e-30)).clamp(256.0, 1024.0);
+        let resolution = (texels as usize).next_power_of_two();
+        let frames = lattice(settings.directions)
             .into_iter()
-            .map(|d| {
-                let direction = Vec3::from_array(d.map(|v| v as f32));
+            .map(|direction| {
                 let (right, up) = direction.any_orthonormal_pair();
                 MapFrame {
                     right,
@@ -166,10 +193,16 @@ impl BakeInput {
             frames,
             surfels,
             resolution,
-            center: bounds.center,
+            center,
             radius,
         }
     }
+}
+
+/// `0` below `low`, `1` above `high`, and smooth between.
+pub(crate) fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }
 
 /// An order of the lattice's directions in which every beginning of it covers the sphere: indices by their reversed binary digits.
@@ -371,10 +404,7 @@ impl Visibility {
     ///
     /// The sign is that of `dot(n, sum_i v_i w_i)`: the difference of the two sides' cosine-weighted openness.
     pub fn from_open(cloud: &SurfelCloud, directions: usize, open: Vec<u8>) -> Self {
-        let lattice: Vec<Vec3> = fibonacci_sphere(directions)
-            .iter()
-            .map(|d| Vec3::from_array(d.map(|v| v as f32)))
-            .collect();
+        let lattice = lattice(directions);
         // A fully open side: integral of the cosine over a hemisphere, in units of 255 a direction.
         let full = 255.0 * directions as f32 / 4.0;
         let sides: Vec<(Vec3, bool, bool, bool)> = open

@@ -136,17 +136,21 @@ impl Beams {
         out.into_iter().map(|e| e.map(|v| v as f32)).collect()
     }
 
-    /// Irradiance on a surface that sees everything, averaged over all normals and the three channels.
-    pub fn mean_irradiance(&self) -> f32 {
-        let sum: f64 = self
-            .suns
-            .iter()
-            .chain(&self.cells)
-            .flat_map(|b| b.energy)
-            .map(f64::from)
-            .sum();
+    /// Irradiance on a surface that sees everything, averaged over all normals, per channel.
+    pub fn mean_irradiances(&self) -> [f32; 3] {
+        let mut sum = [0f64; 3];
+        for beam in self.suns.iter().chain(&self.cells) {
+            for (s, e) in sum.iter_mut().zip(beam.energy) {
+                *s += f64::from(e);
+            }
+        }
         // The clamped cosine's mean over the sphere is a quarter.
-        (sum / 12.0) as f32
+        sum.map(|s| (s / 4.0) as f32)
+    }
+
+    /// The mean of those.
+    pub fn mean_irradiance(&self) -> f32 {
+        self.mean_irradiances().iter().sum::<f32>() / 3.0
     }
 }
 
@@ -271,7 +275,7 @@ mod tests {
     use std::f64::consts::PI;
 
     use super::*;
-    use crate::sh::fibonacci_sphere;
+    use crate::sh::lattice;
 
     /// A grey sky of radiance 0.2 with a sun of radiance 1000, 2 degrees wide.
     fn sunny(width: usize) -> EnvironmentMap {
@@ -306,11 +310,7 @@ mod tests {
         let total = crate::environment::project_environment(&map, 0).mean_irradiance();
         assert!((beams.mean_irradiance() / total - 1.0).abs() < 1e-3);
         // What is left is the sky: no cell stands out.
-        let lattice: Vec<Vec3> = fibonacci_sphere(64)
-            .iter()
-            .map(|d| Vec3::from_array(d.map(|v| v as f32)))
-            .collect();
-        for e in beams.gathered(&lattice) {
+        for e in beams.gathered(&lattice(64)) {
             assert!(
                 (e[0] / (0.2 * 4.0 * PI as f32 / 64.0) - 1.0).abs() < 0.25,
                 "{e:?}"

@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use glam::{DVec3, Vec3};
+
 /// Directions `[n]` (unit) with weights that sum to `4 pi`, exact for all spherical polynomials up to a degree.
 #[derive(Clone, Debug)]
 pub struct SphereQuadrature {
@@ -72,6 +74,14 @@ pub fn fibonacci_sphere(n: usize) -> Vec<[f64; 3]> {
             let (sin, cos) = (golden_angle * i as f64).sin_cos();
             [r * cos, r * sin, z]
         })
+        .collect()
+}
+
+/// [`fibonacci_sphere`] in f32.
+pub fn lattice(n: usize) -> Vec<Vec3> {
+    fibonacci_sphere(n)
+        .into_iter()
+        .map(|d| DVec3::from_array(d).as_vec3())
         .collect()
 }
 

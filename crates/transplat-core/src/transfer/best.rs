@@ -1,5 +1,5 @@
 //! The preset `best`: sums over directions instead of products of SH series, and what the asset's own colour under the source light
-//! tells of it. `docs/method.md` derives it.
+//! tells of it.
 //!
 //! Once for an asset: [`BestAsset`]. Once for asset and source light: [`BestTransfer`]. A new light is then sums over light.
 
@@ -14,19 +14,17 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::color::{
-    Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, srgb_decode, srgb_encode, srgb_encode_all,
-};
+use crate::color::Encoding;
 use crate::environment::{Beam, Beams};
-use crate::sh::coefficient_count;
+use crate::sh::{coefficient_count, lattice};
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{
-    BACK, DIRECTIONS, HIT_DIRECTIONS, HIT_STRIDE, Occlusion, WORDS, lattice, smoothstep,
+    BACK, DIRECTIONS, HIT_DIRECTIONS, HIT_STRIDE, Occlusion, WORDS,
 };
 use crate::visibility::trace::Tracer;
-use crate::visibility::{BakeInput, BakeSettings};
+use crate::visibility::{BakeSurfel, smoothstep};
 
-use lobe::{Fitted, Gloss, find_gloss, fresnel, mirrored};
+use lobe::{Fitted, Gloss, find_gloss, mirrored};
 use nodes::{Frame, Nodes};
 
 /// Surfels around one that its gloss is pooled over.
@@ -35,8 +33,15 @@ const NEIGHBORS: usize = 64;
 /// Turns of the fixed point by which light bounces.
 const TURNS: usize = 3;
 
-/// The irradiance that every surfel has at least, relative to the mean irradiance of the source.
+/// Light that every surfel has at least, relative to the mean irradiance of whatever light there is: the same share of source and
+/// target, so that the source returns the asset and a black target is black.
 const EPSILON: f32 = 0.006;
+
+/// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
+const LEAST_IRRADIANCE: f32 = 1e-6;
+
+/// The darkest source that is still scaled to a mean irradiance of 1, inverted.
+const MOST_LIGHT_GAIN: f32 = 1e20;
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
 const BACK_RANGE: f32 = 4.0;
@@ -47,6 +52,9 @@ const HORIZON: f32 = 0.2;
 /// Added to both encoded brightnesses whose ratio scales the residual.
 const RESIDUAL_FLOOR: f32 = 0.02;
 
+/// A colour of a surfel's front, and one of its back.
+type Sides = [[f32; 3]; 2];
+
 /// What of an asset no light changes.
 #[derive(Debug)]
 pub struct BestAsset {
@@ -54,8 +62,6 @@ pub struct BestAsset {
     encoding: Encoding,
     occlusion: Arc<Occlusion>,
     tracer: Tracer,
-    input: BakeInput,
-    order: Vec<u32>,
     lattice: Vec<Vec3>,
     /// The same. `[3][DIRECTIONS]`
     planes: Planes,
@@ -66,7 +72,7 @@ pub struct BestAsset {
     /// Linear colour at the front's nodes. `[n][Q]`
     colors: Vec<[f32; 3]>,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
-    means: [Vec<[f32; 3]>; 2],
+    means: Vec<Sides>,
     neighbors: Vec<u32>,
 }
 
@@ -75,8 +81,8 @@ struct Incident {
     /// Energy from each direction of the lattice.
     cells: Vec<[f32; 3]>,
     suns: Vec<(Beam, Vec<bool>)>,
-    /// Irradiance of front and back. `[n]`
-    irradiance: [Vec<[f32; 3]>; 2],
+    /// Irradiance, with epsilon's share. `[n]`
+    irradiance: Vec<Sides>,
 }
 
 /// An asset under its source light, ready for any other.
@@ -84,10 +90,10 @@ struct Incident {
 pub struct BestTransfer {
     asset: Arc<BestAsset>,
     light_gain: f32,
-    fresnel: Vec<f32>,
     gloss: Vec<Gloss>,
-    /// Irradiance, bounced light and epsilon under the source, front and back. `[n]`
-    divisor: [Vec<[f32; 3]>; 2],
+    /// Irradiance, bounced light and epsilon under the source. `[n]`
+    divisor: Vec<Sides>,
+    /// Mean irradiance of the fronts under the source.
     mean_irradiance: [f32; 3],
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
     matte: Vec<[f32; 3]>,
@@ -106,52 +112,15 @@ pub struct Relit {
     pub tau: Vec<[f32; 3]>,
 }
 
-fn to_linear(encoding: Encoding, value: f32) -> f32 {
-    match encoding {
-        Encoding::Stored => srgb_decode((value + STORED_OFFSET).clamp(0.0, MAX_STORED)),
-        Encoding::StoredLinear => (value + STORED_OFFSET).max(0.0),
-        Encoding::Linear => value.max(0.0),
-    }
-}
-
-/// [`to_stored`] of many values.
-fn all_to_stored(encoding: Encoding, linear: &mut [[f32; 3]]) {
-    let values = bytemuck::cast_slice_mut::<[f32; 3], f32>(linear);
-    for v in values.iter_mut() {
-        *v = v.clamp(0.0, MAX_LINEAR);
-    }
-    let offset = match encoding {
-        Encoding::Stored => {
-            srgb_encode_all(values);
-            STORED_OFFSET
-        }
-        Encoding::StoredLinear => STORED_OFFSET,
-        Encoding::Linear => 0.0,
-    };
-    for v in values {
-        *v -= offset;
-    }
-}
-
-fn to_stored(encoding: Encoding, linear: f32) -> f32 {
-    let linear = linear.clamp(0.0, MAX_LINEAR);
-    match encoding {
-        Encoding::Stored => srgb_encode(linear) - STORED_OFFSET,
-        Encoding::StoredLinear => linear - STORED_OFFSET,
-        Encoding::Linear => linear,
-    }
-}
-
 impl BestAsset {
-    /// Takes an asset and its bake.
-    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>) -> Self {
+    /// Takes an asset, its bake and its tracer.
+    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>, tracer: Tracer) -> Self {
         let nodes = Nodes::new(cloud.sh_degree);
         let encoding = cloud.encoding;
-        let input = BakeInput::new(cloud, &BakeSettings { directions: 16 });
-        let lattice = lattice();
+        let lattice = lattice(DIRECTIONS);
         let k = coefficient_count(cloud.sh_degree);
         let q = nodes.count();
-        type Seen = (Vec<[f32; 3]>, [[f32; 3]; 2]);
+        type Seen = (Vec<[f32; 3]>, Sides);
         let per_surfel: Vec<Seen> = cloud
             .sh
             .par_chunks_exact(k)
@@ -162,7 +131,7 @@ impl BestAsset {
                 let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
                     let mut values = nodes.values(e, &f);
                     for v in values.iter_mut().flatten() {
-                        *v = to_linear(encoding, *v);
+                        *v = encoding.decode(*v);
                     }
                     values
                 });
@@ -171,11 +140,10 @@ impl BestAsset {
             })
             .collect();
         let mut colors = Vec::with_capacity(cloud.len() * q);
-        let mut means = [Vec::new(), Vec::new()];
+        let mut means = Vec::with_capacity(cloud.len());
         for (c, m) in per_surfel {
             colors.extend(c);
-            means[0].push(m[0]);
-            means[1].push(m[1]);
+            means.push(m);
         }
         let nearest_hit = lattice
             .iter()
@@ -189,10 +157,8 @@ impl BestAsset {
             })
             .collect();
         Self {
-            neighbors: neighbors(&input, &occlusion.normals),
-            tracer: Tracer::new(&input),
-            order: Tracer::order(&input),
-            input,
+            neighbors: neighbors(&tracer.surfels, &occlusion.normals),
+            tracer,
             nodes,
             encoding,
             occlusion,
@@ -220,27 +186,26 @@ impl BestAsset {
         let suns: Vec<(Beam, Vec<bool>)> = light
             .suns
             .iter()
-            .map(|s| {
-                let open = self
-                    .tracer
-                    .open_towards(&self.input, &self.order, s.direction);
-                (*s, open)
-            })
+            .map(|s| (*s, self.tracer.open_towards(s.direction)))
             .collect();
         let energies = planes(cells.iter().copied());
-        let sides: Vec<[[f32; 3]; 2]> = (0..self.len())
+        let least = light.mean_irradiances().map(|e| EPSILON * e);
+        let irradiance = (0..self.len())
             .into_par_iter()
-            .map(|i| self.irradiance(i, &energies, &suns))
+            .map(|i| {
+                self.irradiance(i, &energies, &suns)
+                    .map(|e| std::array::from_fn(|c| e[c] + least[c]))
+            })
             .collect();
         Incident {
             cells,
             suns,
-            irradiance: [0, 1].map(|s| sides.iter().map(|e| e[s]).collect()),
+            irradiance,
         }
     }
 
     /// Irradiance of surfel `i`, front and back.
-    fn irradiance(&self, i: usize, cells: &Planes, suns: &[(Beam, Vec<bool>)]) -> [[f32; 3]; 2] {
+    fn irradiance(&self, i: usize, cells: &Planes, suns: &[(Beam, Vec<bool>)]) -> Sides {
         let n = self.occlusion.normals[i];
         let mut sides = open_irradiance(n, &self.occlusion.open[i], &self.planes, cells);
         for (sun, open) in suns {
@@ -254,35 +219,32 @@ impl BestAsset {
         sides
     }
 
-    /// Light that bounces to each surfel, front and back, from what the others radiate. `[n]`
-    fn gathered(&self, radiance: &[Vec<[f32; 3]>; 2]) -> [Vec<[f32; 3]>; 2] {
+    /// Light that bounces to surfel `i` from what the others radiate.
+    fn bounced(&self, i: usize, radiance: &[Sides]) -> Sides {
         let scale = 4.0 * std::f32::consts::PI / HIT_DIRECTIONS as f32;
-        let sides: Vec<[[f32; 3]; 2]> = (0..self.len())
-            .into_par_iter()
-            .map(|i| {
-                let n = self.occlusion.normals[i];
-                let mut sides = [[0f32; 3]; 2];
-                for hit in self.occlusion.hits_of(i) {
-                    let cosine = n.dot(self.lattice[usize::from(hit.direction)]);
-                    let b = radiance_of(radiance, hit.surfel);
-                    for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
-                        *s += scale * cosine.abs() * b;
-                    }
-                }
-                sides
-            })
-            .collect();
-        [0, 1].map(|s| sides.iter().map(|e| e[s]).collect())
+        let n = self.occlusion.normals[i];
+        let mut sides = Sides::default();
+        for hit in self.occlusion.hits_of(i) {
+            let cosine = n.dot(self.lattice[usize::from(hit.direction)]);
+            let b = radiance_of(radiance, hit.surfel);
+            for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
+                *s += scale * cosine.abs() * b;
+            }
+        }
+        sides
+    }
+
+    /// What each surfel radiates when its colour under the source changes by tau. `[n]`
+    fn radiance(&self, tau: &[Sides]) -> Vec<Sides> {
+        self.means
+            .iter()
+            .zip(tau)
+            .map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
+            .collect()
     }
 
     /// All that shines on the front of surfel `i`: cells, suns, and what is met where the light is blocked.
-    fn beams_of(
-        &self,
-        i: usize,
-        light: &Incident,
-        radiance: &[Vec<[f32; 3]>; 2],
-        out: &mut Vec<Beam>,
-    ) {
+    fn beams_of(&self, i: usize, light: &Incident, radiance: &[Sides], out: &mut Vec<Beam>) {
         out.clear();
         let n = self.occlusion.normals[i];
         let mut met = [u32::MAX; HIT_DIRECTIONS];
@@ -298,7 +260,7 @@ impl BestAsset {
                 *e
             } else {
                 match met[usize::from(self.nearest_hit[j])] {
-                    u32::MAX => radiance[0][i],
+                    u32::MAX => radiance[i][0],
                     hit => radiance_of(radiance, hit),
                 }
                 .map(|b| b * scale)
@@ -326,12 +288,7 @@ fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
 
 /// Sum over the open directions of cosine times energy, front and back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn open_irradiance(
-    n: Vec3,
-    open: &[u64; WORDS],
-    lattice: &Planes,
-    cells: &Planes,
-) -> [[f32; 3]; 2] {
+fn open_irradiance(n: Vec3, open: &[u64; WORDS], lattice: &Planes, cells: &Planes) -> Sides {
     const LANES: usize = 16;
     let mut sums = [[[0f32; LANES]; 3]; 2];
     for start in (0..DIRECTIONS).step_by(LANES) {
@@ -361,8 +318,8 @@ fn open_irradiance(
     sums.map(|side| side.map(|lanes| lanes.iter().sum()))
 }
 
-fn radiance_of(radiance: &[Vec<[f32; 3]>; 2], hit: u32) -> [f32; 3] {
-    radiance[usize::from(hit & BACK != 0)][(hit & !BACK) as usize]
+fn radiance_of(radiance: &[Sides], hit: u32) -> [f32; 3] {
+    radiance[(hit & !BACK) as usize][usize::from(hit & BACK != 0)]
 }
 
 fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
@@ -379,11 +336,13 @@ fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
 const WHITEST: f32 = 0.95;
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels.
-fn whitest(means: &[[f32; 3]], divisor: &[[f32; 3]]) -> f32 {
+fn whitest(means: &[Sides], divisor: &[Sides]) -> f32 {
     let mut albedos: Vec<f32> = means
         .iter()
         .zip(divisor)
-        .map(|(m, d)| std::f32::consts::PI * m.iter().sum::<f32>() / d.iter().sum::<f32>())
+        .map(|([m, _], [d, _])| {
+            std::f32::consts::PI * m.iter().sum::<f32>() / d.iter().sum::<f32>()
+        })
         .filter(|a| a.is_finite())
         .collect();
     if albedos.is_empty() {
@@ -394,12 +353,11 @@ fn whitest(means: &[[f32; 3]], divisor: &[[f32; 3]]) -> f32 {
 }
 
 /// The surfels nearest in place and normal: probably of the same stuff. `[n][min(NEIGHBORS, n - 1)]`
-fn neighbors(input: &BakeInput, normals: &[Vec3]) -> Vec<u32> {
+fn neighbors(surfels: &[BakeSurfel], normals: &[Vec3]) -> Vec<u32> {
     let n = normals.len();
-    let mean_size: f32 = input.surfels.iter().map(|s| s.bias).sum::<f32>() / n.max(1) as f32;
+    let mean_size: f32 = surfels.iter().map(|s| s.bias).sum::<f32>() / n.max(1) as f32;
     let unit = 1.0 / (3.0 * mean_size).max(1e-12);
-    let points: Vec<[f32; 6]> = input
-        .surfels
+    let points: Vec<[f32; 6]> = surfels
         .iter()
         .zip(normals)
         .map(|(s, n)| {
@@ -433,79 +391,41 @@ fn neighbors(input: &BakeInput, normals: &[Vec3]) -> Vec<u32> {
         .collect()
 }
 
-impl BestTransfer {
-    /// Prepares asset and source light.
-    pub fn new(asset: &Arc<BestAsset>, source: &Beams) -> Self {
-        let mean = source.mean_irradiance();
-        let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
-        let light = asset.incident(&source.tinted([light_gain; 3]));
-        let bounced = asset.gathered(&asset.means);
-        let divisor: [Vec<[f32; 3]>; 2] = [0, 1].map(|s| {
-            light.irradiance[s]
-                .iter()
-                .zip(&bounced[s])
-                .map(|(e, b)| std::array::from_fn(|c| e[c] + b[c] + EPSILON))
-                .collect()
-        });
-        let white = whitest(&asset.means[0], &divisor[0]);
-        let fitted = Fitted {
-            white,
-            nodes: &asset.nodes,
-            normals: &asset.occlusion.normals,
-            colors: &asset.colors,
-            means: &asset.means[0],
-            neighbors: &asset.neighbors,
-            two_sided: &asset.occlusion.two_sided,
-        };
-        let gloss = find_gloss(&fitted, &|i, out| {
-            asset.beams_of(i, &light, &asset.means, out)
-        });
-        let mut transfer = Self {
-            asset: asset.clone(),
-            light_gain,
-            fresnel: fresnel(&asset.nodes),
-            gloss,
-            divisor,
-            mean_irradiance: mean_of(&light.irradiance[0]),
-            matte: Vec::new(),
-            residual: Vec::new(),
-            encoded_mean: Vec::new(),
-        };
-        transfer.explain(&light);
-        transfer
-    }
+/// A surfel's colour split into what gloss explains, what is matte, and what neither shows.
+struct Explained {
+    matte: Vec<[f32; 3]>,
+    residual: Vec<[f32; 3]>,
+    encoded_mean: [f32; 3],
+}
 
-    /// Splits the asset's colour into what gloss explains, what is matte, and what neither shows.
-    fn explain(&mut self, light: &Incident) {
-        let asset = self.asset.clone();
-        let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
-        type Part = (Vec<[f32; 3]>, Vec<[f32; 3]>, [f32; 3]);
-        let parts: Vec<Part> = (0..asset.len())
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, i| {
-                let colors = &asset.colors[i * q..][..q];
-                let glossy = self.glossy(i, light, &asset.means, scratch);
-                let mut matte = colors.to_vec();
-                if !glossy.is_empty() {
-                    let seen = asset.nodes.values(&asset.nodes.refit, &glossy);
-                    for (m, s) in matte.iter_mut().zip(&seen) {
-                        *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
-                    }
-                }
-                let stored = self.stored(&matte, &glossy, [1.0; 3]);
-                let mean = mean_of(&stored);
-                let mut fit = asset.nodes.function(&asset.nodes.fit, &stored);
-                Frame::new(asset.occlusion.normals[i]).apply_sh(asset.nodes.degree, &mut fit);
-                for (f, s) in fit.iter_mut().zip(&asset.sh[i * k..]) {
-                    *f = std::array::from_fn(|c| s[c] - f[c]);
-                }
-                (matte, fit, mean)
-            })
-            .collect();
-        for (matte, residual, mean) in parts {
-            self.matte.extend(matte);
-            self.residual.extend(residual);
-            self.encoded_mean.push(mean);
+impl BestAsset {
+    fn explain(
+        &self,
+        i: usize,
+        gloss: &Gloss,
+        light: &Incident,
+        scratch: &mut Scratch,
+    ) -> Explained {
+        let nodes = &self.nodes;
+        let (q, k) = (nodes.count(), coefficient_count(nodes.degree));
+        let mut matte = self.colors[i * q..][..q].to_vec();
+        let glossy = self.glossy(i, gloss, light, &self.means, scratch);
+        if !glossy.is_empty() {
+            let seen = nodes.values(&nodes.refit, &glossy);
+            for (m, s) in matte.iter_mut().zip(&seen) {
+                *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
+            }
+        }
+        let stored = self.stored(&matte, &glossy, [1.0; 3]);
+        let mut residual = nodes.function(&nodes.fit, &stored);
+        Frame::new(self.occlusion.normals[i]).apply_sh(nodes.degree, &mut residual);
+        for (r, s) in residual.iter_mut().zip(&self.sh[i * k..]) {
+            *r = std::array::from_fn(|c| s[c] - r[c]);
+        }
+        Explained {
+            encoded_mean: self.encoded_mean(&stored),
+            matte,
+            residual,
         }
     }
 
@@ -513,27 +433,28 @@ impl BestTransfer {
     fn glossy(
         &self,
         i: usize,
+        gloss: &Gloss,
         light: &Incident,
-        radiance: &[Vec<[f32; 3]>; 2],
+        radiance: &[Sides],
         scratch: &mut Scratch,
     ) -> Vec<[f32; 3]> {
-        let q = self.asset.nodes.count();
-        let gloss = &self.gloss[i];
         if gloss.is_matte() {
             return Vec::new();
         }
-        self.asset.beams_of(i, light, radiance, &mut scratch.beams);
+        let q = self.nodes.count();
+        self.beams_of(i, light, radiance, &mut scratch.beams);
         scratch.values.resize(3 * q, 0.0);
+        let frame = Frame::new(self.occlusion.normals[i]);
         mirrored(
-            &self.asset.nodes,
-            Frame::new(self.asset.occlusion.normals[i]),
+            &self.nodes,
+            frame,
             gloss.width,
             &scratch.beams,
             &mut scratch.values,
         );
         (0..q)
             .map(|s| {
-                let rise = if gloss.rises { self.fresnel[s] } else { 1.0 };
+                let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
                 std::array::from_fn(|c| rise * gloss.reflectance[c] * scratch.values[c * q + s])
             })
             .collect()
@@ -550,81 +471,122 @@ impl BestTransfer {
                 o[c] += g[c];
             }
         }
-        all_to_stored(self.asset.encoding, &mut out);
+        self.encoding.encode_all(bytemuck::cast_slice_mut(&mut out));
         out
+    }
+
+    /// Mean over the nodes of stored colour, as the renderer shows it.
+    fn encoded_mean(&self, stored: &[[f32; 3]]) -> [f32; 3] {
+        mean_of(stored.iter()).map(|m| m + self.encoding.offset())
+    }
+}
+
+impl BestTransfer {
+    /// Prepares asset and source light.
+    pub fn new(asset: &Arc<BestAsset>, source: &Beams) -> Self {
+        let mean = source.mean_irradiance();
+        let light_gain = if mean > 0.0 {
+            (1.0 / mean).min(MOST_LIGHT_GAIN)
+        } else {
+            1.0
+        };
+        let light = asset.incident(&source.tinted([light_gain; 3]));
+        let divisor: Vec<Sides> = (0..asset.len())
+            .into_par_iter()
+            .map(|i| added(light.irradiance[i], asset.bounced(i, &asset.means)))
+            .collect();
+        let fitted = Fitted {
+            nodes: &asset.nodes,
+            normals: &asset.occlusion.normals,
+            colors: &asset.colors,
+            means: &asset.means,
+            neighbors: &asset.neighbors,
+            two_sided: &asset.occlusion.two_sided,
+            white: whitest(&asset.means, &divisor),
+        };
+        let gloss = find_gloss(&fitted, &|i, out| {
+            asset.beams_of(i, &light, &asset.means, out)
+        });
+        let parts: Vec<Explained> = (0..asset.len())
+            .into_par_iter()
+            .map_init(Scratch::default, |scratch, i| {
+                asset.explain(i, &gloss[i], &light, scratch)
+            })
+            .collect();
+        Self {
+            asset: asset.clone(),
+            light_gain,
+            gloss,
+            divisor,
+            mean_irradiance: mean_of(light.irradiance.iter().map(|e| &e[0])),
+            encoded_mean: parts.iter().map(|p| p.encoded_mean).collect(),
+            residual: parts
+                .iter()
+                .flat_map(|p| p.residual.iter().copied())
+                .collect(),
+            matte: parts.into_iter().flat_map(|p| p.matte).collect(),
+        }
     }
 
     /// Relights.
     pub fn relight(&self, target: &Beams) -> Relit {
         let asset = &*self.asset;
         let light = asset.incident(&target.tinted([self.light_gain; 3]));
-        let (tau, radiance) = self.bounce(&light);
+        let tau = self.bounce(&light);
+        let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);
         let mut sh = vec![[0f32; 3]; asset.len() * k];
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
             Scratch::default,
             |scratch, (i, out)| {
-                self.relight_surfel(i, &light, [tau[0][i], tau[1][i]], &radiance, scratch, out);
+                self.relight_surfel(i, &light, tau[i], &radiance, scratch, out);
             },
         );
-        let [tau, _] = tau;
-        Relit { sh, tau }
+        Relit {
+            sh,
+            tau: tau.into_iter().map(|t| t[0]).collect(),
+        }
     }
 
-    /// How much the matte light changes on each side, and what each side then radiates: a fixed point, since what one surfel gains lights others.
-    #[allow(clippy::type_complexity)]
-    fn bounce(&self, light: &Incident) -> ([Vec<[f32; 3]>; 2], [Vec<[f32; 3]>; 2]) {
+    /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
+    fn bounce(&self, light: &Incident) -> Vec<Sides> {
         let asset = &*self.asset;
-        let mean = mean_of(&light.irradiance[0]);
-        let start: [f32; 3] = std::array::from_fn(|c| mean[c] / self.mean_irradiance[c].max(1e-12));
-        let mut radiance = asset.means.clone().map(|side| {
-            side.into_iter()
-                .map(|b| std::array::from_fn(|c| b[c] * start[c]))
-                .collect::<Vec<[f32; 3]>>()
-        });
-        let mut tau = [Vec::new(), Vec::new()];
+        let mean = mean_of(light.irradiance.iter().map(|e| &e[0]));
+        let start: [f32; 3] =
+            std::array::from_fn(|c| mean[c] / self.mean_irradiance[c].max(LEAST_IRRADIANCE));
+        let mut tau = vec![[start; 2]; asset.len()];
         for _ in 0..TURNS {
-            let bounced = asset.gathered(&radiance);
-            for s in 0..2 {
-                tau[s] = (0..asset.len())
-                    .map(|i| {
+            let radiance = asset.radiance(&tau);
+            tau = (0..asset.len())
+                .into_par_iter()
+                .map(|i| {
+                    let e = added(light.irradiance[i], asset.bounced(i, &radiance));
+                    std::array::from_fn(|s| {
                         std::array::from_fn(|c| {
-                            (light.irradiance[s][i][c] + bounced[s][i][c] + EPSILON)
-                                / self.divisor[s][i][c]
+                            e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE)
                         })
                     })
-                    .collect::<Vec<[f32; 3]>>();
-                for ((b, m), t) in radiance[s].iter_mut().zip(&asset.means[s]).zip(&tau[s]) {
-                    *b = std::array::from_fn(|c| m[c] * t[c]);
-                }
-            }
+                })
+                .collect();
         }
-        (tau, radiance)
+        tau
     }
 
     fn relight_surfel(
         &self,
         i: usize,
         light: &Incident,
-        tau: [[f32; 3]; 2],
-        radiance: &[Vec<[f32; 3]>; 2],
+        tau: Sides,
+        radiance: &[Sides],
         scratch: &mut Scratch,
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
         let (q, k) = (asset.nodes.count(), out.len());
-        let glossy = self.glossy(i, light, radiance, scratch);
-        let stored = self.stored(&self.matte[i * q..][..q], &glossy, tau[0]);
-        let mean = mean_of(&stored);
-        let offset = if asset.encoding == Encoding::Linear {
-            0.0
-        } else {
-            STORED_OFFSET
-        };
-        let scale: [f32; 3] = std::array::from_fn(|c| {
-            let floor = offset + RESIDUAL_FLOOR;
-            (mean[c] + floor) / (self.encoded_mean[i][c] + floor)
-        });
+        let glossy = asset.glossy(i, &self.gloss[i], light, radiance, scratch);
+        let stored = asset.stored(&self.matte[i * q..][..q], &glossy, tau[0]);
+        let (now, then) = (asset.encoded_mean(&stored), self.encoded_mean[i]);
+        let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = Frame::new(asset.occlusion.normals[i]);
         asset.nodes.fit_into(&stored, out);
         let two_sided = asset.occlusion.two_sided[i];
@@ -640,7 +602,7 @@ impl BestTransfer {
     }
 
     /// What changes of a two-sided surfel's colour because its back has a light of its own.
-    fn add_back(&self, i: usize, tau: [[f32; 3]; 2], two_sided: f32, out: &mut [[f32; 3]]) {
+    fn add_back(&self, i: usize, tau: Sides, two_sided: f32, out: &mut [[f32; 3]]) {
         let asset = &*self.asset;
         let k = out.len();
         let mut f = asset.sh[i * k..][..k].to_vec();
@@ -661,9 +623,9 @@ impl BestTransfer {
                 .map(|(v, d)| {
                     let share = two_sided * smoothstep(-HORIZON, HORIZON, -side * d.z);
                     std::array::from_fn(|c| {
-                        let front = to_linear(asset.encoding, v[c]) * tau[0][c];
-                        to_stored(asset.encoding, front * ratio[c].powf(share))
-                            - to_stored(asset.encoding, front)
+                        let front = asset.encoding.decode(v[c]) * tau[0][c];
+                        let changed = front * ratio[c].powf(share);
+                        asset.encoding.encode(changed) - asset.encoding.encode(front)
                     })
                 })
                 .collect();
@@ -682,14 +644,29 @@ struct Scratch {
     values: Vec<f32>,
 }
 
-fn mean_of(values: &[[f32; 3]]) -> [f32; 3] {
+fn added(a: Sides, b: Sides) -> Sides {
+    std::array::from_fn(|s| std::array::from_fn(|c| a[s][c] + b[s][c]))
+}
+
+/// By how much the residual changes with the encoded brightness: in proportion when it falls, to nothing in the dark; less when it rises,
+/// since what the source hardly lit is mostly noise.
+fn residual_scale(now: f32, then: f32) -> f32 {
+    if now < then {
+        now / then
+    } else {
+        (now + RESIDUAL_FLOOR) / (then + RESIDUAL_FLOOR)
+    }
+}
+
+fn mean_of<'a>(values: impl ExactSizeIterator<Item = &'a [f32; 3]>) -> [f32; 3] {
+    let count = values.len().max(1) as f64;
     let mut sum = [0f64; 3];
     for v in values {
         for c in 0..3 {
             sum[c] += f64::from(v[c]);
         }
     }
-    sum.map(|s| (s / values.len().max(1) as f64) as f32)
+    sum.map(|s| (s / count) as f32)
 }
 
 #[cfg(test)]

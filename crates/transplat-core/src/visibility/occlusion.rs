@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::trace::{MISS, PACKET, Packet, Tracer};
-use super::{BakeInput, BakeSettings, Progress};
+use super::trace::{MISS, PACKET, Tracer};
+use super::{Progress, smoothstep};
 use crate::error::{Error, Result};
-use crate::sh::fibonacci_sphere;
+use crate::sh::lattice;
 use crate::surfels::SurfelCloud;
 
 /// Directions of the lattice.
@@ -59,20 +59,6 @@ pub struct Hit {
     pub direction: u16,
 }
 
-/// The lattice in f32. `[DIRECTIONS]`
-pub fn lattice() -> Vec<Vec3> {
-    fibonacci_sphere(DIRECTIONS)
-        .iter()
-        .map(|d| Vec3::from_array(d.map(|v| v as f32)))
-        .collect()
-}
-
-/// `0` below `low`, `1` above `high`, and smooth between.
-pub fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
 /// What is found of one surfel.
 struct Found {
     open: [u64; WORDS],
@@ -80,15 +66,13 @@ struct Found {
 }
 
 impl Occlusion {
-    /// Traces all rays.
+    /// Traces all rays; the tracer is the asset's.
     ///
     /// # Errors
     /// [`Error::Cancelled`] when `progress` asked for it.
-    pub fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Self> {
-        let input = BakeInput::new(cloud, &BakeSettings { directions: 16 });
-        let tracer = Tracer::new(&input);
-        let order = Tracer::order(&input);
-        let lattice = lattice();
+    pub fn bake(cloud: &SurfelCloud, tracer: &Tracer, progress: Progress<'_>) -> Result<Self> {
+        let order = &tracer.order;
+        let lattice = lattice(DIRECTIONS);
         let done = AtomicUsize::new(0);
         let found: Vec<Vec<Found>> = order
             .par_chunks(PACKET)
@@ -97,7 +81,7 @@ impl Occlusion {
                 if progress(before as f64 / order.len() as f64).is_break() {
                     return Err(Error::Cancelled);
                 }
-                Ok(trace_packet(&input, &tracer, &lattice, of))
+                Ok(trace_packet(tracer, &lattice, of))
             })
             .collect::<Result<_>>()?;
         let mut by_surfel: Vec<(u32, Found)> = order
@@ -195,7 +179,8 @@ fn openness(open: &[u64; WORDS], lattice: &[Vec3], n: Vec3) -> [f32; 2] {
     sides.map(|s| s * 4.0 / DIRECTIONS as f32)
 }
 
-fn trace_packet(input: &BakeInput, tracer: &Tracer, lattice: &[Vec3], of: &[u32]) -> Vec<Found> {
+fn trace_packet(tracer: &Tracer, lattice: &[Vec3], of: &[u32]) -> Vec<Found> {
+    let mut stack = Vec::new();
     let mut found: Vec<Found> = of
         .iter()
         .map(|_| Found {
@@ -205,7 +190,7 @@ fn trace_packet(input: &BakeInput, tracer: &Tracer, lattice: &[Vec3], of: &[u32]
         .collect();
     for (j, d) in lattice.iter().enumerate() {
         let knows = j % HIT_STRIDE == 0;
-        let hits = tracer.hits(&Packet::new(input, of, *d), *d, !knows);
+        let hits = tracer.hits(of, *d, !knows, &mut stack);
         for (f, hit) in found.iter_mut().zip(hits) {
             if hit == MISS {
                 f.open[j / 64] |= 1 << (j % 64);
@@ -226,12 +211,17 @@ mod tests {
     use crate::oracle;
     use crate::scenes;
     use crate::visibility::no_progress;
+    use crate::visibility::{BakeInput, BakeSettings};
+
+    fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Occlusion> {
+        Occlusion::bake(cloud, &Tracer::new(cloud), progress)
+    }
 
     #[test]
     fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
         let cloud = scenes::sphere(1500);
-        let baked = Occlusion::bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = lattice();
+        let baked = bake(&cloud, &no_progress).expect("not cancelled");
+        let lattice = lattice(DIRECTIONS);
         for (i, n) in baked.normals.iter().enumerate() {
             assert!(n.dot(cloud.positions[i]) > 0.0);
             assert_eq!(baked.two_sided[i], 0.0);
@@ -249,11 +239,12 @@ mod tests {
     fn hits_agree_with_asking_every_disc() {
         let cloud = scenes::sphere_over_plate(300);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
-        let baked = Occlusion::bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = lattice();
+        let baked = bake(&cloud, &no_progress).expect("not cancelled");
+        let lattice = lattice(DIRECTIONS);
         let (mut differ, mut all) = (0, 0);
         for i in 0..cloud.len() {
-            for j in (0..DIRECTIONS).step_by(HIT_STRIDE) {
+            // Both those that know what they meet, and those that stop at anything.
+            for j in (0..DIRECTIONS).step_by(HIT_STRIDE - 1) {
                 let direction = lattice[j].as_dvec3();
                 let exact = oracle::first_hit(&input, i, direction);
                 all += 1;
@@ -262,6 +253,8 @@ mod tests {
                     .hits_of(i)
                     .iter()
                     .find(|h| usize::from(h.direction) == j);
+                let knows = j % HIT_STRIDE == 0 && baked.normals[i].dot(lattice[j]) > 0.0;
+                differ += usize::from(knows && hit.is_some() != exact.is_some());
                 if let (Some(hit), Some(exact)) = (hit, exact) {
                     // Of discs in one plane, either may be named.
                     let met = (hit.surfel & !BACK) as usize;
@@ -276,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_lone_sheet_is_two_sided() {
-        let baked = Occlusion::bake(&scenes::sheet(20), &no_progress).expect("not cancelled");
+        let baked = bake(&scenes::sheet(20), &no_progress).expect("not cancelled");
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
         assert!(baked.hits.is_empty());
     }
@@ -284,7 +277,7 @@ mod tests {
     #[test]
     fn cancelling_stops() {
         let stop = |_: f64| std::ops::ControlFlow::Break(());
-        let result = Occlusion::bake(&scenes::sphere(100), &stop);
+        let result = bake(&scenes::sphere(100), &stop);
         assert!(matches!(result, Err(Error::Cancelled)));
     }
 }

@@ -10,7 +10,8 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
-use super::{BakeInput, BakeSurfel};
+use super::{BakeSurfel, ScaledObject};
+use crate::surfels::SurfelCloud;
 
 /// Rays that are traced together.
 pub const PACKET: usize = 16;
@@ -51,13 +52,16 @@ struct Node {
 pub struct Tracer {
     nodes: Vec<Node>,
     discs: Vec<Disc>,
-    depth: usize,
+    /// The surfels that rays start from, in units of the object's radius. `[n]`
+    pub surfels: Vec<BakeSurfel>,
+    /// Indices of the surfels so that neighbours follow each other. `[n]`
+    pub order: Vec<u32>,
 }
 
 /// The origins of [`PACKET`] rays of one direction.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub struct Packet {
+struct Packet {
     origin: [[f32; PACKET]; 3],
     /// Hits nearer than this do not count.
     nearest: [f32; PACKET],
@@ -65,13 +69,13 @@ pub struct Packet {
 
 impl Packet {
     /// Rays from the surfels `of`, at most [`PACKET`]; the last one fills what is left.
-    pub fn new(input: &BakeInput, of: &[u32], direction: Vec3) -> Self {
+    fn new(surfels: &[BakeSurfel], of: &[u32], direction: Vec3) -> Self {
         let mut packet = Self {
             origin: [[0.0; PACKET]; 3],
             nearest: [0.0; PACKET],
         };
         for lane in 0..PACKET {
-            let surfel = &input.surfels[of[lane.min(of.len() - 1)] as usize];
+            let surfel = &surfels[of[lane.min(of.len() - 1)] as usize];
             let side = surfel.normal.dot(direction).signum();
             let origin = surfel.position + surfel.normal * (side * START_SCALES * surfel.bias);
             for axis in 0..3 {
@@ -85,19 +89,20 @@ impl Packet {
 
 impl Tracer {
     /// Builds the hierarchy over the surfels that cast shadows.
-    pub fn new(input: &BakeInput) -> Self {
-        let casting: Vec<u32> = (0..input.surfels.len() as u32)
-            .filter(|i| casts(&input.surfels[*i as usize]))
+    pub fn new(cloud: &SurfelCloud) -> Self {
+        let surfels = ScaledObject::new(cloud).surfels;
+        let casting: Vec<u32> = (0..surfels.len() as u32)
+            .filter(|i| casts(&surfels[*i as usize]))
             .collect();
         let boxes: Vec<Aabb> = casting
             .iter()
-            .map(|i| disc_box(&input.surfels[*i as usize]))
+            .map(|i| disc_box(&surfels[*i as usize]))
             .collect();
         let bvh = build(&boxes);
         let discs = bvh
             .primitive_indices
             .iter()
-            .map(|i| disc(casting[*i as usize], input))
+            .map(|i| disc(casting[*i as usize], &surfels))
             .collect();
         let nodes = bvh
             .nodes
@@ -109,39 +114,42 @@ impl Tracer {
                 count: n.prim_count,
             })
             .collect();
+        let mut keyed: Vec<(u32, u32)> = surfels
+            .iter()
+            .map(|s| morton(s.position))
+            .zip(0..)
+            .collect();
+        keyed.sort_unstable();
         Self {
             nodes,
             discs,
-            depth: bvh.max_depth,
+            order: keyed.into_iter().map(|k| k.1).collect(),
+            surfels,
         }
     }
 
-    /// Surfels in an order in which neighbours follow each other.
-    pub fn order(input: &BakeInput) -> Vec<u32> {
-        let mut keyed: Vec<(u32, u32)> = input
-            .surfels
-            .iter()
-            .zip(0..)
-            .map(|(s, i)| (morton(s.position), i))
-            .collect();
-        keyed.sort_unstable();
-        keyed.into_iter().map(|k| k.1).collect()
-    }
-
-    /// The surfel that each ray of a packet meets first; `any`: any surfel that it meets, which is quicker.
-    pub fn hits(&self, packet: &Packet, direction: Vec3, any: bool) -> [u32; PACKET] {
-        let mut stack = Vec::with_capacity(self.depth + 2);
-        walk(self, packet, direction, any, &mut stack)
+    /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it
+    /// meets, which is quicker. `stack` is scratch.
+    pub fn hits(
+        &self,
+        of: &[u32],
+        direction: Vec3,
+        any: bool,
+        stack: &mut Vec<u32>,
+    ) -> [u32; PACKET] {
+        let packet = Packet::new(&self.surfels, of, direction);
+        walk(self, &packet, direction, any, stack)
     }
 
     /// Which surfels see all the way out towards a direction. `[n]`
-    pub fn open_towards(&self, input: &BakeInput, order: &[u32], direction: Vec3) -> Vec<bool> {
-        let packets: Vec<[u32; PACKET]> = order
+    pub fn open_towards(&self, direction: Vec3) -> Vec<bool> {
+        let packets: Vec<[u32; PACKET]> = self
+            .order
             .par_chunks(PACKET)
-            .map(|of| self.hits(&Packet::new(input, of, direction), direction, true))
+            .map_init(Vec::new, |stack, of| self.hits(of, direction, true, stack))
             .collect();
-        let mut open = vec![false; order.len()];
-        for (of, hits) in order.chunks(PACKET).zip(packets) {
+        let mut open = vec![false; self.surfels.len()];
+        for (of, hits) in self.order.chunks(PACKET).zip(packets) {
             for (surfel, hit) in of.iter().zip(hits) {
                 open[*surfel as usize] = hit == MISS;
             }
@@ -176,8 +184,8 @@ fn disc_box(surfel: &BakeSurfel) -> Aabb {
     }
 }
 
-fn disc(i: u32, input: &BakeInput) -> Disc {
-    let s = &input.surfels[i as usize];
+fn disc(i: u32, surfels: &[BakeSurfel]) -> Disc {
+    let s = &surfels[i as usize];
     Disc {
         center: s.position,
         normal: s.normal,

@@ -17,6 +17,10 @@ const FIT_RIDGE: f64 = 0.02;
 /// Weight of a grazing direction in the fit, beside the cosine by which the others count.
 const FIT_FLOOR: f64 = 0.1;
 
+/// Reflectance of a rough dielectric along its normal over that at grazing view, with which the lobe rises (Schlick 1994). Smooth glass
+/// has 0.04; rough surfaces rise less.
+const NORMAL_OVER_GRAZING: f32 = 0.1;
+
 /// The quadrature and its matrices for one degree of the asset's colour.
 #[derive(Clone, Debug)]
 pub struct Nodes {
@@ -32,6 +36,8 @@ pub struct Nodes {
     pub fit: Vec<f32>,
     /// What the fit of values has at the nodes. `[Q][Q]`, values first
     pub refit: Vec<f32>,
+    /// Factor on a coated surface's lobe, which rises towards grazing view. `[Q]`
+    pub rise: Vec<f32>,
     /// The same directions on the back. `[K][Q]`
     pub evaluate_back: Vec<f32>,
     /// Projection of values at the nodes of the front, and of the back. `[Q][K]` each
@@ -93,6 +99,10 @@ impl Nodes {
                 .iter()
                 .zip(&areas)
                 .map(|(v, a)| (a * v[2] / total) as f32)
+                .collect(),
+            rise: to_camera
+                .iter()
+                .map(|v| 1.0 + (1.0 / NORMAL_OVER_GRAZING - 1.0) * (1.0 - v[2] as f32).powi(5))
                 .collect(),
             project: [project(&front), project(&back)],
             evaluate: transposed(&front, q),
