@@ -113,8 +113,8 @@ impl Beams {
         }
     }
 
-    /// The cells gathered into the directions nearest to them: energy `[N][3]`.
-    pub fn gathered(&self, lattice: &[Vec3]) -> Vec<[f32; 3]> {
+    /// The cells gathered into the directions nearest to them; each beam comes from where most of its light is. `[N]`
+    pub fn gathered(&self, lattice: &[Vec3]) -> Vec<Beam> {
         let nearest: Vec<usize> = self
             .cells
             .par_iter()
@@ -127,13 +127,14 @@ impl Beams {
                 best.1
             })
             .collect();
-        let mut out = vec![[0f64; 3]; lattice.len()];
+        let mut sums = vec![Sum::default(); lattice.len()];
         for (cell, i) in self.cells.iter().zip(nearest) {
-            for (o, e) in out[i].iter_mut().zip(cell.energy) {
-                *o += f64::from(e);
-            }
+            sums[i].add(cell.direction.as_dvec3(), cell.energy.map(f64::from));
         }
-        out.into_iter().map(|e| e.map(|v| v as f32)).collect()
+        sums.into_iter()
+            .zip(lattice)
+            .map(|(s, d)| s.beam(*d))
+            .collect()
     }
 
     /// Irradiance on a surface that sees everything, averaged over all normals, per channel.
@@ -154,19 +155,35 @@ impl Beams {
     }
 }
 
-/// The beam that holds what all of some pixels do, from their mean direction.
-fn beam(parts: impl Iterator<Item = (DVec3, [f64; 3])>) -> Beam {
-    let (mut direction, mut energy) = (DVec3::ZERO, [0f64; 3]);
-    for (d, e) in parts {
-        direction += d * e.iter().sum::<f64>();
-        for (sum, e) in energy.iter_mut().zip(e) {
+/// A beam in the making: what many parts hold together, from their mean direction.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    toward: DVec3,
+    energy: [f64; 3],
+}
+
+impl Sum {
+    fn add(&mut self, direction: DVec3, energy: [f64; 3]) {
+        self.toward += direction * energy.iter().sum::<f64>();
+        for (sum, e) in self.energy.iter_mut().zip(energy) {
             *sum += e;
         }
     }
-    Beam {
-        direction: direction.normalize_or(DVec3::Z).as_vec3(),
-        energy: energy.map(|v| v as f32),
+
+    /// The beam; from `dark` where there is no light.
+    fn beam(&self, dark: Vec3) -> Beam {
+        Beam {
+            direction: self.toward.normalize_or(dark.as_dvec3()).as_vec3(),
+            energy: self.energy.map(|v| v as f32),
+        }
     }
+}
+
+/// The beam that holds what all of some pixels do.
+fn beam(parts: impl Iterator<Item = (DVec3, [f64; 3])>) -> Beam {
+    let mut sum = Sum::default();
+    parts.for_each(|(d, e)| sum.add(d, e));
+    sum.beam(Vec3::Z)
 }
 
 /// A map's pixels as energies.
@@ -310,7 +327,8 @@ mod tests {
         let total = crate::environment::project_environment(&map, 0).mean_irradiance();
         assert!((beams.mean_irradiance() / total - 1.0).abs() < 1e-3);
         // What is left is the sky: no cell stands out.
-        for e in beams.gathered(&lattice(64)) {
+        for beam in beams.gathered(&lattice(64)) {
+            let e = beam.energy;
             assert!(
                 (e[0] / (0.2 * 4.0 * PI as f32 / 64.0) - 1.0).abs() < 0.25,
                 "{e:?}"

@@ -1,6 +1,8 @@
 //! The basis functions, by the normalised recurrence over the associated Legendre functions.
 
 use std::ops::{Add, Mul, Neg, Sub};
+
+use glam::Vec3A;
 use std::sync::LazyLock;
 
 use super::{MAX_DEGREE, coefficient_count};
@@ -17,6 +19,14 @@ impl Real for f32 {
     #[inline(always)]
     fn of(x: f64) -> Self {
         x as f32
+    }
+}
+
+/// Three numbers at once.
+impl Real for Vec3A {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        Self::splat(x as f32)
     }
 }
 

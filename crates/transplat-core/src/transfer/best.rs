@@ -3,6 +3,7 @@
 //!
 //! Once for an asset: [`BestAsset`]. Once for asset and source light: [`BestTransfer`]. A new light is then sums over light.
 
+mod incident;
 mod lobe;
 mod nodes;
 
@@ -11,20 +12,18 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::color::Encoding;
-use crate::environment::{Beam, Beams};
-use crate::sh::{coefficient_count, lattice};
+use crate::environment::Beams;
+use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
-use crate::visibility::occlusion::{
-    BACK, DIRECTIONS, HIT_DIRECTIONS, HIT_STRIDE, Occlusion, WORDS,
-};
+use crate::visibility::occlusion::{Occlusion, directions};
 use crate::visibility::trace::Tracer;
 use crate::visibility::{BakeSurfel, smoothstep};
 
-use lobe::{Fitted, Gloss, find_gloss, mirrored};
+use incident::{Incident, Planes, planes};
+use lobe::{Fitted, Gloss, Ray, find_gloss, mirrored};
 use nodes::{Frame, Nodes};
 
 /// Surfels around one that its gloss is pooled over.
@@ -62,11 +61,9 @@ pub struct BestAsset {
     encoding: Encoding,
     occlusion: Arc<Occlusion>,
     tracer: Tracer,
-    lattice: Vec<Vec3>,
-    /// The same. `[3][DIRECTIONS]`
+    directions: Vec<Vec3>,
+    /// The same, an axis after the other.
     planes: Planes,
-    /// For each direction, the nearest that knows what it meets, by its place among those.
-    nearest_hit: Vec<u16>,
     /// Stored colour. `[n][K]`
     sh: Vec<[f32; 3]>,
     /// Linear colour at the front's nodes. `[n][Q]`
@@ -74,15 +71,6 @@ pub struct BestAsset {
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     means: Vec<Sides>,
     neighbors: Vec<u32>,
-}
-
-/// A light as a surfel meets it.
-struct Incident {
-    /// Energy from each direction of the lattice.
-    cells: Vec<[f32; 3]>,
-    suns: Vec<(Beam, Vec<bool>)>,
-    /// Irradiance, with epsilon's share. `[n]`
-    irradiance: Vec<Sides>,
 }
 
 /// An asset under its source light, ready for any other.
@@ -117,7 +105,7 @@ impl BestAsset {
     pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>, tracer: Tracer) -> Self {
         let nodes = Nodes::new(cloud.sh_degree);
         let encoding = cloud.encoding;
-        let lattice = lattice(DIRECTIONS);
+        let directions = directions();
         let k = coefficient_count(cloud.sh_degree);
         let q = nodes.count();
         type Seen = (Vec<[f32; 3]>, Sides);
@@ -130,9 +118,7 @@ impl BestAsset {
                 Frame::new(*n).apply_sh(cloud.sh_degree, &mut f);
                 let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
                     let mut values = nodes.values(e, &f);
-                    for v in values.iter_mut().flatten() {
-                        *v = encoding.decode(*v);
-                    }
+                    encoding.decode_all(bytemuck::cast_slice_mut(&mut values));
                     values
                 });
                 let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
@@ -145,26 +131,14 @@ impl BestAsset {
             colors.extend(c);
             means.push(m);
         }
-        let nearest_hit = lattice
-            .iter()
-            .map(|d| {
-                (0..HIT_DIRECTIONS)
-                    .max_by(|a, b| {
-                        let cosine = |i: &usize| lattice[i * HIT_STRIDE].dot(*d);
-                        cosine(a).total_cmp(&cosine(b))
-                    })
-                    .unwrap_or(0) as u16
-            })
-            .collect();
         Self {
             neighbors: neighbors(&tracer.surfels, &occlusion.normals),
             tracer,
             nodes,
             encoding,
             occlusion,
-            planes: planes(lattice.iter().map(|d| d.to_array())),
-            lattice,
-            nearest_hit,
+            planes: planes(directions.iter().map(|d| d.to_array())),
+            directions,
             sh: cloud.sh.clone(),
             colors,
             means,
@@ -181,59 +155,6 @@ impl BestAsset {
         self.occlusion.is_empty()
     }
 
-    fn incident(&self, light: &Beams) -> Incident {
-        let cells = light.gathered(&self.lattice);
-        let suns: Vec<(Beam, Vec<bool>)> = light
-            .suns
-            .iter()
-            .map(|s| (*s, self.tracer.open_towards(s.direction)))
-            .collect();
-        let energies = planes(cells.iter().copied());
-        let least = light.mean_irradiances().map(|e| EPSILON * e);
-        let irradiance = (0..self.len())
-            .into_par_iter()
-            .map(|i| {
-                self.irradiance(i, &energies, &suns)
-                    .map(|e| std::array::from_fn(|c| e[c] + least[c]))
-            })
-            .collect();
-        Incident {
-            cells,
-            suns,
-            irradiance,
-        }
-    }
-
-    /// Irradiance of surfel `i`, front and back.
-    fn irradiance(&self, i: usize, cells: &Planes, suns: &[(Beam, Vec<bool>)]) -> Sides {
-        let n = self.occlusion.normals[i];
-        let mut sides = open_irradiance(n, &self.occlusion.open[i], &self.planes, cells);
-        for (sun, open) in suns {
-            if open[i] {
-                let cosine = n.dot(sun.direction);
-                for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(sun.energy) {
-                    *s += cosine.abs() * e;
-                }
-            }
-        }
-        sides
-    }
-
-    /// Light that bounces to surfel `i` from what the others radiate.
-    fn bounced(&self, i: usize, radiance: &[Sides]) -> Sides {
-        let scale = 4.0 * std::f32::consts::PI / HIT_DIRECTIONS as f32;
-        let n = self.occlusion.normals[i];
-        let mut sides = Sides::default();
-        for hit in self.occlusion.hits_of(i) {
-            let cosine = n.dot(self.lattice[usize::from(hit.direction)]);
-            let b = radiance_of(radiance, hit.surfel);
-            for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
-                *s += scale * cosine.abs() * b;
-            }
-        }
-        sides
-    }
-
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
     fn radiance(&self, tau: &[Sides]) -> Vec<Sides> {
         self.means
@@ -242,84 +163,6 @@ impl BestAsset {
             .map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
             .collect()
     }
-
-    /// All that shines on the front of surfel `i`: cells, suns, and what is met where the light is blocked.
-    fn beams_of(&self, i: usize, light: &Incident, radiance: &[Sides], out: &mut Vec<Beam>) {
-        out.clear();
-        let n = self.occlusion.normals[i];
-        let mut met = [u32::MAX; HIT_DIRECTIONS];
-        for hit in self.occlusion.hits_of(i) {
-            met[usize::from(hit.direction) / HIT_STRIDE] = hit.surfel;
-        }
-        let scale = 4.0 * std::f32::consts::PI / DIRECTIONS as f32;
-        for (j, (direction, e)) in self.lattice.iter().zip(&light.cells).enumerate() {
-            if n.dot(*direction) <= 0.0 {
-                continue;
-            }
-            let energy = if self.occlusion.is_open(i, j) {
-                *e
-            } else {
-                match met[usize::from(self.nearest_hit[j])] {
-                    u32::MAX => radiance[i][0],
-                    hit => radiance_of(radiance, hit),
-                }
-                .map(|b| b * scale)
-            };
-            out.push(Beam {
-                direction: *direction,
-                energy,
-            });
-        }
-        let above = |sun: &Beam| n.dot(sun.direction) > 0.0;
-        let shining = light
-            .suns
-            .iter()
-            .filter(|(sun, open)| open[i] && above(sun));
-        out.extend(shining.map(|(sun, _)| *sun));
-    }
-}
-
-/// Three numbers a direction, as structure of arrays.
-type Planes = [Vec<f32>; 3];
-
-fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
-    std::array::from_fn(|c| values.clone().map(|v| v[c]).collect())
-}
-
-/// Sum over the open directions of cosine times energy, front and back.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn open_irradiance(n: Vec3, open: &[u64; WORDS], lattice: &Planes, cells: &Planes) -> Sides {
-    const LANES: usize = 16;
-    let mut sums = [[[0f32; LANES]; 3]; 2];
-    for start in (0..DIRECTIONS).step_by(LANES) {
-        let bits = (open[start / 64] >> (start % 64)) as u32;
-        let part = |p: &Planes, c: usize| -> [f32; LANES] {
-            let mut out = [0f32; LANES];
-            out.copy_from_slice(&p[c][start..start + LANES]);
-            out
-        };
-        let (x, y, z) = (part(lattice, 0), part(lattice, 1), part(lattice, 2));
-        let mut cosines = [[0f32; LANES]; 2];
-        for i in 0..LANES {
-            let cosine = n.x * x[i] + n.y * y[i] + n.z * z[i];
-            let seen = ((bits >> i) & 1) as f32;
-            cosines[0][i] = seen * if cosine > 0.0 { cosine } else { 0.0 };
-            cosines[1][i] = seen * if cosine < 0.0 { -cosine } else { 0.0 };
-        }
-        for c in 0..3 {
-            let e = part(cells, c);
-            for side in 0..2 {
-                for i in 0..LANES {
-                    sums[side][c][i] += cosines[side][i] * e[i];
-                }
-            }
-        }
-    }
-    sums.map(|side| side.map(|lanes| lanes.iter().sum()))
-}
-
-fn radiance_of(radiance: &[Sides], hit: u32) -> [f32; 3] {
-    radiance[(hit & !BACK) as usize][usize::from(hit & BACK != 0)]
 }
 
 fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
@@ -409,70 +252,66 @@ impl BestAsset {
         let nodes = &self.nodes;
         let (q, k) = (nodes.count(), coefficient_count(nodes.degree));
         let mut matte = self.colors[i * q..][..q].to_vec();
-        let glossy = self.glossy(i, gloss, light, &self.means, scratch);
-        if !glossy.is_empty() {
-            let seen = nodes.values(&nodes.refit, &glossy);
+        self.reflect(i, gloss, light, &self.means, scratch);
+        if !scratch.glossy.is_empty() {
+            let seen = nodes.values(&nodes.refit, &scratch.glossy);
             for (m, s) in matte.iter_mut().zip(&seen) {
                 *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
             }
         }
-        let stored = self.stored(&matte, &glossy, [1.0; 3]);
-        let mut residual = nodes.function(&nodes.fit, &stored);
+        self.store(&matte, [1.0; 3], scratch);
+        let mut residual = nodes.function(&nodes.fit, &scratch.stored);
         Frame::new(self.occlusion.normals[i]).apply_sh(nodes.degree, &mut residual);
         for (r, s) in residual.iter_mut().zip(&self.sh[i * k..]) {
             *r = std::array::from_fn(|c| s[c] - r[c]);
         }
         Explained {
-            encoded_mean: self.encoded_mean(&stored),
+            encoded_mean: self.encoded_mean(&scratch.stored),
             matte,
             residual,
         }
     }
 
-    /// What surfel `i` mirrors towards each node. `[Q]`, or empty where that is nothing
-    fn glossy(
+    /// What surfel `i` mirrors towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
+    fn reflect(
         &self,
         i: usize,
         gloss: &Gloss,
         light: &Incident,
         radiance: &[Sides],
         scratch: &mut Scratch,
-    ) -> Vec<[f32; 3]> {
+    ) {
+        scratch.glossy.clear();
         if gloss.is_matte() {
-            return Vec::new();
+            return;
         }
         let q = self.nodes.count();
-        self.beams_of(i, light, radiance, &mut scratch.beams);
+        self.rays_of(i, light, radiance, &mut scratch.rays);
         scratch.values.resize(3 * q, 0.0);
         let frame = Frame::new(self.occlusion.normals[i]);
-        mirrored(
-            &self.nodes,
-            frame,
-            gloss.width,
-            &scratch.beams,
-            &mut scratch.values,
-        );
-        (0..q)
-            .map(|s| {
-                let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
-                std::array::from_fn(|c| rise * gloss.reflectance[c] * scratch.values[c * q + s])
-            })
-            .collect()
+        let (rays, values) = (&scratch.rays, &mut scratch.values);
+        mirrored(&self.nodes, frame, gloss.width, rays, values);
+        scratch.glossy.extend((0..q).map(|s| {
+            let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
+            std::array::from_fn(|c| rise * gloss.reflectance[c] * values[c * q + s])
+        }));
     }
 
-    /// Stored colour of `matte * tau + glossy`, `[Q]`; `glossy` is empty where there is none.
-    fn stored(&self, matte: &[[f32; 3]], glossy: &[[f32; 3]], tau: [f32; 3]) -> Vec<[f32; 3]> {
-        let mut out: Vec<[f32; 3]> = matte
-            .iter()
-            .map(|m| std::array::from_fn(|c| m[c] * tau[c]))
-            .collect();
-        for (o, g) in out.iter_mut().zip(glossy) {
+    /// Stored colour of `matte * tau`, `[Q]`, and what is in `scratch.glossy`, into `scratch.stored`.
+    fn store(&self, matte: &[[f32; 3]], tau: [f32; 3], scratch: &mut Scratch) {
+        let out = &mut scratch.stored;
+        out.clear();
+        out.extend(
+            matte
+                .iter()
+                .map(|m| [m[0] * tau[0], m[1] * tau[1], m[2] * tau[2]]),
+        );
+        for (o, g) in out.iter_mut().zip(&scratch.glossy) {
             for c in 0..3 {
                 o[c] += g[c];
             }
         }
-        self.encoding.encode_all(bytemuck::cast_slice_mut(&mut out));
-        out
+        self.encoding.encode_all(bytemuck::cast_slice_mut(out));
     }
 
     /// Mean over the nodes of stored colour, as the renderer shows it.
@@ -505,7 +344,7 @@ impl BestTransfer {
             white: whitest(&asset.means, &divisor),
         };
         let gloss = find_gloss(&fitted, &|i, out| {
-            asset.beams_of(i, &light, &asset.means, out)
+            asset.rays_of(i, &light, &asset.means, out)
         });
         let parts: Vec<Explained> = (0..asset.len())
             .into_par_iter()
@@ -583,15 +422,15 @@ impl BestTransfer {
     ) {
         let asset = &*self.asset;
         let (q, k) = (asset.nodes.count(), out.len());
-        let glossy = asset.glossy(i, &self.gloss[i], light, radiance, scratch);
-        let stored = asset.stored(&self.matte[i * q..][..q], &glossy, tau[0]);
-        let (now, then) = (asset.encoded_mean(&stored), self.encoded_mean[i]);
+        asset.reflect(i, &self.gloss[i], light, radiance, scratch);
+        asset.store(&self.matte[i * q..][..q], tau[0], scratch);
+        let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = Frame::new(asset.occlusion.normals[i]);
-        asset.nodes.fit_into(&stored, out);
+        asset.nodes.fit_into(&scratch.stored, out);
         let two_sided = asset.occlusion.two_sided[i];
         if two_sided > 0.0 {
-            self.add_back(i, tau, two_sided, out);
+            self.add_back(i, tau, two_sided, scratch, out);
         }
         frame.apply_sh(asset.nodes.degree, out);
         for (o, r) in out.iter_mut().zip(&self.residual[i * k..]) {
@@ -602,34 +441,47 @@ impl BestTransfer {
     }
 
     /// What changes of a two-sided surfel's colour because its back has a light of its own.
-    fn add_back(&self, i: usize, tau: Sides, two_sided: f32, out: &mut [[f32; 3]]) {
+    fn add_back(
+        &self,
+        i: usize,
+        tau: Sides,
+        two_sided: f32,
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) {
         let asset = &*self.asset;
+        let nodes = &asset.nodes;
         let k = out.len();
         let mut f = asset.sh[i * k..][..k].to_vec();
-        Frame::new(asset.occlusion.normals[i]).apply_sh(asset.nodes.degree, &mut f);
-        let ratio: [f32; 3] = std::array::from_fn(|c| {
-            (tau[1][c] / tau[0][c].max(1e-12)).clamp(1.0 / BACK_RANGE, BACK_RANGE)
+        Frame::new(asset.occlusion.normals[i]).apply_sh(nodes.degree, &mut f);
+        let back: [f32; 3] = std::array::from_fn(|c| {
+            tau[1][c].clamp(tau[0][c] / BACK_RANGE, tau[0][c] * BACK_RANGE)
         });
-        let sides = [
-            (&asset.nodes.evaluate, 1.0),
-            (&asset.nodes.evaluate_back, -1.0),
-        ];
-        for ((evaluate, side), project) in sides.into_iter().zip(&asset.nodes.project) {
-            let values: Vec<[f32; 3]> = asset
-                .nodes
-                .values(evaluate, &f)
-                .into_iter()
-                .zip(&asset.nodes.to_camera)
-                .map(|(v, d)| {
-                    let share = two_sided * smoothstep(-HORIZON, HORIZON, -side * d.z);
-                    std::array::from_fn(|c| {
-                        let front = asset.encoding.decode(v[c]) * tau[0][c];
-                        let changed = front * ratio[c].powf(share);
-                        asset.encoding.encode(changed) - asset.encoding.encode(front)
-                    })
-                })
-                .collect();
-            for (o, p) in out.iter_mut().zip(asset.nodes.function(project, &values)) {
+        let sides = [(&nodes.evaluate, 1.0), (&nodes.evaluate_back, -1.0)];
+        for ((evaluate, side), project) in sides.into_iter().zip(&nodes.project) {
+            let mut before = nodes.values(evaluate, &f);
+            asset
+                .encoding
+                .decode_all(bytemuck::cast_slice_mut(&mut before));
+            let after = &mut scratch.stored;
+            after.clear();
+            after.extend(before.iter().zip(&nodes.to_camera).map(|(v, d)| {
+                let share = two_sided * smoothstep(-HORIZON, HORIZON, -side * d.z);
+                std::array::from_fn(|c| v[c] * (tau[0][c] + share * (back[c] - tau[0][c])))
+            }));
+            for v in &mut before {
+                *v = std::array::from_fn(|c| v[c] * tau[0][c]);
+            }
+            asset
+                .encoding
+                .encode_all(bytemuck::cast_slice_mut(&mut before));
+            asset.encoding.encode_all(bytemuck::cast_slice_mut(after));
+            for (a, b) in after.iter_mut().zip(before) {
+                for c in 0..3 {
+                    a[c] -= b[c];
+                }
+            }
+            for (o, p) in out.iter_mut().zip(nodes.function(project, after)) {
                 for c in 0..3 {
                     o[c] += p[c];
                 }
@@ -640,8 +492,11 @@ impl BestTransfer {
 
 #[derive(Default)]
 struct Scratch {
-    beams: Vec<Beam>,
+    rays: Vec<Ray>,
+    /// `[3][Q]`
     values: Vec<f32>,
+    glossy: Vec<[f32; 3]>,
+    stored: Vec<[f32; 3]>,
 }
 
 fn added(a: Sides, b: Sides) -> Sides {

@@ -1,28 +1,54 @@
-//! The bake of the preset `best`: for every surfel and direction of a lattice whether a ray leaves the object, and for some of the
-//! directions which surfel it meets instead. Rays start on the side of the surfel that the direction is on, so one bit serves both sides.
+//! The bake of the preset `best`: for every surfel and direction whether a ray leaves the object, and for some of the directions which
+//! surfel it meets instead. Rays start on the side of the surfel that the direction is on, so one bit serves both sides.
 
+use std::f64::consts::PI;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::trace::{MISS, PACKET, Tracer};
 use super::{Progress, smoothstep};
 use crate::error::{Error, Result};
-use crate::sh::lattice;
+use crate::sh::fibonacci_sphere;
 use crate::surfels::SurfelCloud;
 
-/// Directions of the lattice.
-pub const DIRECTIONS: usize = 512;
+/// Patches of the sphere.
+pub const PATCHES: usize = 128;
+
+/// Directions in a patch, around its middle. The first one knows which surfel its ray meets; light that bounces is smoother than light.
+pub const PER_PATCH: usize = 3;
+
+/// Directions that are traced.
+pub const DIRECTIONS: usize = PER_PATCH * PATCHES;
 
 /// Words of 64 directions.
 pub const WORDS: usize = DIRECTIONS / 64;
 
-/// Every so-many-th direction knows which surfel its ray meets; light that bounces is smoother than light.
-pub const HIT_STRIDE: usize = 4;
+/// Angle between a patch's middle and its directions in degrees: that which spaces them most evenly.
+const SPREAD: f64 = 5.5;
 
-/// Directions that know what is met.
-pub const HIT_DIRECTIONS: usize = DIRECTIONS / HIT_STRIDE;
+/// The directions, the first ones of all patches before the second ones. `[PER_PATCH][PATCHES]`
+pub fn directions() -> Vec<Vec3> {
+    let middles = fibonacci_sphere(PATCHES);
+    let around = |place: usize, patch: usize, middle: DVec3| {
+        let east = DVec3::Z.cross(middle).normalize();
+        // Neighbours are turned against each other.
+        let turn = PI * (2.0 * place as f64 / PER_PATCH as f64 + patch as f64 / PER_PATCH as f64);
+        let aside = turn.cos() * east + turn.sin() * middle.cross(east);
+        let spread = SPREAD.to_radians();
+        (middle * spread.cos() + aside * spread.sin()).as_vec3()
+    };
+    (0..DIRECTIONS)
+        .map(|j| {
+            around(
+                j / PATCHES,
+                j % PATCHES,
+                DVec3::from_array(middles[j % PATCHES]),
+            )
+        })
+        .collect()
+}
 
 /// Openness of a surfel's back at which it begins to be two-sided, and at which it wholly is: at the edge of a closed object
 /// a few rays pass behind.
@@ -55,8 +81,8 @@ pub struct Occlusion {
 pub struct Hit {
     /// The surfel that is met, with [`BACK`] where its back is.
     pub surfel: u32,
-    /// Index of the direction.
-    pub direction: u16,
+    /// The patch whose first direction it is.
+    pub patch: u16,
 }
 
 /// What is found of one surfel.
@@ -72,7 +98,7 @@ impl Occlusion {
     /// [`Error::Cancelled`] when `progress` asked for it.
     pub fn bake(cloud: &SurfelCloud, tracer: &Tracer, progress: Progress<'_>) -> Result<Self> {
         let order = &tracer.order;
-        let lattice = lattice(DIRECTIONS);
+        let lattice = directions();
         let done = AtomicUsize::new(0);
         let found: Vec<Vec<Found>> = order
             .par_chunks(PACKET)
@@ -117,12 +143,12 @@ impl Occlusion {
             .collect();
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
         for ((f, (n, ..)), two) in found.iter().zip(&sides).zip(&two_sided) {
-            let facing = |h: &&Hit| n.dot(lattice[usize::from(h.direction)]) > 0.0;
+            let facing = |h: &&Hit| n.dot(lattice[usize::from(h.patch)]) > 0.0;
             // Where the ray met a two-sided surfel from behind, it saw its back.
             let told = |h: &Hit| {
                 let s = h.surfel as usize;
                 let behind =
-                    two_sided[s] > 0.0 && sides[s].0.dot(lattice[usize::from(h.direction)]) > 0.0;
+                    two_sided[s] > 0.0 && sides[s].0.dot(lattice[usize::from(h.patch)]) > 0.0;
                 Hit {
                     surfel: if behind { h.surfel | BACK } else { h.surfel },
                     ..*h
@@ -189,7 +215,7 @@ fn trace_packet(tracer: &Tracer, lattice: &[Vec3], of: &[u32]) -> Vec<Found> {
         })
         .collect();
     for (j, d) in lattice.iter().enumerate() {
-        let knows = j % HIT_STRIDE == 0;
+        let knows = j < PATCHES;
         let hits = tracer.hits(of, *d, !knows, &mut stack);
         for (f, hit) in found.iter_mut().zip(hits) {
             if hit == MISS {
@@ -197,7 +223,7 @@ fn trace_packet(tracer: &Tracer, lattice: &[Vec3], of: &[u32]) -> Vec<Found> {
             } else if knows {
                 f.hits.push(Hit {
                     surfel: hit,
-                    direction: j as u16,
+                    patch: j as u16,
                 });
             }
         }
@@ -221,7 +247,7 @@ mod tests {
     fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
         let cloud = scenes::sphere(1500);
         let baked = bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = lattice(DIRECTIONS);
+        let lattice = directions();
         for (i, n) in baked.normals.iter().enumerate() {
             assert!(n.dot(cloud.positions[i]) > 0.0);
             assert_eq!(baked.two_sided[i], 0.0);
@@ -240,20 +266,17 @@ mod tests {
         let cloud = scenes::sphere_over_plate(300);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
         let baked = bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = lattice(DIRECTIONS);
+        let lattice = directions();
         let (mut differ, mut all) = (0, 0);
         for i in 0..cloud.len() {
             // Both those that know what they meet, and those that stop at anything.
-            for j in (0..DIRECTIONS).step_by(HIT_STRIDE - 1) {
+            for j in (0..DIRECTIONS).step_by(3) {
                 let direction = lattice[j].as_dvec3();
                 let exact = oracle::first_hit(&input, i, direction);
                 all += 1;
                 differ += usize::from(exact.is_none() != baked.is_open(i, j));
-                let hit = baked
-                    .hits_of(i)
-                    .iter()
-                    .find(|h| usize::from(h.direction) == j);
-                let knows = j % HIT_STRIDE == 0 && baked.normals[i].dot(lattice[j]) > 0.0;
+                let hit = baked.hits_of(i).iter().find(|h| usize::from(h.patch) == j);
+                let knows = j < PATCHES && baked.normals[i].dot(lattice[j]) > 0.0;
                 differ += usize::from(knows && hit.is_some() != exact.is_some());
                 if let (Some(hit), Some(exact)) = (hit, exact) {
                     // Of discs in one plane, either may be named.

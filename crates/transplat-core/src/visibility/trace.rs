@@ -141,15 +141,15 @@ impl Tracer {
         walk(self, &packet, direction, any, stack)
     }
 
-    /// Which surfels see all the way out towards a direction. `[n]`
-    pub fn open_towards(&self, direction: Vec3) -> Vec<bool> {
-        let packets: Vec<[u32; PACKET]> = self
-            .order
+    /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
+    pub fn open_towards(&self, direction: Vec3, asked: impl Fn(u32) -> bool) -> Vec<bool> {
+        let of: Vec<u32> = self.order.iter().copied().filter(|i| asked(*i)).collect();
+        let packets: Vec<[u32; PACKET]> = of
             .par_chunks(PACKET)
             .map_init(Vec::new, |stack, of| self.hits(of, direction, true, stack))
             .collect();
         let mut open = vec![false; self.surfels.len()];
-        for (of, hits) in self.order.chunks(PACKET).zip(packets) {
+        for (of, hits) in of.chunks(PACKET).zip(packets) {
             for (surfel, hit) in of.iter().zip(hits) {
                 open[*surfel as usize] = hit == MISS;
             }

@@ -5,7 +5,7 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -33,11 +33,29 @@ const TRUSTED_CORRELATION: f32 = 0.03;
 /// mirrors that much, and a metal has no other colour.
 const METAL: [f32; 2] = [0.15, 0.3];
 
+/// What shines on a surfel from one direction: a [`Beam`] that is copied as two vectors.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Ray {
+    /// Unit vector towards the source.
+    pub direction: Vec3A,
+    /// Radiance times solid angle, linear RGB.
+    pub energy: Vec3A,
+}
+
+impl From<Beam> for Ray {
+    fn from(beam: Beam) -> Self {
+        Self {
+            direction: beam.direction.into(),
+            energy: beam.energy.into(),
+        }
+    }
+}
+
 /// Nodes that are worked on at once.
 const BLOCK: usize = 16;
 
-/// Mirrored radiance at the nodes, `[3][Q]` into `out`; the beams are in the world, and `frame` is the surfel's.
-pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, beams: &[Beam], out: &mut [f32]) {
+/// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
+pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &[Ray], out: &mut [f32]) {
     let q = nodes.count();
     let scale = ((1u32 << width) as f32 + 1.0) / (4.0 * PI);
     for start in (0..q).step_by(BLOCK) {
@@ -53,11 +71,11 @@ pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, beams: &[Beam], out: &m
         }
         // Unrolled for each width: six times as fast as a loop.
         let sum = match width {
-            0..=3 => sum_lobes::<3>(&half, beams),
-            4 => sum_lobes::<4>(&half, beams),
-            5 => sum_lobes::<5>(&half, beams),
-            6 => sum_lobes::<6>(&half, beams),
-            _ => sum_lobes::<7>(&half, beams),
+            0..=3 => sum_lobes::<3>(&half, rays),
+            4 => sum_lobes::<4>(&half, rays),
+            5 => sum_lobes::<5>(&half, rays),
+            6 => sum_lobes::<6>(&half, rays),
+            _ => sum_lobes::<7>(&half, rays),
         };
         for c in 0..3 {
             for i in 0..count {
@@ -68,12 +86,12 @@ pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, beams: &[Beam], out: &m
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn sum_lobes<const WIDTH: u32>(half: &[[f32; BLOCK]; 3], beams: &[Beam]) -> [[f32; BLOCK]; 3] {
+fn sum_lobes<const WIDTH: u32>(half: &[[f32; BLOCK]; 3], rays: &[Ray]) -> [[f32; BLOCK]; 3] {
     // Far from its axis a lobe is nothing; numbers too small for f32's range would only be slow.
     let least = 1e-20f32.powf(0.5f32.powi(WIDTH as i32));
     let mut sum = [[0f32; BLOCK]; 3];
-    for beam in beams {
-        let (d, e) = (beam.direction, beam.energy);
+    for ray in rays {
+        let (d, e) = (ray.direction, ray.energy);
         for i in 0..BLOCK {
             let near = 0.5 + half[0][i] * d.x + half[1][i] * d.y + half[2][i] * d.z;
             let mut lobe = if near > least { near } else { least };
@@ -138,10 +156,10 @@ pub struct Fitted<'a> {
 /// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
 /// channel, pooled over its neighbours and drawn to the mean of the channels.
 ///
-/// `beams_of(i, out)` collects what shines on surfel `i`.
+/// `rays_of(i, out)` collects what shines on surfel `i`.
 pub fn find_gloss(
     input: &Fitted<'_>,
-    beams_of: &(dyn Fn(usize, &mut Vec<Beam>) + Sync),
+    rays_of: &(dyn Fn(usize, &mut Vec<Ray>) + Sync),
 ) -> Vec<Gloss> {
     let n = input.means.len();
     if input.nodes.degree == 0 || n == 0 {
@@ -151,12 +169,12 @@ pub fn find_gloss(
         .into_par_iter()
         .map_init(
             || (Vec::new(), vec![0f32; 3 * input.nodes.count()]),
-            |(beams, values), i| {
-                beams_of(i, beams);
+            |(rays, values), i| {
+                rays_of(i, rays);
                 let frame = Frame::new(input.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {
-                    mirrored(input.nodes, frame, width, beams, values);
+                    mirrored(input.nodes, frame, width, rays, values);
                     found[0][w] = moments(input, i, values, None);
                     found[1][w] = moments(input, i, values, Some(&input.nodes.rise));
                 }

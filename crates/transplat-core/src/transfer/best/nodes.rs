@@ -5,7 +5,7 @@
 
 use std::f64::consts::PI;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 
 use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gauss_legendre};
@@ -254,18 +254,18 @@ impl Frame {
         } else {
             (1.0, 0.0)
         };
-        let mirror = Mirror::new(azimuth, (m.z, r));
-        let mut band = [0f32; 2 * crate::sh::MAX_DEGREE + 1];
+        let [cos, sin, z, r] = [azimuth.0, azimuth.1, m.z, r].map(Vec3A::splat);
+        let mirror = Mirror::new((cos, sin), (z, r));
+        // The three channels at once.
+        let mut band = [Vec3A::ZERO; 2 * crate::sh::MAX_DEGREE + 1];
         for l in 1..=degree {
-            for c in 0..3 {
-                let range = crate::sh::band(l);
-                for (b, f) in band.iter_mut().zip(&function[range.clone()]) {
-                    *b = f[c];
-                }
-                mirror.reflect_band(l, &mut band[..2 * l + 1]);
-                for (f, b) in function[range].iter_mut().zip(band) {
-                    f[c] = b;
-                }
+            let range = crate::sh::band(l);
+            for (b, f) in band.iter_mut().zip(&function[range.clone()]) {
+                *b = Vec3A::from_array(*f);
+            }
+            mirror.reflect_band(l, &mut band[..2 * l + 1]);
+            for (f, b) in function[range].iter_mut().zip(band) {
+                *f = b.to_array();
             }
         }
     }

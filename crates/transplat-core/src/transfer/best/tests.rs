@@ -158,12 +158,12 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         cloud.sh = vec![[0.0; 3]; cloud.len() * 16];
         let asset = asset_of(&cloud);
         let light = asset.incident(&source);
-        let mut beams = Vec::new();
+        let mut rays = Vec::new();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
-            asset.beams_of(i, &light, &asset.means, &mut beams);
+            asset.rays_of(i, &light, &asset.means, &mut rays);
             let frame = Frame::new(asset.occlusion.normals[i]);
-            mirrored(&asset.nodes, frame, 4, &beams, &mut values);
+            mirrored(&asset.nodes, frame, 4, &rays, &mut values);
             let q = asset.nodes.count();
             let shown: Vec<[f32; 3]> = (0..q)
                 .map(|s| {

@@ -1,0 +1,241 @@
+//! The light that shines on a surfel: from the open sky and the suns, and from the surfels that block them.
+
+use std::f32::consts::PI;
+
+use glam::{Vec3, Vec3A};
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::lobe::Ray;
+use super::{BestAsset, EPSILON, Sides};
+use crate::environment::{Beam, Beams};
+use crate::visibility::occlusion::{BACK, DIRECTIONS, PATCHES, PER_PATCH, WORDS};
+
+/// Vectors as structure of arrays: an axis or a channel after the other. `[3][DIRECTIONS]`
+pub(super) type Planes = [Vec<f32>; 3];
+
+/// The same of patches.
+type PatchPlanes = [[f32; PATCHES]; 3];
+
+/// Values that are worked on at once.
+const LANES: usize = 16;
+
+pub(super) fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
+    std::array::from_fn(|c| values.clone().map(|v| v[c]).collect())
+}
+
+/// A light as the surfels of an asset meet it.
+pub(super) struct Incident {
+    /// What shines from around each direction, from where most of it does.
+    sky: Sky,
+    /// With the surfels that see them.
+    suns: Vec<(Beam, Vec<bool>)>,
+    /// Irradiance, with epsilon's share. `[n]`
+    pub irradiance: Vec<Sides>,
+}
+
+struct Sky {
+    energy: Planes,
+    direction: Planes,
+    /// Direction times the sum of energy's channels.
+    toward: Planes,
+}
+
+impl Sky {
+    fn new(beams: &[Beam]) -> Self {
+        Self {
+            energy: planes(beams.iter().map(|b| b.energy)),
+            direction: planes(beams.iter().map(|b| b.direction.to_array())),
+            toward: planes(
+                beams
+                    .iter()
+                    .map(|b| (b.direction * b.energy.iter().sum::<f32>()).to_array()),
+            ),
+        }
+    }
+}
+
+impl BestAsset {
+    pub(super) fn incident(&self, light: &Beams) -> Incident {
+        let sky = Sky::new(&light.gathered(&self.directions));
+        let suns: Vec<(Beam, Vec<bool>)> = light
+            .suns
+            .iter()
+            .map(|s| {
+                let facing = |i: u32| {
+                    let i = i as usize;
+                    self.occlusion.two_sided[i] > 0.0
+                        || self.occlusion.normals[i].dot(s.direction) > 0.0
+                };
+                (*s, self.tracer.open_towards(s.direction, facing))
+            })
+            .collect();
+        let least = light.mean_irradiances().map(|e| EPSILON * e);
+        let irradiance = (0..self.len())
+            .into_par_iter()
+            .map(|i| {
+                self.irradiance(i, &sky, &suns)
+                    .map(|e| std::array::from_fn(|c| e[c] + least[c]))
+            })
+            .collect();
+        Incident {
+            sky,
+            suns,
+            irradiance,
+        }
+    }
+
+    /// Irradiance of surfel `i`, front and back.
+    fn irradiance(&self, i: usize, sky: &Sky, suns: &[(Beam, Vec<bool>)]) -> Sides {
+        let n = self.occlusion.normals[i];
+        let mut sides = open_irradiance(n, &self.occlusion.open[i], sky);
+        for (sun, open) in suns {
+            if open[i] {
+                let cosine = n.dot(sun.direction);
+                for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(sun.energy) {
+                    *s += cosine.abs() * e;
+                }
+            }
+        }
+        sides
+    }
+
+    /// Light that bounces to surfel `i` from what the others radiate.
+    pub(super) fn bounced(&self, i: usize, radiance: &[Sides]) -> Sides {
+        let scale = 4.0 * PI / PATCHES as f32;
+        let n = self.occlusion.normals[i];
+        let mut sides = Sides::default();
+        for hit in self.occlusion.hits_of(i) {
+            let cosine = scale * n.dot(self.directions[usize::from(hit.patch)]);
+            let b = radiance_of(radiance, hit.surfel);
+            for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
+                *s += cosine.abs() * b;
+            }
+        }
+        sides
+    }
+
+    /// All that shines on the front of surfel `i`, a ray a patch: the open sky, and what is met where it is blocked; and the suns.
+    pub(super) fn rays_of(
+        &self,
+        i: usize,
+        light: &Incident,
+        radiance: &[Sides],
+        out: &mut Vec<Ray>,
+    ) {
+        let n = self.occlusion.normals[i];
+        let scale = 4.0 * PI / DIRECTIONS as f32;
+        let [r, g, b] = radiance[i][0].map(|v| v * scale);
+        let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
+        for hit in self.occlusion.hits_of(i) {
+            let b = radiance_of(radiance, hit.surfel);
+            for c in 0..3 {
+                met[c][usize::from(hit.patch)] = b[c] * scale;
+            }
+        }
+        let open = &self.occlusion.open[i];
+        out.resize(PATCHES, Ray::default());
+        let count = patches(n, open, &self.planes, &light.sky, &met, out);
+        out.truncate(count);
+        let above = |sun: &Beam| n.dot(sun.direction) > 0.0;
+        let shining = light
+            .suns
+            .iter()
+            .filter(|(sun, open)| open[i] && above(sun));
+        out.extend(shining.map(|(sun, _)| Ray::from(*sun)));
+    }
+}
+
+/// Radiance of the side of a surfel that a ray met.
+fn radiance_of(radiance: &[Sides], hit: u32) -> [f32; 3] {
+    radiance[(hit & !BACK) as usize][usize::from(hit & BACK != 0)]
+}
+
+fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {
+    let mut out = [0f32; LANES];
+    out.copy_from_slice(&plane[start..start + LANES]);
+    out
+}
+
+/// Sum over the open directions of cosine times energy, front and back.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> Sides {
+    let mut sums = [[[0f32; LANES]; 3]; 2];
+    for start in (0..DIRECTIONS).step_by(LANES) {
+        let bits = (open[start / 64] >> (start % 64)) as u32;
+        let [x, y, z] = [0, 1, 2].map(|c| lanes_of(&sky.direction[c], start));
+        let mut cosines = [[0f32; LANES]; 2];
+        for i in 0..LANES {
+            let cosine = n.x * x[i] + n.y * y[i] + n.z * z[i];
+            let seen = ((bits >> i) & 1) as f32;
+            cosines[0][i] = seen * if cosine > 0.0 { cosine } else { 0.0 };
+            cosines[1][i] = seen * if cosine < 0.0 { -cosine } else { 0.0 };
+        }
+        for c in 0..3 {
+            let e = lanes_of(&sky.energy[c], start);
+            for side in 0..2 {
+                for i in 0..LANES {
+                    sums[side][c][i] += cosines[side][i] * e[i];
+                }
+            }
+        }
+    }
+    sums.map(|side| side.map(|lanes| lanes.iter().sum()))
+}
+
+/// What each patch on the front side holds, from where most of it comes; returns how many hold anything.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn patches(
+    n: Vec3,
+    open: &[u64; WORDS],
+    directions: &Planes,
+    sky: &Sky,
+    met: &PatchPlanes,
+    out: &mut [Ray],
+) -> usize {
+    let mut count = 0;
+    for start in (0..PATCHES).step_by(LANES) {
+        let met = [0, 1, 2].map(|c| lanes_of(&met[c], start));
+        let mut sums = [[[0f32; LANES]; 3]; 2];
+        for place in 0..PER_PATCH {
+            let first = place * PATCHES + start;
+            let bits = (open[first / 64] >> (first % 64)) as u32;
+            let at = [0, 1, 2].map(|c| lanes_of(&directions[c], first));
+            let (mut seen, mut blocked) = ([0f32; LANES], [0f32; LANES]);
+            for i in 0..LANES {
+                let cosine = n.x * at[0][i] + n.y * at[1][i] + n.z * at[2][i];
+                let front = if cosine > 0.0 { 1.0 } else { 0.0 };
+                seen[i] = front * ((bits >> i) & 1) as f32;
+                blocked[i] = front - seen[i];
+            }
+            for c in 0..3 {
+                let shines = lanes_of(&sky.energy[c], first);
+                let toward = lanes_of(&sky.toward[c], first);
+                for i in 0..LANES {
+                    let sum = met[0][i] + met[1][i] + met[2][i];
+                    sums[0][c][i] += seen[i] * shines[i] + blocked[i] * met[c][i];
+                    sums[1][c][i] += seen[i] * toward[i] + blocked[i] * sum * at[c][i];
+                }
+            }
+        }
+        let [shines, mut toward] = sums;
+        for i in 0..LANES {
+            let [x, y, z] = [toward[0][i], toward[1][i], toward[2][i]];
+            // No light, no direction; squares of what is fainter would leave f32's range.
+            let over = 1.0 / (x * x + y * y + z * z).max(1e-36).sqrt();
+            for axis in &mut toward {
+                axis[i] *= over;
+            }
+        }
+        for i in 0..LANES {
+            let energy = Vec3A::new(shines[0][i], shines[1][i], shines[2][i]);
+            out[count] = Ray {
+                direction: Vec3A::new(toward[0][i], toward[1][i], toward[2][i]),
+                energy,
+            };
+            // Without a branch: which patches are lit cannot be foretold.
+            count += usize::from(shines[0][i] + shines[1][i] + shines[2][i] > 0.0);
+        }
+    }
+    count
+}
