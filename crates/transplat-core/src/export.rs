@@ -11,7 +11,7 @@ use crate::load::{AssetFile, Format, bake};
 use crate::look::Look;
 use crate::rasterize::Raster;
 use crate::surfels::SurfelCloud;
-use crate::visibility::Visibility;
+use crate::visibility::Bake;
 
 /// Whether a file can be written there: to be asked before long work.
 ///
@@ -98,17 +98,25 @@ pub fn write_atomically(
 ///
 /// # Errors
 /// The file cannot be written; nothing is left of it then.
-pub fn save_bake(path: &Path, cloud: &SurfelCloud, visibility: &Visibility) -> Result<()> {
+pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
     write_atomically(path, |out| {
         out.write_all(bake::MAGIC)?;
         for value in [
             bake::geometry_key(cloud),
             cloud.len() as u64,
-            visibility.directions as u64,
+            bake::kind_of(baked.preset()),
+            baked.directions() as u64,
         ] {
             out.write_all(&value.to_le_bytes())?;
         }
-        out.write_all(&visibility.open)
+        match baked {
+            Bake::Visibility(visibility) => out.write_all(&visibility.open),
+            Bake::Occlusion(occlusion) => {
+                out.write_all(bytemuck::cast_slice(&occlusion.open))?;
+                out.write_all(bytemuck::cast_slice(&occlusion.starts))?;
+                out.write_all(bytemuck::cast_slice(&occlusion.hits))
+            }
+        }
     })
 }
 

@@ -10,19 +10,23 @@
 //! (Yu, Jin, He, Dave, Ramamoorthi, Balakrishnan); equation numbers in the code are its.
 //!
 //! ```
-//! use transplat_core::{environment, scenes, transfer, visibility};
+//! use transplat_core::environment::{EnvironmentMap, Illumination};
+//! use transplat_core::transfer::{PreparedTransfer, TransferSettings};
+//! use transplat_core::visibility::{Bake, no_progress};
+//! use transplat_core::scenes;
 //!
 //! // An asset (here a grey sphere; `load::load_asset` reads a PLY), the light it was captured in, and another one.
 //! let cloud = scenes::sphere(500);
-//! let source = environment::IncidentRadiance::even(3);
-//! let sky = environment::EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
-//! let target = environment::project_environment(&sky, 3);
+//! let source = Illumination::even(3);
+//! let sky = EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
+//! let target = Illumination::of(&sky, 3);
 //!
 //! // Once for the asset, once for asset and source light, and then once for each new light.
-//! let baked = visibility::bake(&cloud, &Default::default(), &visibility::no_progress)?;
-//! let prepared = transfer::PreparedTransfer::new(&cloud, &baked, &source, &Default::default())?;
-//! let relit = prepared.relight(&target);
-//! assert!(relit[0][2] > relit[499][2], "the top of the sphere is the brighter one");
+//! let settings = TransferSettings::default();
+//! let bake = Bake::new(&cloud, settings.preset, &Default::default(), &no_progress)?;
+//! let prepared = PreparedTransfer::new(&cloud, &bake, &source, &settings)?;
+//! let relit = prepared.relight(&target)?;
+//! assert!(relit.tau[0][2] > relit.tau[499][2], "the top of the sphere is the brighter one");
 //! # Ok::<(), transplat_core::Error>(())
 //! ```
 

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::color::Display;
-use crate::environment::IncidentRadiance;
+use crate::environment::Illumination;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
 use crate::surfels::{Hide, UpAxis};
@@ -14,7 +14,7 @@ use crate::transfer::TransferSettings;
 use crate::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 /// The version of looks that this program writes; it reads all up to it.
-pub const LOOK_VERSION: u32 = 1;
+pub const LOOK_VERSION: u32 = 2;
 
 /// The name that stands for uniform white light where a file is expected.
 pub const EVEN: &str = "even";
@@ -82,7 +82,7 @@ impl LightSettings {
     }
 
     /// A map's light as the asset sees it: mirrored, turned, tinted, with its strength.
-    pub fn orient(&self, light: &IncidentRadiance, asset_up: UpAxis) -> IncidentRadiance {
+    pub fn orient(&self, light: &Illumination, asset_up: UpAxis) -> Illumination {
         let turn = asset_up.asset_from_world() * self.world_from_map();
         let light = if self.mirror {
             light.mirrored()
@@ -287,24 +287,27 @@ impl Look {
         self.camera.map_or(Ok(()), |c| c.validate())
     }
 
-    /// The two lights as the asset sees them, from their maps' light at any degree: the target brought to the source's mean where that is wanted.
+    /// The two lights as the asset sees them, from their maps' light: the target brought to the source's mean where that is wanted.
     pub fn lights(
         &self,
-        source: &IncidentRadiance,
-        target: &IncidentRadiance,
+        source: &Illumination,
+        target: &Illumination,
         asset_up: UpAxis,
-    ) -> [IncidentRadiance; 2] {
-        let degree = self.transfer.sh_degree;
+    ) -> [Illumination; 2] {
         let gain = self.match_gain(source, target);
-        let source = self.source.orient(&source.truncated(degree), asset_up);
-        let target = self.target.orient(&target.truncated(degree), asset_up);
-        [source, target.scaled(gain)]
+        let source = self.source.orient(source, asset_up);
+        let target = self.target.orient(target, asset_up);
+        if gain == 1.0 {
+            [source, target]
+        } else {
+            [source, target.scaled(gain)]
+        }
     }
 
     /// What brings the target's mean irradiance to the source's, where that is wanted; 1 otherwise. Both lights are as their maps hold
     /// them. The target's own strength and tint come on top; the source's count, since it is what the target is matched to.
-    pub fn match_gain(&self, source: &IncidentRadiance, target: &IncidentRadiance) -> f32 {
-        let source = source.tinted(self.source.gain()).mean_irradiance();
+    pub fn match_gain(&self, source: &Illumination, target: &Illumination) -> f32 {
+        let source = source.radiance.tinted(self.source.gain()).mean_irradiance();
         let target = target.mean_irradiance();
         if self.match_strength && source > 0.0 && target > 0.0 {
             (source / target).clamp(1e-20, 1e20)
@@ -367,7 +370,7 @@ fn relative(path: &Path, folder: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::environment::{EnvironmentMap, project_environment};
+    use crate::environment::{Beams, EnvironmentMap, project_environment};
 
     #[test]
     fn a_partial_look_keeps_the_defaults_and_a_misspelt_one_is_refused() {
@@ -391,7 +394,7 @@ mod tests {
         }
         for wrong in [
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 2}"#,
+            r#"{"version": 3}"#,
             r#"{"version": 0}"#,
             r#"{"wipe": 1.5}"#,
             r#"{"target": {"tint": [1, -1, 1]}}"#,
@@ -443,7 +446,10 @@ mod tests {
             })
             .collect();
         let map = EnvironmentMap::new(width, height, pixels);
-        let light = project_environment(&map, 6);
+        let light = Illumination {
+            radiance: project_environment(&map, 6),
+            beams: Some(Beams::of(&map)),
+        };
         let settings = LightSettings {
             rotation: 35.0,
             tilt: 20.0,
@@ -458,9 +464,13 @@ mod tests {
         let map_from_asset = settings.map_from_asset(up);
         for d in crate::sh::fibonacci_sphere(40) {
             let there = map_from_asset * DVec3::from_array(d);
-            let expected =
-                crate::sh::evaluate_sh(&light.coefficients, 6, there.to_array().map(|v| v as f32));
-            let found = crate::sh::evaluate_sh(&oriented.coefficients, 6, d.map(|v| v as f32));
+            let expected = crate::sh::evaluate_sh(
+                &light.radiance.coefficients,
+                6,
+                there.to_array().map(|v| v as f32),
+            );
+            let found =
+                crate::sh::evaluate_sh(&oriented.radiance.coefficients, 6, d.map(|v| v as f32));
             for c in 0..3 {
                 let expected = expected[c] * settings.gain()[c];
                 assert!((found[c] - expected).abs() < 1e-4, "{found:?} {expected}");
@@ -470,8 +480,8 @@ mod tests {
 
     #[test]
     fn matched_lights_have_one_mean_and_keep_their_strength_on_top() {
-        let source = IncidentRadiance::even(3).scaled(5.0);
-        let target = IncidentRadiance::even(3).scaled(0.2);
+        let source = Illumination::even(3).scaled(5.0);
+        let target = Illumination::even(3).scaled(0.2);
         let mut look = Look {
             match_strength: true,
             ..Look::default()
@@ -481,6 +491,6 @@ mod tests {
         assert!((t.mean_irradiance() / s.mean_irradiance() - 2.0).abs() < 1e-4);
         look.match_strength = false;
         let [_, t] = look.lights(&source, &target, UpAxis::PlusZ);
-        assert!((t.coefficients[0][0] / target.coefficients[0][0] - 2.0).abs() < 1e-5);
+        assert!((t.mean_irradiance() / target.mean_irradiance() - 2.0).abs() < 1e-5);
     }
 }

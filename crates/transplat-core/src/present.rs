@@ -9,7 +9,7 @@ use crate::color::{Display, STORED_OFFSET, luminance, srgb_decode};
 use crate::rasterize::{ColorSpace, Raster};
 use crate::surfels::{Bounds, SurfelCloud};
 use crate::transfer::PreparedTransfer;
-use crate::visibility::Visibility;
+use crate::visibility::Bake;
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -141,10 +141,10 @@ impl Doubt {
 /// The display colour of surfels in [`View::Doubts`] of which nothing is doubtful.
 pub const NO_DOUBT: [f32; 3] = [0.85, 0.85, 0.85];
 
-/// What is doubtful of each surfel, `[n]`; `tau` is [`PreparedTransfer::tau`].
+/// What is doubtful of each surfel, `[n]`; `tau` is that of a [`crate::transfer::Relit`].
 pub fn doubts(
     cloud: &SurfelCloud,
-    visibility: &Visibility,
+    bake: &Bake,
     prepared: &PreparedTransfer,
     tau: &[[f32; 3]],
 ) -> Vec<Option<Doubt>> {
@@ -165,7 +165,7 @@ pub fn doubts(
             } else if most >= 8.0 || least <= 0.125 {
                 Some(Doubt::AtLimit)
             } else {
-                visibility.two_sided[i].then_some(Doubt::AmbiguousNormal)
+                bake.is_two_sided(i).then_some(Doubt::AmbiguousNormal)
             }
         })
         .collect()

@@ -7,6 +7,7 @@ pub mod occlusion;
 pub mod trace;
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use multiversion::multiversion;
@@ -17,6 +18,9 @@ use crate::sh::{
     MAX_COEFFICIENTS, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere, lattice,
 };
 use crate::surfels::SurfelCloud;
+use crate::transfer::Preset;
+
+use occlusion::Occlusion;
 
 /// Told how far a long stage is, 0 to 1; `Break` cancels it.
 pub type Progress<'a> = &'a (dyn Fn(f64) -> ControlFlow<()> + Sync);
@@ -499,6 +503,115 @@ impl Visibility {
             .iter()
             .map(|t| (t / full).clamp(0.0, 1.0))
             .collect()
+    }
+}
+
+/// What a preset needs of the geometry alone.
+#[derive(Clone, Debug)]
+pub enum Bake {
+    /// For preset `paper`.
+    Visibility(Visibility),
+    /// For preset `best`.
+    Occlusion(Arc<Occlusion>),
+}
+
+impl Bake {
+    /// Bakes on the CPU from start to end; `settings` are preset `paper`'s.
+    ///
+    /// # Errors
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn new(
+        cloud: &SurfelCloud,
+        preset: Preset,
+        settings: &BakeSettings,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
+        Ok(match preset {
+            Preset::Paper => Self::Visibility(bake(cloud, settings, progress)?),
+            Preset::Best => Self::Occlusion(Arc::new(Occlusion::bake(cloud, progress)?)),
+        })
+    }
+
+    /// The preset that it is for.
+    pub fn preset(&self) -> Preset {
+        match self {
+            Self::Visibility(_) => Preset::Paper,
+            Self::Occlusion(_) => Preset::Best,
+        }
+    }
+
+    /// The bake, if it is for a preset.
+    ///
+    /// # Errors
+    /// It is for the other one.
+    pub fn of_preset(&self, preset: Preset) -> Result<&Self> {
+        if self.preset() == preset {
+            return Ok(self);
+        }
+        Err(Error::Mismatch(format!(
+            "the bake is for preset {}, and the preset is {}; `transplat bake --preset {}` makes the other",
+            self.preset().name(),
+            preset.name(),
+            preset.name()
+        )))
+    }
+
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.normals().len()
+    }
+
+    /// Whether there is no surfel.
+    pub fn is_empty(&self) -> bool {
+        self.normals().is_empty()
+    }
+
+    /// Directions that were asked.
+    pub fn directions(&self) -> usize {
+        match self {
+            Self::Visibility(v) => v.directions,
+            Self::Occlusion(_) => occlusion::DIRECTIONS,
+        }
+    }
+
+    /// Unit normals, turned to the open side. `[n]`
+    pub fn normals(&self) -> &[Vec3] {
+        match self {
+            Self::Visibility(v) => &v.normals,
+            Self::Occlusion(o) => &o.normals,
+        }
+    }
+
+    /// Whether both sides of surfel `i` are about equally open.
+    pub fn is_two_sided(&self, i: usize) -> bool {
+        match self {
+            Self::Visibility(v) => v.two_sided[i],
+            Self::Occlusion(o) => o.two_sided[i] > 0.5,
+        }
+    }
+
+    /// How many stored normals pointed to the closed side.
+    pub fn flipped(&self) -> usize {
+        match self {
+            Self::Visibility(v) => v.flipped,
+            Self::Occlusion(o) => o.flipped,
+        }
+    }
+
+    /// Surfels that are closed on both sides.
+    pub fn buried(&self) -> usize {
+        match self {
+            Self::Visibility(v) => v.buried,
+            Self::Occlusion(o) => o.buried,
+        }
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
+    pub fn openness(&self) -> Vec<f32> {
+        match self {
+            Self::Visibility(v) => v.openness(),
+            Self::Occlusion(o) => o.openness(),
+        }
     }
 }
 

@@ -106,6 +106,14 @@ impl Beams {
         })
     }
 
+    /// The same light, its suns among the cells.
+    pub fn with_suns_as_sky(&self) -> Self {
+        Self {
+            suns: Vec::new(),
+            cells: [&self.cells[..], &self.suns[..]].concat(),
+        }
+    }
+
     fn map(&self, f: impl Fn(&Beam) -> Beam) -> Self {
         Self {
             suns: self.suns.iter().map(&f).collect(),

@@ -1,17 +1,26 @@
-//! Saved bakes: the openness of every surfel, tied to the geometry it was baked from. [`crate::export::save_bake`] writes them.
+//! Saved bakes, tied to the geometry that they were baked from. [`crate::export::save_bake`] writes them.
+//!
+//! After the head: of preset `paper` the openness `[n][N]`; of preset `best` the open bits `[n][WORDS]`, where the hits of each surfel begin
+//! `[n + 1]`, and the hits. All little-endian.
 
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
+
+use bytemuck::Pod;
 
 use crate::error::{Error, Result};
 use crate::surfels::SurfelCloud;
-use crate::visibility::{DIRECTIONS, Visibility};
+use crate::transfer::Preset;
+use crate::visibility::occlusion::{self, Found, Hit, MOST_SURFELS, Occlusion, PATCHES, WORDS};
+use crate::visibility::trace::Tracer;
+use crate::visibility::{Bake, DIRECTIONS, Visibility};
 
 /// What a bake file begins with.
-pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 1";
+pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 2";
 
-/// Magic, geometry key, surfels and directions.
-const HEADER_BYTES: u64 = 16 + 8 + 8 + 8;
+/// Magic, geometry key, surfels, kind and directions.
+const HEADER_BYTES: u64 = 16 + 4 * 8;
 
 /// What the head of a bake file says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,8 +29,18 @@ pub struct BakeHeader {
     pub geometry_key: u64,
     /// Number of surfels.
     pub surfels: u64,
-    /// Directions of the lattice.
+    /// The preset that it is for.
+    pub preset: Preset,
+    /// Directions that were asked.
     pub directions: u64,
+}
+
+/// The number that stands for a preset.
+pub(crate) fn kind_of(preset: Preset) -> u64 {
+    match preset {
+        Preset::Paper => 0,
+        Preset::Best => 1,
+    }
 }
 
 /// A key of everything that a bake depends on: positions, frames, scales and opacities (FNV-1a, 64 bits).
@@ -61,21 +80,41 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
         bytes.copy_from_slice(&head[16 + 8 * i..][..8]);
         u64::from_le_bytes(bytes)
     };
+    let preset = Preset::ALL.into_iter().find(|p| kind_of(*p) == value(2));
+    let Some(preset) = preset else {
+        return Err(Error::invalid(path, "a bake of a kind that is not known"));
+    };
     let header = BakeHeader {
         geometry_key: value(0),
         surfels: value(1),
-        directions: value(2),
+        preset,
+        directions: value(3),
     };
-    let expected = header
-        .surfels
-        .checked_mul(header.directions)
-        .and_then(|n| n.checked_add(HEADER_BYTES));
-    if expected != Some(length) || !DIRECTIONS.contains(&(header.directions as usize)) {
+    // Of preset best, the hits come on top.
+    let (least, most) = match preset {
+        Preset::Paper => (header.directions, 0),
+        Preset::Best => (8 * WORDS as u64 + 4, 4 * PATCHES as u64),
+    };
+    let known = match preset {
+        Preset::Paper => DIRECTIONS.contains(&(header.directions as usize)),
+        Preset::Best => {
+            header.directions == occlusion::DIRECTIONS as u64
+                && header.surfels <= MOST_SURFELS as u64
+        }
+    };
+    let bytes = |each: u64| header.surfels.checked_mul(each);
+    let range = bytes(least).zip(bytes(least + most)).map(|(a, b)| {
+        let more = HEADER_BYTES + if preset == Preset::Best { 4 } else { 0 };
+        a.saturating_add(more)..=b.saturating_add(more)
+    });
+    if !known || !range.is_some_and(|r| r.contains(&length)) {
         return Err(Error::invalid(
             path,
             format!(
-                "a bake of {} surfels and {} directions does not have {length} bytes: it is truncated or broken",
-                header.surfels, header.directions
+                "a bake for preset {} of {} surfels and {} directions cannot have {length} bytes: it is truncated or broken",
+                preset.name(),
+                header.surfels,
+                header.directions
             ),
         ));
     }
@@ -96,7 +135,7 @@ pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
 ///
 /// # Errors
 /// The file cannot be read, is no whole bake, or belongs to another asset.
-pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Visibility> {
+pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
     let mut file = super::open(path)?;
     let length = file.metadata().map_err(Error::io(path))?.len();
     let header = read_header(path, &mut file, length)?;
@@ -110,16 +149,50 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Visibility> {
             ),
         ));
     }
-    let mut open = Vec::with_capacity((length - HEADER_BYTES) as usize);
-    file.read_to_end(&mut open).map_err(Error::io(path))?;
-    if open.len() as u64 != length - HEADER_BYTES {
+    let mut bytes = Vec::with_capacity((length - HEADER_BYTES) as usize);
+    file.read_to_end(&mut bytes).map_err(Error::io(path))?;
+    if bytes.len() as u64 != length - HEADER_BYTES {
         return Err(Error::invalid(path, "changed while it was read"));
     }
-    Ok(Visibility::from_open(
-        cloud,
-        header.directions as usize,
-        open,
-    ))
+    match header.preset {
+        Preset::Paper => {
+            let directions = header.directions as usize;
+            let visibility = Visibility::from_open(cloud, directions, bytes);
+            Ok(Bake::Visibility(visibility))
+        }
+        Preset::Best => {
+            let found = found_in(&bytes, cloud.len());
+            let found = found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
+            let tracer = Arc::new(Tracer::new(cloud));
+            let occlusion = Occlusion::of(cloud, tracer, &found);
+            Ok(Bake::Occlusion(Arc::new(occlusion)))
+        }
+    }
+}
+
+/// What the rays of `n` surfels found; none if the numbers do not belong together.
+fn found_in(bytes: &[u8], n: usize) -> Option<Vec<Found>> {
+    let (open, rest) = bytes.split_at_checked(8 * WORDS * n)?;
+    let (starts, hits) = rest.split_at_checked(4 * (n + 1))?;
+    let (open, starts): (Vec<[u64; WORDS]>, Vec<u32>) = (read_all(open)?, read_all(starts)?);
+    let hits: Vec<Hit> = read_all(hits)?;
+    let whole =
+        starts.first() == Some(&0) && starts.last() == Some(&u32::try_from(hits.len()).ok()?);
+    if !whole || hits.iter().any(|h| h.surfel() >= n) {
+        return None;
+    }
+    open.into_iter()
+        .zip(starts.windows(2))
+        .map(|(open, range)| {
+            let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
+            (hits.len() <= PATCHES).then_some(Found { open, hits })
+        })
+        .collect()
+}
+
+fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
+    let exact = bytes.len().is_multiple_of(size_of::<T>());
+    exact.then(|| bytemuck::pod_collect_to_vec(bytes))
 }
 
 #[cfg(test)]
@@ -131,20 +204,42 @@ mod tests {
 
     #[test]
     fn a_bake_comes_back_and_knows_its_asset() {
-        let cloud = scenes::sphere(50);
-        let baked = bake(&cloud, &BakeSettings { directions: 32 }, &no_progress).expect("a bake");
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("sphere.bake");
-        save_bake(&path, &cloud, &baked).expect("room for it");
-        let back = load_bake(&path, &cloud).expect("the same asset");
-        assert_eq!((back.open, back.normals), (baked.open, baked.normals));
-        let mut other = cloud.clone();
-        other.opacities[7] = 0.5;
-        assert!(load_bake(&path, &other).is_err());
-        let bytes = std::fs::read(&path).expect("it is there");
-        for length in [0, 10, 39, 40, bytes.len() - 1] {
-            std::fs::write(&path, &bytes[..length]).expect("room for it");
-            assert!(load_bake(&path, &cloud).is_err(), "{length} bytes");
+        let cloud = scenes::sphere_over_plate(50);
+        let visibility = bake(&cloud, &BakeSettings { directions: 32 }, &no_progress);
+        let occlusion = Occlusion::bake(&cloud, &no_progress);
+        let bakes = [
+            Bake::Visibility(visibility.expect("a bake")),
+            Bake::Occlusion(Arc::new(occlusion.expect("a bake"))),
+        ];
+        for baked in bakes {
+            let folder = tempfile::tempdir().expect("a folder");
+            let path = folder.path().join("sphere.bake");
+            save_bake(&path, &cloud, &baked).expect("room for it");
+            let back = load_bake(&path, &cloud).expect("the same asset");
+            assert_eq!(back.normals(), baked.normals());
+            match (&baked, &back) {
+                (Bake::Visibility(a), Bake::Visibility(b)) => assert_eq!(a.open, b.open),
+                (Bake::Occlusion(a), Bake::Occlusion(b)) => {
+                    assert_eq!((&a.open, &a.starts), (&b.open, &b.starts));
+                    assert_eq!((&a.hits, &a.two_sided), (&b.hits, &b.two_sided));
+                }
+                _ => panic!("of another kind"),
+            }
+            let mut other = cloud.clone();
+            other.opacities[7] = 0.5;
+            assert!(load_bake(&path, &other).is_err());
+            let bytes = std::fs::read(&path).expect("it is there");
+            for length in [0, 10, 39, 47, 48, 60, bytes.len() - 1] {
+                std::fs::write(&path, &bytes[..length]).expect("room for it");
+                assert!(load_bake(&path, &cloud).is_err(), "{length} bytes");
+            }
+            // Any byte may be wrong: an error or a bake, never a panic.
+            for place in (16..bytes.len()).step_by(bytes.len() / 97) {
+                let mut broken = bytes.clone();
+                broken[place] ^= 0xff;
+                std::fs::write(&path, &broken).expect("room for it");
+                let _ = load_bake(&path, &cloud);
+            }
         }
     }
 }

@@ -5,7 +5,8 @@ use crate::environment::IncidentRadiance;
 use crate::sh::{
     SphereQuadrature, band, coefficient_count, cosine_kernel, evaluate_basis, triple_product_tensor,
 };
-use crate::transfer::{TransferSettings, UNATTENUATED};
+use crate::transfer::TransferSettings;
+use crate::transfer::paper::UNATTENUATED;
 
 /// What the oracle needs of lights and settings; made once, since the tensor takes a while.
 pub struct OracleTransfer {
@@ -38,7 +39,7 @@ impl OracleTransfer {
             tensor: triple_product_tensor(settings.sh_degree),
             source,
             target: wide(target),
-            epsilon: f64::from(settings.epsilon) * mean,
+            epsilon: f64::from(settings.epsilon()) * mean,
         }
     }
 
@@ -127,7 +128,7 @@ pub fn relight_surfel(
                 norm(&|i| color[i][c]) / (source_norm + oracle.epsilon)
             } else {
                 // A mirror under a source of mean radiance 1, in units of its mean irradiance, as epsilon is.
-                f64::from(UNATTENUATED) * f64::from(oracle.settings.epsilon) / oracle.epsilon
+                f64::from(UNATTENUATED) * f64::from(oracle.settings.epsilon()) / oracle.epsilon
             };
             for i in band(l) {
                 out[i][c] = attenuation * seen[i];

@@ -14,12 +14,12 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+use super::{Relit, TransferSettings};
 use crate::color::Encoding;
-use crate::environment::Beams;
+use crate::environment::{Beams, IncidentRadiance};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{Occlusion, directions};
-use crate::visibility::trace::Tracer;
 use crate::visibility::{BakeSurfel, smoothstep};
 
 use incident::{Incident, Planes, planes};
@@ -32,15 +32,8 @@ const NEIGHBORS: usize = 64;
 /// Turns of the fixed point by which light bounces.
 const TURNS: usize = 3;
 
-/// Light that every surfel has at least, relative to the mean irradiance of whatever light there is: the same share of source and
-/// target, so that the source returns the asset and a black target is black.
-const EPSILON: f32 = 0.006;
-
 /// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
 const LEAST_IRRADIANCE: f32 = 1e-6;
-
-/// The darkest source that is still scaled to a mean irradiance of 1, inverted.
-const MOST_LIGHT_GAIN: f32 = 1e20;
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
 const BACK_RANGE: f32 = 4.0;
@@ -60,7 +53,6 @@ pub struct BestAsset {
     nodes: Nodes,
     encoding: Encoding,
     occlusion: Arc<Occlusion>,
-    tracer: Tracer,
     directions: Vec<Vec3>,
     /// The same, an axis after the other.
     planes: Planes,
@@ -77,7 +69,13 @@ pub struct BestAsset {
 #[derive(Debug)]
 pub struct BestTransfer {
     asset: Arc<BestAsset>,
-    light_gain: f32,
+    settings: TransferSettings,
+    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    pub light_gain: f32,
+    /// Whether the source was black, and even light was taken in its place.
+    pub source_was_black: bool,
+    /// Epsilon's part of the divisor.
+    least: [f32; 3],
     gloss: Vec<Gloss>,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     divisor: Vec<Sides>,
@@ -91,18 +89,9 @@ pub struct BestTransfer {
     encoded_mean: Vec<[f32; 3]>,
 }
 
-/// A relit asset.
-#[derive(Clone, Debug)]
-pub struct Relit {
-    /// Colour as the asset's own is stored. `[n][K]`
-    pub sh: Vec<[f32; 3]>,
-    /// How much the matte part of the front changed. `[n]`
-    pub tau: Vec<[f32; 3]>,
-}
-
 impl BestAsset {
-    /// Takes an asset, its bake and its tracer.
-    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>, tracer: Tracer) -> Self {
+    /// Takes an asset and its bake.
+    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>) -> Self {
         let nodes = Nodes::new(cloud.sh_degree);
         let encoding = cloud.encoding;
         let directions = directions();
@@ -132,8 +121,7 @@ impl BestAsset {
             means.push(m);
         }
         Self {
-            neighbors: neighbors(&tracer.surfels, &occlusion.normals),
-            tracer,
+            neighbors: neighbors(&occlusion.tracer.surfels, &occlusion.normals),
             nodes,
             encoding,
             occlusion,
@@ -322,17 +310,22 @@ impl BestAsset {
 
 impl BestTransfer {
     /// Prepares asset and source light.
-    pub fn new(asset: &Arc<BestAsset>, source: &Beams) -> Self {
-        let mean = source.mean_irradiance();
-        let light_gain = if mean > 0.0 {
-            (1.0 / mean).min(MOST_LIGHT_GAIN)
-        } else {
-            1.0
-        };
-        let light = asset.incident(&source.tinted([light_gain; 3]));
+    pub fn new(
+        asset: &Arc<BestAsset>,
+        source: (&IncidentRadiance, &Beams),
+        settings: &TransferSettings,
+    ) -> Self {
+        let source_was_black = source.1.mean_irradiance() <= 0.0;
+        let even = (&IncidentRadiance::even(0), &Beams::even());
+        let source = if source_was_black { even } else { source };
+        let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
+        let light = asset.incident(source, light_gain, settings);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
-            .map(|i| added(light.irradiance[i], asset.bounced(i, &asset.means)))
+            .map(|i| {
+                let bounced = asset.bounced(i, &light, &asset.means);
+                added(light.irradiance[i], bounced)
+            })
             .collect();
         let fitted = Fitted {
             nodes: &asset.nodes,
@@ -343,9 +336,13 @@ impl BestTransfer {
             two_sided: &asset.occlusion.two_sided,
             white: whitest(&asset.means, &divisor),
         };
-        let gloss = find_gloss(&fitted, &|i, out| {
-            asset.rays_of(i, &light, &asset.means, out)
-        });
+        let gloss = if settings.terms.lobe {
+            find_gloss(&fitted, &|i, out| {
+                asset.rays_of(i, &light, &asset.means, out)
+            })
+        } else {
+            vec![Gloss::default(); asset.len()]
+        };
         let parts: Vec<Explained> = (0..asset.len())
             .into_par_iter()
             .map_init(Scratch::default, |scratch, i| {
@@ -354,7 +351,10 @@ impl BestTransfer {
             .collect();
         Self {
             asset: asset.clone(),
+            settings: settings.clone(),
             light_gain,
+            source_was_black,
+            least: light.least,
             gloss,
             divisor,
             mean_irradiance: mean_of(light.irradiance.iter().map(|e| &e[0])),
@@ -368,9 +368,9 @@ impl BestTransfer {
     }
 
     /// Relights.
-    pub fn relight(&self, target: &Beams) -> Relit {
+    pub fn relight(&self, target: (&IncidentRadiance, &Beams)) -> Relit {
         let asset = &*self.asset;
-        let light = asset.incident(&target.tinted([self.light_gain; 3]));
+        let light = asset.incident(target, self.light_gain, &self.settings);
         let tau = self.bounce(&light);
         let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);
@@ -383,8 +383,31 @@ impl BestTransfer {
         );
         Relit {
             sh,
+            encoding: asset.encoding,
             tau: tau.into_iter().map(|t| t[0]).collect(),
         }
+    }
+
+    /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    pub fn epsilon_share(&self, i: usize) -> f32 {
+        let shares = self.epsilon_shares(i);
+        (shares[0] + shares[1] + shares[2]) / 3.0
+    }
+
+    /// Whether the source on surfel `i` is darker than epsilon in some channel.
+    pub fn is_dark(&self, i: usize) -> bool {
+        self.epsilon_shares(i).iter().any(|s| *s > 0.5)
+    }
+
+    /// Share of the surfels that are dark.
+    pub fn dark_share(&self) -> f32 {
+        let dark = (0..self.asset.len()).filter(|i| self.is_dark(*i)).count();
+        dark as f32 / self.asset.len().max(1) as f32
+    }
+
+    fn epsilon_shares(&self, i: usize) -> [f32; 3] {
+        let divisor = self.divisor[i][0];
+        std::array::from_fn(|c| (self.least[c] / divisor[c].max(LEAST_IRRADIANCE)).clamp(0.0, 1.0))
     }
 
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
@@ -399,12 +422,14 @@ impl BestTransfer {
             tau = (0..asset.len())
                 .into_par_iter()
                 .map(|i| {
-                    let e = added(light.irradiance[i], asset.bounced(i, &radiance));
-                    std::array::from_fn(|s| {
+                    let e = added(light.irradiance[i], asset.bounced(i, light, &radiance));
+                    let [front, back]: Sides = std::array::from_fn(|s| {
                         std::array::from_fn(|c| {
                             e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE)
                         })
-                    })
+                    });
+                    let two_sided = self.settings.terms.two_sided;
+                    [front, if two_sided { back } else { front }]
                 })
                 .collect();
         }
@@ -429,10 +454,13 @@ impl BestTransfer {
         let frame = Frame::new(asset.occlusion.normals[i]);
         asset.nodes.fit_into(&scratch.stored, out);
         let two_sided = asset.occlusion.two_sided[i];
-        if two_sided > 0.0 {
+        if two_sided > 0.0 && self.settings.terms.two_sided {
             self.add_back(i, tau, two_sided, scratch, out);
         }
         frame.apply_sh(asset.nodes.degree, out);
+        if !self.settings.terms.residual {
+            return;
+        }
         for (o, r) in out.iter_mut().zip(&self.residual[i * k..]) {
             for c in 0..3 {
                 o[c] += r[c] * scale[c];

@@ -10,24 +10,57 @@ use crate::sh::MAX_DEGREE;
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// Sections 3.2 to 3.5 of the paper, computed without error.
-    #[default]
     Paper,
-    /// Sums over directions; comes with a later version.
+    /// Sums over directions, with suns, bounces, two sides and gloss.
+    #[default]
     Best,
 }
 
-/// Which terms of the paper take part; all of them unless an ablation asks otherwise.
+impl Preset {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Best, Self::Paper];
+
+    /// As command line and looks call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Best => "best",
+        }
+    }
+
+    /// The epsilon that serves it best.
+    pub fn epsilon(self) -> f32 {
+        match self {
+            Self::Paper => 0.05,
+            Self::Best => 0.006,
+        }
+    }
+}
+
+/// Which terms take part; all of them unless an ablation asks otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Terms {
     /// Self-shadowing (3.3); off, every surfel sees the whole light.
     pub shadow: bool,
-    /// Bands 1 and up (3.5); off, the result is matte.
+    /// Preset `paper`: bands 1 and up (3.5); off, the result is matte.
     pub specular: bool,
-    /// The mirror of eq. 7; off, highlights stick to where the light is.
+    /// Preset `paper`: the mirror of eq. 7; off, highlights stick to where the light is.
     pub reflection: bool,
-    /// The attenuation of eq. 9; off, every surface is a mirror.
+    /// Preset `paper`: the attenuation of eq. 9; off, every surface is a mirror.
     pub attenuation: bool,
+    /// Preset `best`: light is summed over directions; off, it is an SH series first.
+    pub sums: bool,
+    /// Preset `best`: compact bright sources are taken out and cast crisp shadows; off, they are sky.
+    pub suns: bool,
+    /// Preset `best`: light that bounces off other surfels; off, what blocks the light is black.
+    pub bounce: bool,
+    /// Preset `best`: thin surfels are lit from both sides; off, the front's light serves both.
+    pub two_sided: bool,
+    /// Preset `best`: a specular lobe; off, all colour is matte.
+    pub lobe: bool,
+    /// Preset `best`: what no term explains of the capture is kept; off, it is left out.
+    pub residual: bool,
 }
 
 impl Default for Terms {
@@ -37,7 +70,89 @@ impl Default for Terms {
             specular: true,
             reflection: true,
             attenuation: true,
+            sums: true,
+            suns: true,
+            bounce: true,
+            two_sided: true,
+            lobe: true,
+            residual: true,
         }
+    }
+}
+
+/// One of the [`Terms`]: its name, what has it, and where its switch is.
+pub struct Term {
+    /// As the command line calls it.
+    pub name: &'static str,
+    /// Presets that have it.
+    pub presets: &'static [Preset],
+    /// Its switch.
+    pub of: fn(&mut Terms) -> &mut bool,
+}
+
+impl Terms {
+    /// All of them.
+    pub const ALL: [Term; 10] = {
+        const PAPER: &[Preset] = &[Preset::Paper];
+        const BEST: &[Preset] = &[Preset::Best];
+        [
+            Term {
+                name: "shadow",
+                presets: &Preset::ALL,
+                of: |t| &mut t.shadow,
+            },
+            Term {
+                name: "specular",
+                presets: PAPER,
+                of: |t| &mut t.specular,
+            },
+            Term {
+                name: "reflection",
+                presets: PAPER,
+                of: |t| &mut t.reflection,
+            },
+            Term {
+                name: "attenuation",
+                presets: PAPER,
+                of: |t| &mut t.attenuation,
+            },
+            Term {
+                name: "sums",
+                presets: BEST,
+                of: |t| &mut t.sums,
+            },
+            Term {
+                name: "suns",
+                presets: BEST,
+                of: |t| &mut t.suns,
+            },
+            Term {
+                name: "bounce",
+                presets: BEST,
+                of: |t| &mut t.bounce,
+            },
+            Term {
+                name: "two-sided",
+                presets: BEST,
+                of: |t| &mut t.two_sided,
+            },
+            Term {
+                name: "lobe",
+                presets: BEST,
+                of: |t| &mut t.lobe,
+            },
+            Term {
+                name: "residual",
+                presets: BEST,
+                of: |t| &mut t.residual,
+            },
+        ]
+    };
+
+    /// Those that a preset has.
+    pub fn of_preset(preset: Preset) -> impl Iterator<Item = &'static Term> {
+        const ALL: &[Term] = &Terms::ALL;
+        ALL.iter().filter(move |t| t.presets.contains(&preset))
     }
 }
 
@@ -50,10 +165,10 @@ pub const EPSILON: std::ops::RangeInclusive<f32> = 1e-6..=1e3;
 pub struct TransferSettings {
     /// Which mathematics.
     pub preset: Preset,
-    /// Degree of lights and visibility, 0 to 8.
+    /// Degree of lights and visibility, 0 to 8, where they are SH series: in preset `paper`, and in `best` without its sums.
     pub sh_degree: usize,
-    /// Added to the source's irradiance and band norms, relative to its mean irradiance.
-    pub epsilon: f32,
+    /// Light that is added to the source's on every surfel, relative to its mean irradiance; the preset's own if there is none.
+    pub epsilon: Option<f32>,
     /// Terms that take part.
     pub terms: Terms,
 }
@@ -61,35 +176,43 @@ pub struct TransferSettings {
 impl Default for TransferSettings {
     fn default() -> Self {
         Self {
-            preset: Preset::Paper,
+            preset: Preset::default(),
             sh_degree: 3,
-            epsilon: 0.05,
+            epsilon: None,
             terms: Terms::default(),
         }
     }
 }
 
 impl TransferSettings {
+    /// The defaults of a preset.
+    pub fn of(preset: Preset) -> Self {
+        Self {
+            preset,
+            ..Self::default()
+        }
+    }
+
+    /// The epsilon that counts.
+    pub fn epsilon(&self) -> f32 {
+        self.epsilon.unwrap_or(self.preset.epsilon())
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors
-    /// Says which setting is out of range, or that the preset does not exist yet.
+    /// Says which setting is out of range.
     pub fn validate(&self) -> Result<()> {
-        if self.preset == Preset::Best {
-            return Err(Error::Mismatch(
-                "preset best is not in this version yet; use --preset paper".into(),
-            ));
-        }
         if self.sh_degree > MAX_DEGREE {
             return Err(Error::Mismatch(format!(
                 "SH degree {} is out of range 0 to {MAX_DEGREE}",
                 self.sh_degree
             )));
         }
-        if !EPSILON.contains(&self.epsilon) {
+        if !EPSILON.contains(&self.epsilon()) {
             return Err(Error::Mismatch(format!(
                 "epsilon {} is out of range 1e-6 to 1000 (relative to the source's mean irradiance)",
-                self.epsilon
+                self.epsilon()
             )));
         }
         Ok(())

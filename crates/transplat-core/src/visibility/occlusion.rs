@@ -2,13 +2,15 @@
 //! surfel it meets instead. Rays start on the side of the surfel that the direction is on, so one bit serves both sides.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::trace::{MISS, PACKET, Tracer};
-use super::{Progress, smoothstep};
+use super::{Progress, refining_order, smoothstep};
 use crate::error::{Error, Result};
 use crate::sh::fibonacci_sphere;
 use crate::surfels::SurfelCloud;
@@ -54,8 +56,8 @@ pub fn directions() -> Vec<Vec3> {
 /// a few rays pass behind.
 pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
 
-/// Set in a hit that is on the back of the surfel that is met.
-pub const BACK: u32 = 1 << 31;
+/// The largest asset whose surfels a [`Hit`] can name.
+pub const MOST_SURFELS: usize = 1 << 24;
 
 /// What the preset `best` needs of the geometry.
 #[derive(Clone, Debug)]
@@ -74,62 +76,108 @@ pub struct Occlusion {
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
+    /// The rays' way through the asset, for suns.
+    pub tracer: Arc<Tracer>,
 }
 
-/// A blocked direction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Hit {
-    /// The surfel that is met, with [`BACK`] where its back is.
-    pub surfel: u32,
+/// A blocked direction: the surfel that is met in the low 24 bits, then the patch, and whether it is the surfel's back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct Hit(pub u32);
+
+impl Hit {
+    const BACK: u32 = 1 << 31;
+
+    fn new(patch: usize, surfel: u32) -> Self {
+        Self((patch as u32) << 24 | surfel)
+    }
+
+    /// The surfel that is met.
+    #[inline(always)]
+    pub fn surfel(self) -> usize {
+        (self.0 & (MOST_SURFELS as u32 - 1)) as usize
+    }
+
     /// The patch whose first direction it is.
-    pub patch: u16,
+    #[inline(always)]
+    pub fn patch(self) -> usize {
+        (self.0 >> 24 & 0x7f) as usize
+    }
+
+    /// Whether the surfel is met on its back.
+    #[inline(always)]
+    pub fn is_back(self) -> bool {
+        self.0 & Self::BACK != 0
+    }
+
+    fn on(self, back: bool) -> Self {
+        Self(self.0 & !Self::BACK | if back { Self::BACK } else { 0 })
+    }
 }
 
 /// What is found of one surfel.
-struct Found {
-    open: [u64; WORDS],
-    hits: Vec<Hit>,
+#[derive(Clone, Default)]
+pub(crate) struct Found {
+    pub open: [u64; WORDS],
+    pub hits: Vec<Hit>,
 }
 
 impl Occlusion {
-    /// Traces all rays; the tracer is the asset's.
+    /// Traces all rays.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] when `progress` asked for it.
-    pub fn bake(cloud: &SurfelCloud, tracer: &Tracer, progress: Progress<'_>) -> Result<Self> {
-        let order = &tracer.order;
-        let lattice = directions();
-        let done = AtomicUsize::new(0);
-        let found: Vec<Vec<Found>> = order
-            .par_chunks(PACKET)
-            .map(|of| {
-                let before = done.fetch_add(of.len(), Ordering::Relaxed);
-                if progress(before as f64 / order.len() as f64).is_break() {
-                    return Err(Error::Cancelled);
-                }
-                Ok(trace_packet(tracer, &lattice, of))
-            })
-            .collect::<Result<_>>()?;
-        let mut by_surfel: Vec<(u32, Found)> = order
-            .iter()
-            .copied()
-            .zip(found.into_iter().flatten())
-            .collect();
-        by_surfel.sort_unstable_by_key(|f| f.0);
-        Ok(Self::of(
-            cloud,
-            &lattice,
-            by_surfel.into_iter().map(|f| f.1).collect(),
-        ))
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Self> {
+        Self::bake_in_stages(cloud, &[1], progress, |_, _| ())
     }
 
-    fn of(cloud: &SurfelCloud, lattice: &[Vec3], found: Vec<Found>) -> Self {
+    /// The same, usable before it is done: after each share of the patches (one in so many, the last of them 1), `preview` gets what there
+    /// is, with the rest as the nearest patch has it, and how much is done.
+    ///
+    /// # Errors
+    /// As [`Occlusion::bake`].
+    pub fn bake_in_stages(
+        cloud: &SurfelCloud,
+        stages: &[usize],
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self> {
+        if cloud.len() > MOST_SURFELS {
+            return Err(Error::Mismatch(format!(
+                "{} surfels; preset best can be baked for up to {MOST_SURFELS}",
+                cloud.len()
+            )));
+        }
+        let tracer = Arc::new(Tracer::new(cloud));
+        let directions = directions();
+        let patches = refining_order(PATCHES);
+        let mut found = vec![Found::default(); cloud.len()];
+        let mut done = 0;
+        for share in stages {
+            let end = PATCHES.div_ceil(*share);
+            let part = &patches[done..end];
+            let within = |p: f64| progress((done as f64 + p * part.len() as f64) / PATCHES as f64);
+            trace(&tracer, &directions, part, &mut found, &within)?;
+            done = end;
+            if done < PATCHES {
+                let mut filled = found.clone();
+                fill_unfinished_patches(&directions, &patches[..done], &mut filled);
+                let share = done as f32 / PATCHES as f32;
+                preview(Self::of(cloud, tracer.clone(), &filled), share);
+            }
+        }
+        Ok(Self::of(cloud, tracer, &found))
+    }
+
+    /// From what the rays found, `[n]`.
+    pub(crate) fn of(cloud: &SurfelCloud, tracer: Arc<Tracer>, found: &[Found]) -> Self {
+        let directions = &directions();
         let sides: Vec<(Vec3, [f32; 2], bool)> = found
             .par_iter()
             .enumerate()
             .map(|(i, f)| {
                 let n = cloud.stored_normal(i).normalize_or(Vec3::Z);
-                let [front, back] = openness(&f.open, lattice, n);
+                let [front, back] = openness(&f.open, directions, n);
                 if back > front {
                     (-n, [back, front], true)
                 } else {
@@ -143,20 +191,15 @@ impl Occlusion {
             .collect();
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
         for ((f, (n, ..)), two) in found.iter().zip(&sides).zip(&two_sided) {
-            let facing = |h: &&Hit| n.dot(lattice[usize::from(h.patch)]) > 0.0;
+            let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
             // Where the ray met a two-sided surfel from behind, it saw its back.
-            let told = |h: &Hit| {
-                let s = h.surfel as usize;
-                let behind =
-                    two_sided[s] > 0.0 && sides[s].0.dot(lattice[usize::from(h.patch)]) > 0.0;
-                Hit {
-                    surfel: if behind { h.surfel | BACK } else { h.surfel },
-                    ..*h
-                }
+            let told = |hit: &Hit| {
+                let met = hit.surfel();
+                hit.on(two_sided[met] > 0.0 && faces(sides[met].0, hit))
             };
-            hits.extend(f.hits.iter().filter(facing).map(told));
+            hits.extend(f.hits.iter().filter(|h| faces(*n, h)).map(told));
             if *two > 0.0 {
-                hits.extend(f.hits.iter().filter(|h| !facing(h)).map(told));
+                hits.extend(f.hits.iter().filter(|h| !faces(*n, h)).map(told));
             }
             starts.push(hits.len() as u32);
         }
@@ -168,6 +211,7 @@ impl Occlusion {
             two_sided,
             starts,
             hits,
+            tracer,
         }
     }
 
@@ -189,15 +233,28 @@ impl Occlusion {
     /// Whether surfel `i` sees all the way out towards direction `j`.
     #[inline(always)]
     pub fn is_open(&self, i: usize, j: usize) -> bool {
-        self.open[i][j / 64] >> (j % 64) & 1 == 1
+        is_open(&self.open[i], j)
     }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
+    pub fn openness(&self) -> Vec<f32> {
+        let directions = directions();
+        (self.open.par_iter())
+            .zip(&self.normals)
+            .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
+            .collect()
+    }
+}
+
+fn is_open(open: &[u64; WORDS], j: usize) -> bool {
+    open[j / 64] >> (j % 64) & 1 == 1
 }
 
 /// Cosine-weighted share of the two sides' hemispheres that is open, 0 to 1.
 fn openness(open: &[u64; WORDS], lattice: &[Vec3], n: Vec3) -> [f32; 2] {
     let mut sides = [0f32; 2];
     for (j, w) in lattice.iter().enumerate() {
-        if open[j / 64] >> (j % 64) & 1 == 1 {
+        if is_open(open, j) {
             let cosine = n.dot(*w);
             sides[usize::from(cosine < 0.0)] += cosine.abs();
         }
@@ -205,30 +262,85 @@ fn openness(open: &[u64; WORDS], lattice: &[Vec3], n: Vec3) -> [f32; 2] {
     sides.map(|s| s * 4.0 / DIRECTIONS as f32)
 }
 
-fn trace_packet(tracer: &Tracer, lattice: &[Vec3], of: &[u32]) -> Vec<Found> {
-    let mut stack = Vec::new();
-    let mut found: Vec<Found> = of
-        .iter()
-        .map(|_| Found {
-            open: [0; WORDS],
-            hits: Vec::new(),
+/// Traces the rays of some patches.
+fn trace(
+    tracer: &Tracer,
+    directions: &[Vec3],
+    patches: &[usize],
+    found: &mut [Found],
+    progress: Progress<'_>,
+) -> Result<()> {
+    let order = &tracer.order;
+    let done = AtomicUsize::new(0);
+    let traced: Vec<Vec<Found>> = order
+        .par_chunks(PACKET)
+        .map(|of| {
+            let before = done.fetch_add(of.len(), Ordering::Relaxed);
+            if progress(before as f64 / order.len() as f64).is_break() {
+                return Err(Error::Cancelled);
+            }
+            Ok(trace_packet(tracer, directions, patches, of))
         })
-        .collect();
-    for (j, d) in lattice.iter().enumerate() {
-        let knows = j < PATCHES;
-        let hits = tracer.hits(of, *d, !knows, &mut stack);
-        for (f, hit) in found.iter_mut().zip(hits) {
-            if hit == MISS {
-                f.open[j / 64] |= 1 << (j % 64);
-            } else if knows {
-                f.hits.push(Hit {
-                    surfel: hit,
-                    patch: j as u16,
-                });
+        .collect::<Result<_>>()?;
+    for (i, new) in order.iter().zip(traced.into_iter().flatten()) {
+        let surfel = &mut found[*i as usize];
+        for (word, new) in surfel.open.iter_mut().zip(new.open) {
+            *word |= new;
+        }
+        if surfel.hits.is_empty() {
+            surfel.hits = new.hits;
+        } else {
+            surfel.hits.extend(new.hits);
+        }
+    }
+    Ok(())
+}
+
+fn trace_packet(tracer: &Tracer, directions: &[Vec3], patches: &[usize], of: &[u32]) -> Vec<Found> {
+    let mut stack = Vec::new();
+    let mut found = vec![Found::default(); of.len()];
+    for patch in patches {
+        for place in 0..PER_PATCH {
+            let j = place * PATCHES + patch;
+            let hits = tracer.hits(of, directions[j], place > 0, &mut stack);
+            for (f, hit) in found.iter_mut().zip(hits) {
+                if hit == MISS {
+                    f.open[j / 64] |= 1 << (j % 64);
+                } else if place == 0 {
+                    f.hits.push(Hit::new(*patch, hit));
+                }
             }
         }
     }
     found
+}
+
+/// Gives patches that are not traced yet what the nearest one that is has.
+fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Found]) {
+    let nearest = |p: usize| {
+        let cosine = |q: &usize| directions[p].dot(directions[*q]);
+        let from = done
+            .iter()
+            .copied()
+            .max_by(|a, b| cosine(a).total_cmp(&cosine(b)));
+        from.unwrap_or(p)
+    };
+    let from: Vec<usize> = (0..PATCHES).map(nearest).collect();
+    found.par_iter_mut().for_each(|f| {
+        let mut met = [None; PATCHES];
+        for hit in &f.hits {
+            met[hit.patch()] = Some(hit.surfel() as u32);
+        }
+        let before = std::mem::take(f);
+        for (p, q) in from.iter().enumerate() {
+            for place in 0..PER_PATCH {
+                let j = place * PATCHES + p;
+                let open = is_open(&before.open, place * PATCHES + q);
+                f.open[j / 64] |= u64::from(open) << (j % 64);
+            }
+            f.hits.extend(met[*q].map(|surfel| Hit::new(p, surfel)));
+        }
+    });
 }
 
 #[cfg(test)]
@@ -239,21 +351,17 @@ mod tests {
     use crate::visibility::no_progress;
     use crate::visibility::{BakeInput, BakeSettings};
 
-    fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Occlusion> {
-        Occlusion::bake(cloud, &Tracer::new(cloud), progress)
-    }
-
     #[test]
     fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
         let cloud = scenes::sphere(1500);
-        let baked = bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = directions();
+        let baked = Occlusion::bake(&cloud, &no_progress).expect("not cancelled");
+        let directions = directions();
         for (i, n) in baked.normals.iter().enumerate() {
             assert!(n.dot(cloud.positions[i]) > 0.0);
             assert_eq!(baked.two_sided[i], 0.0);
             let wrong = (0..DIRECTIONS)
                 .filter(|j| {
-                    let cosine = n.dot(lattice[*j]);
+                    let cosine = n.dot(directions[*j]);
                     cosine.abs() > 0.2 && baked.is_open(i, *j) != (cosine > 0.0)
                 })
                 .count();
@@ -265,22 +373,22 @@ mod tests {
     fn hits_agree_with_asking_every_disc() {
         let cloud = scenes::sphere_over_plate(300);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
-        let baked = bake(&cloud, &no_progress).expect("not cancelled");
-        let lattice = directions();
+        let baked = Occlusion::bake(&cloud, &no_progress).expect("not cancelled");
+        let directions = directions();
         let (mut differ, mut all) = (0, 0);
         for i in 0..cloud.len() {
             // Both those that know what they meet, and those that stop at anything.
             for j in (0..DIRECTIONS).step_by(3) {
-                let direction = lattice[j].as_dvec3();
+                let direction = directions[j].as_dvec3();
                 let exact = oracle::first_hit(&input, i, direction);
                 all += 1;
                 differ += usize::from(exact.is_none() != baked.is_open(i, j));
-                let hit = baked.hits_of(i).iter().find(|h| usize::from(h.patch) == j);
-                let knows = j < PATCHES && baked.normals[i].dot(lattice[j]) > 0.0;
+                let hit = baked.hits_of(i).iter().find(|h| h.patch() == j);
+                let knows = j < PATCHES && baked.normals[i].dot(directions[j]) > 0.0;
                 differ += usize::from(knows && hit.is_some() != exact.is_some());
                 if let (Some(hit), Some(exact)) = (hit, exact) {
                     // Of discs in one plane, either may be named.
-                    let met = (hit.surfel & !BACK) as usize;
+                    let met = hit.surfel();
                     let distance = oracle::hit_distance(&input, i, direction, met);
                     differ += usize::from(distance.is_none_or(|t| (t - exact).abs() > 1e-5));
                 }
@@ -292,7 +400,7 @@ mod tests {
 
     #[test]
     fn a_lone_sheet_is_two_sided() {
-        let baked = bake(&scenes::sheet(20), &no_progress).expect("not cancelled");
+        let baked = Occlusion::bake(&scenes::sheet(20), &no_progress).expect("not cancelled");
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
         assert!(baked.hits.is_empty());
     }
@@ -300,7 +408,7 @@ mod tests {
     #[test]
     fn cancelling_stops() {
         let stop = |_: f64| std::ops::ControlFlow::Break(());
-        let result = bake(&scenes::sphere(100), &stop);
+        let result = Occlusion::bake(&scenes::sphere(100), &stop);
         assert!(matches!(result, Err(Error::Cancelled)));
     }
 }

@@ -7,9 +7,11 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::lobe::Ray;
-use super::{BestAsset, EPSILON, Sides};
-use crate::environment::{Beam, Beams};
-use crate::visibility::occlusion::{BACK, DIRECTIONS, PATCHES, PER_PATCH, WORDS};
+use super::{BestAsset, Sides};
+use crate::environment::{Beam, Beams, IncidentRadiance};
+use crate::sh::evaluate_sh;
+use crate::transfer::{Terms, TransferSettings};
+use crate::visibility::occlusion::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 
 /// Vectors as structure of arrays: an axis or a channel after the other. `[3][DIRECTIONS]`
 pub(super) type Planes = [Vec<f32>; 3];
@@ -32,6 +34,9 @@ pub(super) struct Incident {
     suns: Vec<(Beam, Vec<bool>)>,
     /// Irradiance, with epsilon's share. `[n]`
     pub irradiance: Vec<Sides>,
+    /// Epsilon's share.
+    pub least: [f32; 3],
+    terms: Terms,
 }
 
 struct Sky {
@@ -56,40 +61,92 @@ impl Sky {
 }
 
 impl BestAsset {
-    pub(super) fn incident(&self, light: &Beams) -> Incident {
-        let sky = Sky::new(&light.gathered(&self.directions));
-        let suns: Vec<(Beam, Vec<bool>)> = light
-            .suns
-            .iter()
-            .map(|s| {
-                let facing = |i: u32| {
-                    let i = i as usize;
-                    self.occlusion.two_sided[i] > 0.0
-                        || self.occlusion.normals[i].dot(s.direction) > 0.0
-                };
-                (*s, self.tracer.open_towards(s.direction, facing))
-            })
-            .collect();
-        let least = light.mean_irradiances().map(|e| EPSILON * e);
-        let irradiance = (0..self.len())
+    /// A light with its strength multiplied, as the surfels meet it.
+    pub(super) fn incident(
+        &self,
+        (radiance, beams): (&IncidentRadiance, &Beams),
+        gain: f32,
+        settings: &TransferSettings,
+    ) -> Incident {
+        let terms = settings.terms;
+        let beams = beams.tinted([gain; 3]);
+        let (sky, suns) = if terms.sums && terms.suns {
+            (beams.gathered(&self.directions), &beams.suns[..])
+        } else if terms.sums {
+            (
+                beams.with_suns_as_sky().gathered(&self.directions),
+                &[] as &[Beam],
+            )
+        } else {
+            let light = radiance.truncated(settings.sh_degree).scaled(gain);
+            (self.series(&light), &[] as &[Beam])
+        };
+        let mut light = Incident {
+            sky: Sky::new(&sky),
+            suns: suns
+                .iter()
+                .map(|s| (*s, self.seen_from(s, terms)))
+                .collect(),
+            irradiance: Vec::new(),
+            least: beams.mean_irradiances().map(|e| settings.epsilon() * e),
+            terms,
+        };
+        light.irradiance = (0..self.len())
             .into_par_iter()
-            .map(|i| {
-                self.irradiance(i, &sky, &suns)
-                    .map(|e| std::array::from_fn(|c| e[c] + least[c]))
-            })
+            .map(|i| self.irradiance(i, &light))
             .collect();
-        Incident {
-            sky,
-            suns,
-            irradiance,
+        light
+    }
+
+    /// An SH series by its values, where it is not negative.
+    fn series(&self, light: &IncidentRadiance) -> Vec<Beam> {
+        let omega = 4.0 * PI / DIRECTIONS as f32;
+        self.directions
+            .iter()
+            .map(|d| {
+                let radiance = evaluate_sh(&light.coefficients, light.degree, d.to_array());
+                Beam {
+                    direction: *d,
+                    energy: radiance.map(|v| omega * v.max(0.0)),
+                }
+            })
+            .collect()
+    }
+
+    /// Which surfels a sun shines on, on either side where both count. `[n]`
+    fn seen_from(&self, sun: &Beam, terms: Terms) -> Vec<bool> {
+        let bake = &self.occlusion;
+        if !terms.shadow {
+            return vec![true; self.len()];
+        }
+        let faces = |i: u32| {
+            let i = i as usize;
+            bake.two_sided[i] > 0.0 || bake.normals[i].dot(sun.direction) > 0.0
+        };
+        bake.tracer.open_towards(sun.direction, faces)
+    }
+
+    fn open(&self, i: usize, terms: Terms) -> &[u64; WORDS] {
+        if terms.shadow {
+            &self.occlusion.open[i]
+        } else {
+            &[u64::MAX; WORDS]
         }
     }
 
-    /// Irradiance of surfel `i`, front and back.
-    fn irradiance(&self, i: usize, sky: &Sky, suns: &[(Beam, Vec<bool>)]) -> Sides {
+    fn hits(&self, i: usize, terms: Terms) -> &[Hit] {
+        if terms.shadow && terms.bounce {
+            self.occlusion.hits_of(i)
+        } else {
+            &[]
+        }
+    }
+
+    /// Irradiance of surfel `i`, front and back, with epsilon's share.
+    fn irradiance(&self, i: usize, light: &Incident) -> Sides {
         let n = self.occlusion.normals[i];
-        let mut sides = open_irradiance(n, &self.occlusion.open[i], sky);
-        for (sun, open) in suns {
+        let mut sides = open_irradiance(n, self.open(i, light.terms), &light.sky);
+        for (sun, open) in &light.suns {
             if open[i] {
                 let cosine = n.dot(sun.direction);
                 for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(sun.energy) {
@@ -97,17 +154,17 @@ impl BestAsset {
                 }
             }
         }
-        sides
+        sides.map(|e| std::array::from_fn(|c| e[c] + light.least[c]))
     }
 
     /// Light that bounces to surfel `i` from what the others radiate.
-    pub(super) fn bounced(&self, i: usize, radiance: &[Sides]) -> Sides {
+    pub(super) fn bounced(&self, i: usize, light: &Incident, radiance: &[Sides]) -> Sides {
         let scale = 4.0 * PI / PATCHES as f32;
         let n = self.occlusion.normals[i];
         let mut sides = Sides::default();
-        for hit in self.occlusion.hits_of(i) {
-            let cosine = scale * n.dot(self.directions[usize::from(hit.patch)]);
-            let b = radiance_of(radiance, hit.surfel);
+        for hit in self.hits(i, light.terms) {
+            let cosine = scale * n.dot(self.directions[hit.patch()]);
+            let b = radiance_of(radiance, *hit);
             for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
                 *s += cosine.abs() * b;
             }
@@ -125,15 +182,17 @@ impl BestAsset {
     ) {
         let n = self.occlusion.normals[i];
         let scale = 4.0 * PI / DIRECTIONS as f32;
-        let [r, g, b] = radiance[i][0].map(|v| v * scale);
+        // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
+        let near = if light.terms.bounce { scale } else { 0.0 };
+        let [r, g, b] = radiance[i][0].map(|v| v * near);
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
-        for hit in self.occlusion.hits_of(i) {
-            let b = radiance_of(radiance, hit.surfel);
+        for hit in self.hits(i, light.terms) {
+            let b = radiance_of(radiance, *hit);
             for c in 0..3 {
-                met[c][usize::from(hit.patch)] = b[c] * scale;
+                met[c][hit.patch()] = b[c] * scale;
             }
         }
-        let open = &self.occlusion.open[i];
+        let open = self.open(i, light.terms);
         out.resize(PATCHES, Ray::default());
         let count = patches(n, open, &self.planes, &light.sky, &met, out);
         out.truncate(count);
@@ -147,8 +206,8 @@ impl BestAsset {
 }
 
 /// Radiance of the side of a surfel that a ray met.
-fn radiance_of(radiance: &[Sides], hit: u32) -> [f32; 3] {
-    radiance[(hit & !BACK) as usize][usize::from(hit & BACK != 0)]
+fn radiance_of(radiance: &[Sides], hit: Hit) -> [f32; 3] {
+    radiance[hit.surfel()][usize::from(hit.is_back())]
 }
 
 fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {

@@ -3,18 +3,28 @@ use std::f32::consts::PI;
 use glam::{DMat3, DVec3};
 
 use super::*;
-use crate::environment::EnvironmentMap;
+use crate::environment::{EnvironmentMap, Illumination};
 use crate::scenes;
 use crate::visibility::no_progress;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<BestAsset> {
-    let tracer = Tracer::new(cloud);
-    let occlusion = Occlusion::bake(cloud, &tracer, &no_progress).expect("not cancelled");
-    Arc::new(BestAsset::new(cloud, Arc::new(occlusion), tracer))
+    let occlusion = Occlusion::bake(cloud, &no_progress).expect("not cancelled");
+    Arc::new(BestAsset::new(cloud, Arc::new(occlusion)))
+}
+
+fn prepared(asset: &Arc<BestAsset>, source: &Illumination) -> BestTransfer {
+    let source = source.for_best().expect("with beams");
+    BestTransfer::new(asset, source, &TransferSettings::default())
+}
+
+impl BestTransfer {
+    fn relight_by(&self, target: &Illumination) -> Relit {
+        self.relight(target.for_best().expect("with beams"))
+    }
 }
 
 /// A gradient with a sun, and its colours.
-fn sky(sun: DVec3, tint: [f32; 3]) -> Beams {
+fn sky(sun: DVec3, tint: [f32; 3]) -> Illumination {
     let plain = EnvironmentMap::new(256, 128, vec![[0.0; 3]; 256 * 128]);
     let pixels = (0..256 * 128)
         .map(|i| {
@@ -27,7 +37,7 @@ fn sky(sun: DVec3, tint: [f32; 3]) -> Beams {
             tint.map(|t| t * (0.6 + 0.5 * d.z as f32) + glare)
         })
         .collect();
-    Beams::of(&EnvironmentMap::new(256, 128, pixels))
+    Illumination::of(&EnvironmentMap::new(256, 128, pixels), 3)
 }
 
 /// A sphere over a plate whose colour varies with the place and the view.
@@ -54,7 +64,7 @@ fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
 fn the_source_light_returns_the_asset() {
     let cloud = glossy();
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
-    let relit = BestTransfer::new(&asset_of(&cloud), &source).relight(&source);
+    let relit = prepared(&asset_of(&cloud), &source).relight_by(&source);
     // The bounced light's fixed point starts at the source's own radiance, so nothing but rounding is left.
     assert!(
         farthest(&relit.sh, &cloud.sh) < 1e-3,
@@ -70,10 +80,10 @@ fn the_strength_of_both_lights_changes_nothing() {
     let asset = asset_of(&cloud);
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
-    let relit = BestTransfer::new(&asset, &source).relight(&target);
+    let relit = prepared(&asset, &source).relight_by(&target);
     for gain in [1e-6, 1e6] {
         let same =
-            BestTransfer::new(&asset, &source.tinted([gain; 3])).relight(&target.tinted([gain; 3]));
+            prepared(&asset, &source.tinted([gain; 3])).relight_by(&target.tinted([gain; 3]));
         assert!(farthest(&relit.sh, &same.sh) < 1e-3, "gain {gain}");
     }
 }
@@ -82,12 +92,15 @@ fn the_strength_of_both_lights_changes_nothing() {
 fn a_matte_sphere_takes_its_analytic_irradiance() {
     // Open all around: E of a gradient a + b z is pi a + 2 pi b n.z / 3, and the sphere was lit evenly.
     let cloud = scenes::sphere(800);
-    let transfer = BestTransfer::new(&asset_of(&cloud), &Beams::even());
+    let transfer = prepared(&asset_of(&cloud), &Illumination::even(3));
     let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
     let gradient = (0..128 * 64)
         .map(|i| [0.5 + 0.4 * plain.direction(i % 128, i / 128)[2] as f32; 3])
         .collect();
-    let relit = transfer.relight(&Beams::of(&EnvironmentMap::new(128, 64, gradient)));
+    let relit = transfer.relight_by(&Illumination::of(
+        &EnvironmentMap::new(128, 64, gradient),
+        3,
+    ));
     let mut worst = 0f32;
     for (i, tau) in relit.tau.iter().enumerate() {
         let z = cloud.positions[i].normalize().z;
@@ -102,13 +115,13 @@ fn a_matte_sphere_takes_its_analytic_irradiance() {
 fn a_black_target_is_black_and_a_black_source_is_finite() {
     let cloud = glossy();
     let asset = asset_of(&cloud);
-    let black = Beams::of(&EnvironmentMap::new(64, 32, vec![[0.0; 3]; 64 * 32]));
-    let relit = BestTransfer::new(&asset, &Beams::even()).relight(&black);
+    let black = Illumination::even(3).scaled(0.0);
+    let relit = prepared(&asset, &Illumination::even(3)).relight_by(&black);
     // Bounced light falls from turn to turn, each a product of albedo and occlusion, and starts from nothing.
     assert!(relit.tau.iter().flatten().all(|t| *t == 0.0));
     let linear = crate::color::decode_sh(&relit.sh, cloud.sh_degree, cloud.encoding);
     assert!(linear.iter().flatten().all(|v| v.abs() < 1e-4));
-    let relit = BestTransfer::new(&asset, &black).relight(&Beams::even());
+    let relit = prepared(&asset, &black).relight_by(&Illumination::even(3));
     assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
 }
 
@@ -130,9 +143,9 @@ fn turning_asset_and_lights_turns_the_result() {
     }
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
-    let here = BestTransfer::new(&asset_of(&cloud), &source).relight(&target);
+    let here = prepared(&asset_of(&cloud), &source).relight_by(&target);
     let there =
-        BestTransfer::new(&asset_of(&turned), &source.rotated(turn)).relight(&target.rotated(turn));
+        prepared(&asset_of(&turned), &source.rotated(turn)).relight_by(&target.rotated(turn));
     // The lattice stays where it is, so the sums differ by its coarseness: in the mean, not surfel by surfel.
     let mean = |tau: &[[f32; 3]]| tau.iter().map(|t| t[1]).sum::<f32>() / tau.len() as f32;
     let (a, b) = (mean(&here.tau), mean(&there.tau));
@@ -157,7 +170,11 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         cloud.encoding = Encoding::Linear;
         cloud.sh = vec![[0.0; 3]; cloud.len() * 16];
         let asset = asset_of(&cloud);
-        let light = asset.incident(&source);
+        let light = asset.incident(
+            source.for_best().expect("with beams"),
+            1.0,
+            &TransferSettings::default(),
+        );
         let mut rays = Vec::new();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
@@ -180,7 +197,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             frame.apply_sh(3, &mut f);
             cloud.sh[i * 16..][..16].copy_from_slice(&f);
         }
-        let transfer = BestTransfer::new(&asset_of(&cloud), &source);
+        let transfer = prepared(&asset_of(&cloud), &source);
         let metals = transfer.gloss.iter().filter(|g| !g.rises).count();
         if metal {
             assert!(metals * 10 > 9 * cloud.len(), "{metals}");
@@ -217,7 +234,7 @@ fn odd_assets_are_relit_to_numbers() {
         ("flat", flat),
     ] {
         let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
-        let relit = BestTransfer::new(&asset_of(&cloud), &source).relight(&Beams::even());
+        let relit = prepared(&asset_of(&cloud), &source).relight_by(&Illumination::even(3));
         assert_eq!(relit.sh.len(), cloud.sh.len());
         assert!(relit.sh.iter().flatten().all(|v| v.is_finite()), "{name}");
     }

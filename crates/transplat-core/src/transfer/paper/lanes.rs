@@ -4,7 +4,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use multiversion::multiversion;
 
-use super::{MAX_RADIANCE, PreparedTransfer};
+use super::{MAX_RADIANCE, PaperTransfer};
 use crate::sh::{
     LightOperator, MAX_COEFFICIENTS, Mirror, Real, SQRT_4PI, band, band_of, coefficient_count,
     cosine_kernel, evaluate_basis,
@@ -82,7 +82,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    pub(super) fn new(p: &PreparedTransfer, first: usize) -> Self {
+    pub(super) fn new(p: &PaperTransfer, first: usize) -> Self {
         let gather = |value: &dyn Fn(usize) -> f32| {
             Lanes(std::array::from_fn(|lane| {
                 value((first + lane).min(p.surfels - 1))
@@ -107,7 +107,7 @@ impl Block {
 /// Relights one block into `out` `[surfels][K][3]` (fewer than [`LANES`] surfels in the last block).
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2", "aarch64+neon"))]
 pub(super) fn relight_block(
-    p: &PreparedTransfer,
+    p: &PaperTransfer,
     light: &LightOperator,
     block: &Block,
     out: &mut [[f32; 3]],

@@ -3,6 +3,7 @@ use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleTransfer, relight_surfel};
 use crate::scenes;
 use crate::sh::rotate_coefficients;
+use crate::transfer::Preset;
 use crate::visibility::{BakeSettings, bake, no_progress};
 use glam::{DMat3, DVec3};
 
@@ -29,7 +30,7 @@ fn glossy_scene(degree: usize) -> SurfelCloud {
 fn settings(sh_degree: usize) -> TransferSettings {
     TransferSettings {
         sh_degree,
-        ..Default::default()
+        ..TransferSettings::of(Preset::Paper)
     }
 }
 
@@ -67,7 +68,7 @@ fn production_follows_the_oracle_with_every_term_on_and_off() {
                 _ => {}
             }
             let prepared =
-                PreparedTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+                PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
             let got = prepared.relight(&target);
             let oracle = OracleTransfer::new(&source, &target, &settings);
             let v = visibility.coefficients(light_degree);
@@ -105,7 +106,7 @@ fn scaling_both_lights_changes_nothing_and_the_target_scales_the_result() {
     let visibility = baked(&cloud);
     let (source, target) = (light(1, 3), light(2, 3));
     let relit = |source: &IncidentRadiance, target: &IncidentRadiance| {
-        PreparedTransfer::new(&cloud, &visibility, source, &settings(3))
+        PaperTransfer::new(&cloud, &visibility, source, &settings(3))
             .expect("good input")
             .relight(target)
     };
@@ -127,7 +128,7 @@ fn the_result_is_linear_in_the_target() {
     let cloud = glossy_scene(3);
     let visibility = baked(&cloud);
     let prepared =
-        PreparedTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+        PaperTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
     let (a, b) = (light(2, 3), IncidentRadiance::even(3).scaled(20.0));
     let sum = IncidentRadiance {
         degree: 3,
@@ -189,10 +190,10 @@ fn turning_asset_and_lights_together_turns_the_result() {
     }
     let mut without_shadow = settings(3);
     without_shadow.terms.shadow = false;
-    let straight = PreparedTransfer::new(&cloud, &open, &source, &without_shadow)
+    let straight = PaperTransfer::new(&cloud, &open, &source, &without_shadow)
         .expect("good input")
         .relight(&target);
-    let around = PreparedTransfer::new(
+    let around = PaperTransfer::new(
         &turned,
         &open_turned,
         &source.rotated(turn),
@@ -207,7 +208,7 @@ fn turning_asset_and_lights_together_turns_the_result() {
     assert!(relative_difference(&expected, &around) < 1e-3);
     // With the bake: the mean changes by no more than what 128 directions resolve.
     let mean = |cloud: &SurfelCloud, source: &IncidentRadiance, target: &IncidentRadiance| {
-        let relit = PreparedTransfer::new(cloud, &baked(cloud), source, &settings(3))
+        let relit = PaperTransfer::new(cloud, &baked(cloud), source, &settings(3))
             .expect("good input")
             .relight(target);
         relit
@@ -227,10 +228,9 @@ fn black_targets_give_black_and_black_sources_stay_finite() {
     let visibility = baked(&cloud);
     let black = IncidentRadiance::even(3).scaled(0.0);
     let prepared =
-        PreparedTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+        PaperTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
     assert_eq!(largest(&prepared.relight(&black)), 0.0);
-    let dark =
-        PreparedTransfer::new(&cloud, &visibility, &black, &settings(3)).expect("good input");
+    let dark = PaperTransfer::new(&cloud, &visibility, &black, &settings(3)).expect("good input");
     assert!(dark.source_was_black);
     let relit = dark.relight(&light(2, 3));
     assert!(relit.iter().flatten().all(|v| v.is_finite()) && largest(&relit) > 0.0);
@@ -243,8 +243,8 @@ fn full_visibility_and_no_shadow_agree() {
     let (source, target) = (light(1, 3), light(2, 3));
     let mut unshadowed = settings(3);
     unshadowed.terms.shadow = false;
-    let a = PreparedTransfer::new(&cloud, &open, &source, &settings(3)).expect("good input");
-    let b = PreparedTransfer::new(&cloud, &open, &source, &unshadowed).expect("good input");
+    let a = PaperTransfer::new(&cloud, &open, &source, &settings(3)).expect("good input");
+    let b = PaperTransfer::new(&cloud, &open, &source, &unshadowed).expect("good input");
     // The constant 1 on 4096 directions has other coefficients up to some 1/4096, which meet a light with a peak of 40 over a mean of 1.
     let difference = relative_difference(&b.relight(&target), &a.relight(&target));
     assert!(difference < 2e-2, "{difference}");
@@ -256,8 +256,8 @@ fn a_lambertian_sphere_takes_its_analytic_irradiance() {
     let cloud = scenes::sphere(300);
     let mut no_shadow = settings(2);
     no_shadow.terms.shadow = false;
-    no_shadow.epsilon = 1e-6;
-    let prepared = PreparedTransfer::new(
+    no_shadow.epsilon = Some(1e-6);
+    let prepared = PaperTransfer::new(
         &cloud,
         &Visibility::all_open(&cloud, 16),
         &IncidentRadiance::even(2),
@@ -289,24 +289,21 @@ fn extreme_lights_and_assets_stay_finite() {
         }
     }
     let visibility = baked(&cloud);
-    for encoding in [
-        crate::color::Encoding::Stored,
-        crate::color::Encoding::Linear,
-    ] {
+    for encoding in [Encoding::Stored, Encoding::Linear] {
         cloud.encoding = encoding;
         for (a, b) in [(1e-30, 1e30), (1e30, 1e-30), (1.0, 1e20), (1e-20, 1.0)] {
             for epsilon in [1e-6, 1.0] {
                 let mut settings = settings(3);
-                settings.epsilon = epsilon;
+                settings.epsilon = Some(epsilon);
                 let prepared =
-                    PreparedTransfer::new(&cloud, &visibility, &light(1, 3).scaled(a), &settings)
+                    PaperTransfer::new(&cloud, &visibility, &light(1, 3).scaled(a), &settings)
                         .expect("good input");
                 let relit = prepared.relight(&light(2, 3).scaled(b));
                 assert!(
                     relit.iter().flatten().all(|v| v.is_finite()),
                     "{a} {b} {epsilon}"
                 );
-                let stored = crate::color::encode_sh(relit, 3, crate::color::Encoding::Stored);
+                let stored = crate::color::encode_sh(relit, 3, Encoding::Stored);
                 assert!(
                     stored.iter().flatten().all(|v| v.is_finite()),
                     "{a} {b} {epsilon}"
@@ -323,7 +320,7 @@ fn what_a_scene_lacks_is_left_out() {
     let mut no_shadow = settings(3);
     no_shadow.terms.shadow = false;
     let prepared =
-        PreparedTransfer::new(&cloud, &visibility, &light(1, 3), &no_shadow).expect("good input");
+        PaperTransfer::new(&cloud, &visibility, &light(1, 3), &no_shadow).expect("good input");
     assert_eq!(prepared.specular_degree, 0);
     assert!(prepared.visibility.is_empty() && prepared.attenuation.is_empty());
 }
@@ -331,7 +328,7 @@ fn what_a_scene_lacks_is_left_out() {
 #[test]
 fn an_even_source_tells_nothing_of_gloss() {
     let cloud = glossy_scene(3);
-    let prepared = PreparedTransfer::new(
+    let prepared = PaperTransfer::new(
         &cloud,
         &baked(&cloud),
         &IncidentRadiance::even(3),
@@ -351,10 +348,10 @@ fn an_even_source_tells_nothing_of_gloss() {
 fn a_light_of_another_degree_is_refused_or_fitted() {
     let cloud = glossy_scene(3);
     let visibility = baked(&cloud);
-    let wrong = PreparedTransfer::new(&cloud, &visibility, &light(1, 2), &settings(3));
+    let wrong = PaperTransfer::new(&cloud, &visibility, &light(1, 2), &settings(3));
     assert!(wrong.is_err_and(|e| e.to_string().contains("degree 2")));
     let prepared =
-        PreparedTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+        PaperTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
     let (exact, longer) = (
         prepared.relight(&light(2, 3)),
         prepared.relight(&light(2, 5)),
@@ -367,20 +364,4 @@ fn a_light_of_another_degree_is_refused_or_fitted() {
             .flatten()
             .all(|v| v.is_finite())
     );
-}
-
-#[test]
-fn a_preset_that_is_not_there_is_refused() {
-    let cloud = scenes::sphere(10);
-    let settings = TransferSettings {
-        preset: Preset::Best,
-        ..Default::default()
-    };
-    let result = PreparedTransfer::new(
-        &cloud,
-        &Visibility::all_open(&cloud, 16),
-        &light(1, 3),
-        &settings,
-    );
-    assert!(result.is_err_and(|e| e.to_string().contains("best")));
 }
