@@ -216,6 +216,13 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         (good_ply.clone(), "is a splat"),
     ];
     environments.push((folder.name("nothing-here/"), "No such file"));
+    let of_paper = folder.name("paper.bake");
+    let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
+    assert!(
+        run(&[&bake[..], &["-o", &of_paper]].concat())
+            .status
+            .success()
+    );
     let before = folder.files();
     let out = folder.name("out.ply");
     let check = |arguments: &[&str], expected: &str| {
@@ -266,12 +273,20 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "directory",
     );
     check(
-        &[&relight[..], &[&out, "--preset", "best"]].concat(),
-        "best is not in this version",
+        &[
+            &relight[..],
+            &[&out, "--preset", "paper", "--without", "suns"],
+        ]
+        .concat(),
+        "preset paper has no such term",
     );
     check(
-        &[&relight[..], &[&out, "--without", "suns"]].concat(),
-        "preset best",
+        &[&relight[..], &[&out, "--without", "specular"]].concat(),
+        "preset best has no such term",
+    );
+    check(
+        &[&relight[..], &[&out, "--bake", &of_paper]].concat(),
+        "the bake is for preset paper",
     );
     check(
         &[

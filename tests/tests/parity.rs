@@ -10,7 +10,8 @@ use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::{PreparedTransfer, TransferSettings};
+use transplat_core::transfer::paper::PaperTransfer;
+use transplat_core::transfer::{Preset, TransferSettings};
 use transplat_core::visibility::{
     BakeInput, BakeSettings, Visibility, bake_visibility, no_progress,
 };
@@ -124,7 +125,7 @@ fn transfer() {
         for off in ["", "shadow", "specular", "reflection", "attenuation"] {
             let mut settings = TransferSettings {
                 sh_degree: light_degree,
-                ..Default::default()
+                ..TransferSettings::of(Preset::Paper)
             };
             match off {
                 "shadow" => settings.terms.shadow = false,
@@ -134,7 +135,7 @@ fn transfer() {
                 _ => {}
             }
             let prepared =
-                PreparedTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+                PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
             let on_gpu = GpuTransfer::new(&gpu, &prepared).expect("the driver works");
             // Twice, to see that nothing is left of the light before.
             on_gpu
@@ -187,10 +188,10 @@ fn transfer_over_more_than_one_chunk() {
     let cloud = scenes::from_points(&normals, &normals, 0.01);
     let mut settings = TransferSettings {
         sh_degree: 1,
-        ..Default::default()
+        ..TransferSettings::of(Preset::Paper)
     };
     settings.terms.shadow = false;
-    let prepared = PreparedTransfer::new(
+    let prepared = PaperTransfer::new(
         &cloud,
         &Visibility::all_open(&cloud, 16),
         &IncidentRadiance::even(1),

@@ -68,7 +68,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         _ if start.starts_with(b"\x89PNG") || start.starts_with(&[0xff, 0xd8, 0xff]) => {
             FileKind::Picture
         }
-        _ if start.starts_with(bake::MAGIC) => FileKind::Bake,
+        _ if start.starts_with(bake::ANY_MAGIC) => FileKind::Bake,
         _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
         _ => {
             return Err(Error::invalid(

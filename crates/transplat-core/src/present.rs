@@ -5,10 +5,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::color::{Display, STORED_OFFSET, luminance, srgb_decode};
+use crate::color::{Display, Encoding, STORED_OFFSET, luminance, srgb_decode};
 use crate::rasterize::{ColorSpace, Raster};
 use crate::surfels::{Bounds, SurfelCloud};
-use crate::transfer::PreparedTransfer;
+use crate::transfer::{PreparedTransfer, Relit};
 use crate::visibility::Bake;
 
 /// What a picture shows.
@@ -410,19 +410,21 @@ pub fn tau_colors(tau: &[[f32; 3]]) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// Parts of relit SH `[n][K][3]`: band 0 alone, or everything else.
-pub fn part_of_sh(relit: &[[f32; 3]], k: usize, diffuse: bool) -> Vec<[f32; 3]> {
-    relit
-        .iter()
-        .enumerate()
-        .map(|(i, c)| {
-            if (i % k == 0) == diffuse {
-                *c
-            } else {
-                [0.0; 3]
-            }
-        })
-        .collect()
+/// The diffuse (band 0) or the specular part (the others) of a relit asset in linear light.
+pub fn part(relit: Relit, degree: usize, diffuse: bool) -> Relit {
+    assert_eq!(relit.encoding, Encoding::Linear);
+    let k = crate::sh::coefficient_count(degree);
+    let parts = relit.sh.iter().enumerate().map(|(i, c)| {
+        if i.is_multiple_of(k) == diffuse {
+            *c
+        } else {
+            [0.0; 3]
+        }
+    });
+    Relit {
+        sh: parts.collect(),
+        ..relit
+    }
 }
 
 /// Display values show as they are: for channels that are no colours.
@@ -487,8 +489,13 @@ mod tests {
 
     #[test]
     fn the_parts_of_a_function_sum_to_it() {
-        let f = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0], [1.0; 3]];
-        let (a, b) = (part_of_sh(&f, 4, true), part_of_sh(&f, 4, false));
+        let f = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0], [1.0; 3]];
+        let relit = Relit {
+            sh: f.clone(),
+            encoding: Encoding::Linear,
+            tau: vec![[1.0; 3]],
+        };
+        let [a, b] = [true, false].map(|diffuse| part(relit.clone(), 1, diffuse).sh);
         for i in 0..4 {
             for c in 0..3 {
                 assert_eq!(a[i][c] + b[i][c], f[i][c]);

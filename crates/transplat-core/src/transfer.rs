@@ -9,7 +9,7 @@ mod settings;
 
 use std::sync::Arc;
 
-use crate::color::Encoding;
+use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
 use crate::surfels::SurfelCloud;
@@ -28,6 +28,33 @@ pub struct Relit {
     pub encoding: Encoding,
     /// By how much what is not gloss has changed (paper eq. 5). `[n]`
     pub tau: Vec<[f32; 3]>,
+}
+
+impl Relit {
+    /// The same in linear light, of colour of a degree.
+    pub fn linear(self, degree: usize) -> Self {
+        if self.encoding == Encoding::Linear {
+            return self;
+        }
+        Self {
+            sh: decode_sh(&self.sh, degree, self.encoding),
+            encoding: Encoding::Linear,
+            ..self
+        }
+    }
+
+    /// Colour as the asset's file stores it. `[n][K][3]`
+    pub fn stored(self, cloud: &SurfelCloud) -> Vec<[f32; 3]> {
+        if self.encoding == cloud.encoding {
+            self.sh
+        } else {
+            encode_sh(
+                self.linear(cloud.sh_degree).sh,
+                cloud.sh_degree,
+                cloud.encoding,
+            )
+        }
+    }
 }
 
 /// An asset under its source light, ready for any other.

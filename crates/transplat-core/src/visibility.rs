@@ -606,6 +606,22 @@ impl Bake {
         }
     }
 
+    /// How open each direction is around surfel `i`, 0 to 1.
+    pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
+        match self {
+            Self::Visibility(v) => lattice(v.directions)
+                .into_iter()
+                .zip(&v.open[i * v.directions..])
+                .map(|(d, open)| (d, f32::from(*open) / 255.0))
+                .collect(),
+            Self::Occlusion(o) => occlusion::directions()
+                .into_iter()
+                .enumerate()
+                .map(|(j, d)| (d, f32::from(u8::from(o.is_open(i, j)))))
+                .collect(),
+        }
+    }
+
     /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
     pub fn openness(&self) -> Vec<f32> {
         match self {

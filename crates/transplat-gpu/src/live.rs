@@ -12,7 +12,7 @@ use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, TransferLight};
+use transplat_core::transfer::paper::{PaperLight, PaperTransfer};
 
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
@@ -66,11 +66,28 @@ impl LiveAsset {
     }
 }
 
-/// A prepared transfer on the GPU; made on any thread.
+/// A prepared transfer of preset `paper` on the GPU; made on any thread.
 pub struct LiveTransfer {
     transfer: GpuTransfer,
     relit: ResidentSh,
     source_dc: ResidentVectors,
+}
+
+/// Where what is shown relit comes from.
+enum Relit {
+    /// From the GPU's own transfer.
+    Live(LiveTransfer),
+    /// From elsewhere, with the colours of the channel *tau*.
+    Uploaded(ResidentSh, Vec<[f32; 3]>),
+}
+
+impl Relit {
+    fn sh(&self) -> &ResidentSh {
+        match self {
+            Self::Live(transfer) => &transfer.relit,
+            Self::Uploaded(sh, _) => sh,
+        }
+    }
 }
 
 impl LiveTransfer {
@@ -78,7 +95,7 @@ impl LiveTransfer {
     ///
     /// # Errors
     /// The driver failed.
-    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, prepared: &PaperTransfer) -> Result<Self> {
         let transfer = GpuTransfer::new(context, prepared)?;
         Ok(Self {
             relit: ResidentSh {
@@ -172,7 +189,7 @@ pub struct Live {
     present: PresentPass,
     blit: Blit,
     asset: Option<LiveAsset>,
-    transfer: Option<LiveTransfer>,
+    relit: Option<Relit>,
     pinned: Option<(ResidentSh, Display)>,
     visibility: Vec<[f32; 3]>,
     doubts: Vec<[f32; 3]>,
@@ -204,7 +221,7 @@ impl Live {
             blit: Blit::new(context, window),
             context: context.clone(),
             asset: None,
-            transfer: None,
+            relit: None,
             pinned: None,
             visibility: Vec::new(),
             doubts: Vec::new(),
@@ -240,13 +257,13 @@ impl Live {
 
     /// Whether there is something relit to be shown.
     pub fn has_relit(&self) -> bool {
-        self.relit_version > 0 && self.transfer.is_some()
+        self.relit_version > 0 && self.relit.is_some()
     }
 
     /// Shows another asset; what was made of the last one is dropped.
     pub fn set_asset(&mut self, asset: LiveAsset) {
         self.asset = Some(asset);
-        self.transfer = None;
+        self.relit = None;
         self.relit_version = 0;
         self.pinned = None;
         self.visibility.clear();
@@ -259,12 +276,19 @@ impl Live {
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
     pub fn set_transfer(&mut self, transfer: LiveTransfer) {
-        self.transfer = Some(transfer);
+        self.relit = Some(Relit::Live(transfer));
+    }
+
+    /// Shows what was relit elsewhere, with its colours in the channel *tau*.
+    pub fn set_relit(&mut self, relit: ResidentSh, tau: Vec<[f32; 3]>) {
+        self.relit = Some(Relit::Uploaded(relit, tau));
+        self.relit_version += 1;
+        self.passes.transfer += 1;
     }
 
     /// Relights by another light: one pass.
-    pub fn relight(&mut self, light: &TransferLight) {
-        if let Some(transfer) = &self.transfer {
+    pub fn relight(&mut self, light: &PaperLight) {
+        if let Some(Relit::Live(transfer)) = &self.relit {
             transfer.transfer.submit(light);
             self.relit_version += 1;
             self.passes.transfer += 1;
@@ -273,7 +297,7 @@ impl Live {
 
     /// Keeps what is shown relit now, to compare others with it.
     pub fn pin(&mut self, display: Display) {
-        let relit = self.transfer.as_ref().map(|t| &t.relit);
+        let relit = self.relit.as_ref().map(Relit::sh);
         self.pinned = relit.map(|r| (r.snapshot(&self.context), display));
         self.pinned_version += 1;
     }
@@ -424,9 +448,11 @@ impl Live {
             state.target = Some(Target::new(&self.context, size));
         }
         let rasterizer = &asset.rasterizer;
-        let resident = match (paint, &self.transfer) {
-            (SidePaint::Relit(part), Some(t)) => Some(ResidentPaint::Sh(&t.relit, part)),
-            (SidePaint::Tau, Some(t)) => Some(ResidentPaint::Tau(&t.relit, &t.source_dc)),
+        let resident = match (paint, &self.relit) {
+            (SidePaint::Relit(part), Some(relit)) => Some(ResidentPaint::Sh(relit.sh(), part)),
+            (SidePaint::Tau, Some(Relit::Live(t))) => {
+                Some(ResidentPaint::Tau(&t.relit, &t.source_dc))
+            }
             (SidePaint::Pinned, _) => pinned.map(|(sh, _)| ResidentPaint::Sh(sh, Part::Whole)),
             (SidePaint::Stored, _) => Some(ResidentPaint::Sh(&asset.stored, Part::Whole)),
             (SidePaint::Normals, _) => Some(ResidentPaint::Normals(&asset.normals)),
@@ -436,6 +462,9 @@ impl Live {
             (Some(resident), _) => rasterizer.shade(camera, resident, space),
             (None, SidePaint::Visibility) => rasterizer.set_colors(&self.visibility),
             (None, SidePaint::Doubts) => rasterizer.set_colors(&self.doubts),
+            (None, SidePaint::Tau) if let Some(Relit::Uploaded(_, tau)) = &self.relit => {
+                rasterizer.set_colors(tau)
+            }
             (None, _) => rasterizer.fill_colors([1.0; 3]),
         }
         self.passes.shade += 1;

@@ -14,7 +14,7 @@ use transplat_core::rasterize::{MAX_ALPHA, MIN_ALPHA};
 use transplat_core::sh::{
     SQRT_4PI, band, band_of, basis_constants, coefficient_count, cosine_kernel, exchange_yz,
 };
-use transplat_core::transfer::{MAX_RADIANCE, PreparedTransfer};
+use transplat_core::transfer::paper::{MAX_RADIANCE, PaperTransfer};
 use transplat_core::visibility::{
     DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
 };
@@ -297,7 +297,7 @@ pub struct TransferShape {
 
 impl TransferShape {
     /// That of a prepared transfer.
-    pub fn of(p: &PreparedTransfer) -> Self {
+    pub fn of(p: &PaperTransfer) -> Self {
         Self {
             light_degree: p.light_degree,
             asset_degree: p.asset_degree,

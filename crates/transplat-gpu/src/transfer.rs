@@ -1,8 +1,8 @@
-//! Stage *transfer* on the GPU. CPU twin: [`PreparedTransfer::relight_into`].
+//! Preset `paper`'s transfer on the GPU. CPU twin: [`PaperTransfer::relight_into`].
 
 use std::sync::Arc;
 
-use transplat_core::transfer::{PreparedTransfer, TransferLight};
+use transplat_core::transfer::paper::{PaperLight, PaperTransfer};
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
@@ -49,7 +49,7 @@ impl GpuTransfer {
     ///
     /// # Errors
     /// The driver failed.
-    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, prepared: &PaperTransfer) -> Result<Self> {
         let shape = TransferShape::of(prepared);
         let pass = context.compute_pass(&shader::transfer(shape), "relight");
         let operator_floats = 4 * shape.operator_vectors();
@@ -81,7 +81,7 @@ impl GpuTransfer {
     ///
     /// # Errors
     /// The driver failed.
-    pub fn relight(&self, light: &TransferLight) -> Result<()> {
+    pub fn relight(&self, light: &PaperLight) -> Result<()> {
         self.submit(light);
         self.context.wait()
     }
@@ -92,7 +92,7 @@ impl GpuTransfer {
     }
 
     /// Relights without waiting: what is submitted afterwards sees the result.
-    pub fn submit(&self, light: &TransferLight) {
+    pub fn submit(&self, light: &PaperLight) {
         let mut floats: Vec<f32> = light.operator.matrices.concat();
         floats.resize(self.operator_floats, 0.0);
         self.context
@@ -129,7 +129,7 @@ fn upload_chunk(
     context: &Context,
     pass: &ComputePass,
     operator: &wgpu::Buffer,
-    p: &PreparedTransfer,
+    p: &PaperTransfer,
     shape: TransferShape,
     first: usize,
     count: usize,

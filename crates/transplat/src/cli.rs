@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
 use transplat_core::look::Look;
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
-use transplat_core::transfer::{EPSILON, Preset};
+use transplat_core::transfer::{EPSILON, Preset, Terms};
 use transplat_core::visibility::DIRECTIONS;
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
@@ -81,7 +82,7 @@ pub struct AssetOptions {
     /// The asset's colour is linear already
     #[arg(long)]
     pub linear: bool,
-    /// Visibility directions [default: 256]
+    /// Visibility directions of preset paper [default: 256]
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,
     /// Where to compute
@@ -107,18 +108,20 @@ pub struct LightArgs {
     /// The light to relight by; several, or a folder of them, give one output each
     #[arg(long, value_name = "ENV|even")]
     pub target: Vec<PathBuf>,
-    /// Which mathematics [default: paper; best comes with a later version]
-    #[arg(long, value_parser = parse_preset)]
+    /// Which mathematics [default: best]
+    #[arg(long, value_name = "best|paper", value_parser = parse_preset)]
     pub preset: Option<Preset>,
-    /// Degree of the light used, 0 to 8 [default: 3]
+    /// Degree of the light used, 0 to 8, where that is an SH series (preset paper) [default: 3]
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
     pub sh_degree: Option<u8>,
-    /// Added to the source's irradiance, relative to its mean [default: 0.05]
+    /// Added to the source's irradiance, relative to its mean [default: 0.006; preset paper: 0.05]
     #[arg(long, value_name = "X", value_parser = parse_epsilon, allow_hyphen_values = true)]
     pub epsilon: Option<f64>,
-    /// Switch terms off
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "TERM,...")]
-    pub without: Vec<Term>,
+    /// Switch terms off: shadow; of preset best sums, suns, bounce, two-sided, lobe, residual; of preset paper specular, reflection,
+    /// attenuation
+    #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
+        value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]
+    pub without: Vec<String>,
     /// Turn the source light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,
@@ -137,29 +140,6 @@ pub struct LightArgs {
     /// All settings from a saved look (JSON); options given beside it win
     #[arg(long, value_name = "FILE")]
     pub look: Option<PathBuf>,
-}
-
-/// Terms of the two presets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Term {
-    /// Self-shadowing
-    Shadow,
-    /// Everything that depends on the view
-    Specular,
-    /// The mirror about the normal
-    Reflection,
-    /// The dampening of each band
-    Attenuation,
-    #[value(hide = true)]
-    Suns,
-    #[value(hide = true)]
-    Bounce,
-    #[value(hide = true)]
-    TwoSided,
-    #[value(hide = true)]
-    Lobe,
-    #[value(hide = true)]
-    Residual,
 }
 
 impl LightArgs {
@@ -268,6 +248,9 @@ impl PictureFormat {
 pub struct BakeArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
+    /// The preset that it is for: each bakes in its own way [default: best]
+    #[arg(long, value_name = "best|paper", value_parser = parse_preset)]
+    pub preset: Option<Preset>,
     /// The bake
     #[arg(short, long, value_name = "OUT.bake")]
     pub output: PathBuf,

@@ -2,12 +2,17 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use transplat_core::camera::Camera;
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
+use transplat_core::environment::{
+    Beams, EnvironmentMap, Illumination, IncidentRadiance, project_environment,
+};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
+use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, TransferLight};
+use transplat_core::transfer::best::BestTransfer;
+use transplat_core::transfer::paper::PaperTransfer;
+use transplat_core::transfer::{PreparedTransfer, Preset, Relit};
 use transplat_core::visibility::{BakeInput, Progress, bake_visibility};
 use transplat_gpu::rasterize::GpuRasterizer;
 use transplat_gpu::transfer::GpuTransfer;
@@ -57,6 +62,14 @@ impl Device {
         })
     }
 
+    /// A map's light, as a preset needs it, of the highest SH degree.
+    pub fn light(&self, map: &EnvironmentMap, preset: Preset) -> Result<Illumination> {
+        Ok(Illumination {
+            radiance: self.project_environment(map, MAX_DEGREE)?,
+            beams: (preset == Preset::Best).then(|| Beams::of(map)),
+        })
+    }
+
     pub fn bake_visibility(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
         Ok(match self {
             Self::Cpu => bake_visibility(input, progress)?,
@@ -66,13 +79,17 @@ impl Device {
         })
     }
 
-    pub fn transfer<'a>(&'a self, prepared: &'a PreparedTransfer) -> Result<Transfer<'a>> {
-        Ok(match self {
-            Self::Cpu => Transfer::Cpu {
-                prepared,
-                relit: vec![[0.0; 3]; prepared.surfels * prepared.coefficients()],
+    pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<Transfer> {
+        Ok(match (self, prepared) {
+            (_, PreparedTransfer::Best(best)) => Transfer::Best(best.clone(), None),
+            (Self::Cpu, PreparedTransfer::Paper(paper)) => Transfer::Cpu {
+                relit: vec![[0.0; 3]; paper.surfels * paper.coefficients()],
+                paper: paper.clone(),
             },
-            Self::Gpu(context) => Transfer::Gpu(GpuTransfer::new(context, prepared)?),
+            (Self::Gpu(context), PreparedTransfer::Paper(paper)) => Transfer::Gpu {
+                transfer: GpuTransfer::new(context, paper)?,
+                paper: paper.clone(),
+            },
         })
     }
 
@@ -92,30 +109,36 @@ impl Device {
     }
 }
 
-/// A prepared transfer on its device.
-pub enum Transfer<'a> {
+/// A prepared transfer on its device; preset `best` runs on the CPU.
+pub enum Transfer {
     Cpu {
-        prepared: &'a PreparedTransfer,
+        paper: Arc<PaperTransfer>,
         relit: Vec<[f32; 3]>,
     },
-    Gpu(GpuTransfer),
+    Gpu {
+        paper: Arc<PaperTransfer>,
+        transfer: GpuTransfer,
+    },
+    Best(Arc<BestTransfer>, Option<Relit>),
 }
 
-impl Transfer<'_> {
+impl Transfer {
     /// Computes the result for a light; it stays where it was computed.
-    pub fn change_light(&mut self, light: &TransferLight) -> Result<()> {
+    pub fn change_light(&mut self, light: &Illumination) -> Result<()> {
         match self {
-            Self::Cpu { prepared, relit } => prepared.relight_into(light, relit),
-            Self::Gpu(transfer) => transfer.relight(light)?,
+            Self::Cpu { paper, relit } => paper.relight_into(&paper.light(&light.radiance), relit),
+            Self::Gpu { paper, transfer } => transfer.relight(&paper.light(&light.radiance))?,
+            Self::Best(best, relit) => *relit = Some(best.relight(light.for_best()?)),
         }
         Ok(())
     }
 
-    /// The last result, linear SH `[n][K][3]`.
-    pub fn result(&mut self) -> Result<Vec<[f32; 3]>> {
+    /// The last result; there is one for each light.
+    pub fn result(&mut self) -> Result<Relit> {
         match self {
-            Self::Cpu { relit, .. } => Ok(relit.clone()),
-            Self::Gpu(transfer) => Ok(transfer.read()?),
+            Self::Cpu { paper, relit } => Ok(paper.relit(relit.clone())),
+            Self::Gpu { paper, transfer } => Ok(paper.relit(transfer.read()?)),
+            Self::Best(_, relit) => relit.take().context("no light was given yet"),
         }
     }
 }

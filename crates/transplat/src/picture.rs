@@ -2,19 +2,18 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use glam::DMat3;
 use transplat_core::camera::Camera;
-use transplat_core::color::{Display, Encoding, srgb_decode};
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::color::{Display, srgb_decode};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::Ground;
 use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::rasterize::{ColorSpace, Raster};
-use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
-use transplat_core::transfer::PreparedTransfer;
-use transplat_core::visibility::Visibility;
+use transplat_core::transfer::{PreparedTransfer, Relit};
+use transplat_core::visibility::Bake;
 
 use crate::device::{Paint, Painter};
 
@@ -46,24 +45,24 @@ impl Backdrop {
 pub fn lit_ground(
     ground: &Ground,
     look: &Look,
-    [source, target]: [&IncidentRadiance; 2],
+    [source, target]: [&Illumination; 2],
     up: UpAxis,
 ) -> [Vec<f32>; 2] {
     [
-        ground.lit_share(&look.source.orient(source, up)),
-        ground.lit_share(&look.target.orient(target, up)),
+        ground.lit_share(&look.source.orient(source, up).radiance),
+        ground.lit_share(&look.target.orient(target, up).radiance),
     ]
 }
 
 /// What a pair of lights makes of the asset; empty where the view needs none of it.
 #[derive(Default)]
 pub struct Lit {
-    /// Linear SH `[n][K][3]`, already the part that the view shows.
-    pub sh: Vec<[f32; 3]>,
+    /// The part of the relit colour that the view shows.
+    pub relit: Option<Relit>,
     /// Colours of a channel that is none of the light's, `[n]`.
     pub colors: Vec<[f32; 3]>,
-    /// What stands before a comparison instead of the capture: linear SH and its display.
-    pub before: Option<(Vec<[f32; 3]>, Display)>,
+    /// What stands before a comparison instead of the capture, and its display.
+    pub before: Option<(Relit, Display)>,
     /// Behind what is as captured, and behind what is relit.
     pub backdrops: [Option<Backdrop>; 2],
     /// Lit share of the ground's cells under source and target.
@@ -74,23 +73,27 @@ impl Lit {
     /// The parts of a relit result that a view shows.
     pub fn of(
         view: View,
-        relit: Vec<[f32; 3]>,
+        relit: Relit,
         cloud: &SurfelCloud,
-        visibility: &Visibility,
+        bake: &Bake,
         prepared: &PreparedTransfer,
     ) -> Self {
         let mut lit = Self::default();
         match view {
-            View::Tau => lit.colors = present::tau_colors(&prepared.tau(&relit)),
+            View::Tau => lit.colors = present::tau_colors(&relit.tau),
             View::Doubts => {
-                let doubts = present::doubts(cloud, visibility, prepared, &prepared.tau(&relit));
+                let doubts = present::doubts(cloud, bake, prepared, &relit.tau);
                 lit.colors = present::doubt_colors(&doubts);
             }
             View::Diffuse | View::Specular => {
                 let diffuse = view == View::Diffuse;
-                lit.sh = present::part_of_sh(&relit, prepared.coefficients(), diffuse);
+                lit.relit = Some(present::part(
+                    relit.linear(cloud.sh_degree),
+                    cloud.sh_degree,
+                    diffuse,
+                ));
             }
-            _ => lit.sh = relit,
+            _ => lit.relit = Some(relit),
         }
         lit
     }
@@ -212,15 +215,14 @@ impl Studio {
 
     fn before(&self, shot: Shot<'_>) -> Result<Raster> {
         let cloud = &self.cloud;
-        if let (Some((sh, display)), true) = (&shot.lit.before, self.view != View::Before) {
+        if let (Some((relit, display)), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
                 ColorSpace::Display(_) => {
                     ColorSpace::Display(display.for_picture(self.look.false_color))
                 }
                 ColorSpace::Linear => ColorSpace::Linear,
             };
-            let encoding = Encoding::Linear;
-            return self.paint(shot, Paint::Sh { sh, encoding }, space);
+            return self.paint(shot, paint_of(relit), space);
         }
         let (sh, encoding) = (&cloud.sh, cloud.encoding);
         self.paint(shot, Paint::Sh { sh, encoding }, self.space)
@@ -239,19 +241,8 @@ impl Studio {
             View::Visibility => colors(&self.openness),
             View::Tau | View::Doubts => colors(&lit.colors),
             _ => {
-                assert_eq!(
-                    lit.sh.len(),
-                    cloud.len() * coefficient_count(cloud.sh_degree)
-                );
-                let encoding = Encoding::Linear;
-                self.paint(
-                    shot,
-                    Paint::Sh {
-                        sh: &lit.sh,
-                        encoding,
-                    },
-                    self.space,
-                )
+                let relit = lit.relit.as_ref().context("nothing is relit")?;
+                self.paint(shot, paint_of(relit), self.space)
             }
         }
     }
@@ -291,6 +282,13 @@ impl Studio {
             }),
         }
         raster
+    }
+}
+
+fn paint_of(relit: &Relit) -> Paint<'_> {
+    Paint::Sh {
+        sh: &relit.sh,
+        encoding: relit.encoding,
     }
 }
 

@@ -9,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use transplat_core::color::Encoding;
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::Ground;
 use transplat_core::load::{
     AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
@@ -17,10 +17,11 @@ use transplat_core::load::{
 use transplat_core::look::{Look, is_even};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::PreparedTransfer;
-use transplat_core::visibility::{BakeInput, BakeSettings, Visibility};
+use transplat_core::transfer::{PreparedTransfer, Preset, Relit, Terms, TransferSettings};
+use transplat_core::visibility::occlusion::Occlusion;
+use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Visibility};
 
-use crate::cli::{AssetArgs, AssetOptions, LightArgs, Term};
+use crate::cli::{AssetArgs, AssetOptions, LightArgs};
 use crate::device::{Device, Transfer};
 use crate::report::Report;
 
@@ -65,44 +66,57 @@ impl Scene {
         })
     }
 
-    /// Bakes visibility, or takes the saved bake.
-    pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Visibility> {
-        let visibility = if let Some(path) = saved {
+    /// Bakes what the preset needs, or takes the saved bake.
+    pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
+        let preset = self.look.transfer.preset;
+        let bake = if let Some(path) = saved {
             report.skip("bake", "the saved one is used");
-            report.time("load", || load_bake(path, &self.cloud))?
+            let bake = report.time("load", || load_bake(path, &self.cloud))?;
+            bake.of_preset(preset)
+                .with_context(|| path.display().to_string())?;
+            bake
         } else {
-            let mut settings = BakeSettings {
-                directions: self.look.directions,
-            };
-            if !self.look.transfer.terms.shadow && settings.directions > ORIENTATION_DIRECTIONS {
-                settings.directions = ORIENTATION_DIRECTIONS;
-                report.skip(
-                    "most directions of the bake",
-                    "without shadows only the normals need it",
-                );
-            }
             let bar = progress_bar("baking visibility", report);
             let progress = |done: f64| {
                 bar.set_position((done * 1000.0) as u64);
                 ControlFlow::Continue(())
             };
-            let open = report.time("bake", || {
-                let input = BakeInput::new(&self.cloud, &settings);
-                self.device
-                    .bake_visibility(&input, &progress)
-                    .map(|open| Visibility::from_open(&self.cloud, settings.directions, open))
+            let directions = self.bake_directions(report);
+            let bake = report.time("bake", || -> Result<Bake> {
+                Ok(match preset {
+                    Preset::Best => {
+                        Bake::Occlusion(Arc::new(Occlusion::bake(&self.cloud, &progress)?))
+                    }
+                    Preset::Paper => {
+                        let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
+                        let open = self.device.bake_visibility(&input, &progress)?;
+                        Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
+                    }
+                })
             })?;
             bar.finish_and_clear();
-            open
+            bake
         };
-        report.set("directions", visibility.directions);
-        report.set("normals_flipped", visibility.flipped);
-        report.set(
-            "normals_two_sided",
-            visibility.two_sided.iter().filter(|t| **t).count(),
-        );
-        report.set("buried", visibility.buried);
-        Ok(visibility)
+        report.set("preset", preset.name());
+        report.set("directions", bake.directions());
+        report.set("normals_flipped", bake.flipped());
+        report.set("normals_two_sided", two_sided(&bake));
+        report.set("buried", bake.buried());
+        Ok(bake)
+    }
+
+    /// Directions of preset `paper`'s bake.
+    fn bake_directions(&self, report: &mut Report) -> usize {
+        let settings = &self.look.transfer;
+        let few = settings.preset == Preset::Paper && !settings.terms.shadow;
+        if few && self.look.directions > ORIENTATION_DIRECTIONS {
+            report.skip(
+                "most directions of the bake",
+                "without shadows only the normals need it",
+            );
+            return ORIENTATION_DIRECTIONS;
+        }
+        self.look.directions
     }
 
     /// Bakes the ground that catches the object's shadow.
@@ -126,7 +140,7 @@ impl Scene {
     pub fn lights(&self, args: &LightArgs, report: &mut Report) -> Result<Lights> {
         let mut light = |path: &Path| {
             let map = self.load_light(path, report)?;
-            self.project(map.as_ref(), report)
+            self.light(map.as_ref(), report)
         };
         let Some(source_file) = &self.look.source.file else {
             bail!("no source light");
@@ -134,12 +148,8 @@ impl Scene {
         let source_map = light(source_file)?;
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.look)? {
-            let radiance = light(&path)?;
-            targets.push(Target {
-                name,
-                path,
-                radiance,
-            });
+            let light = light(&path)?;
+            targets.push(Target { name, path, light });
         }
         Ok(Lights {
             source: source_map,
@@ -150,46 +160,26 @@ impl Scene {
     /// Prepares the transfer from the source light.
     pub fn prepare(
         &self,
-        visibility: &Visibility,
-        source: &IncidentRadiance,
+        bake: &Bake,
+        source: &Illumination,
         report: &mut Report,
     ) -> Result<PreparedTransfer> {
+        let settings = &self.look.transfer;
         let prepared = report.time("prepare", || {
-            PreparedTransfer::new(&self.cloud, visibility, source, &self.look.transfer)
+            PreparedTransfer::new(&self.cloud, bake, source, settings)
         })?;
-        if prepared.source_was_black {
+        if prepared.source_was_black() {
             report.warn("the source light is black and explains nothing; even light is assumed");
         }
-        if prepared.dark_share > 0.05 {
+        if prepared.dark_share() > 0.05 {
             report.warn(format!(
                 "{:.0} % of the surfels lie in a source light darker than epsilon; their relit colour follows epsilon more than the light",
-                100.0 * prepared.dark_share
+                100.0 * prepared.dark_share()
             ));
         }
-        report.set("dark_share", prepared.dark_share);
-        let terms = self.look.transfer.terms;
-        if !terms.shadow {
-            report.skip("self-shadowing", "--without shadow");
-        }
-        if prepared.specular_degree > 0 && prepared.specular_degree < self.cloud.sh_degree {
-            report.skip(
-                &format!("SH bands above {} of the asset", prepared.specular_degree),
-                "the source light has nothing there (see --sh-degree)",
-            );
-        }
-        if !terms.specular {
-            report.skip("specular transfer", "--without specular");
-        } else if prepared.specular_degree == 0 {
-            report.skip(
-                "specular transfer",
-                if self.look.transfer.sh_degree == 0 {
-                    "the light has degree 0"
-                } else if !self.cloud.has_view_dependence() {
-                    "the asset's colour does not depend on the view"
-                } else {
-                    "the source light is even: it tells nothing of gloss"
-                },
-            );
+        report.set("dark_share", prepared.dark_share());
+        for (what, why) in left_out(&prepared, settings, &self.cloud) {
+            report.skip(&what, &why);
         }
         Ok(prepared)
     }
@@ -206,43 +196,42 @@ impl Scene {
         Ok(Some(map))
     }
 
-    /// A map's light, of the highest degree: a look takes the bands that it wants.
-    fn project(
-        &self,
-        map: Option<&EnvironmentMap>,
-        report: &mut Report,
-    ) -> Result<IncidentRadiance> {
+    /// A map's light.
+    fn light(&self, map: Option<&EnvironmentMap>, report: &mut Report) -> Result<Illumination> {
         match map {
             None => {
                 report.skip("projection of an environment", "even light");
-                Ok(IncidentRadiance::even(MAX_DEGREE))
+                Ok(Illumination::even(MAX_DEGREE))
             }
             Some(map) => report.time("project", || {
-                self.device.project_environment(map, MAX_DEGREE)
+                self.device.light(map, self.look.transfer.preset)
             }),
         }
     }
 
-    /// Relights by one target: linear SH `[n][K][3]`. For JSON, the change of light is timed as the median of three.
+    /// Relights by one target. For JSON, the change of light is timed as the median of three.
     pub fn relight(
         &self,
         prepared: &PreparedTransfer,
-        transfer: &mut Transfer<'_>,
+        transfer: &mut Transfer,
         name: &str,
-        light: &IncidentRadiance,
+        light: &Illumination,
         report: &mut Report,
-    ) -> Result<Vec<[f32; 3]>> {
+    ) -> Result<Relit> {
         if light.is_black() {
             report.warn(format!(
                 "{name}: the target light is black, and so is the result"
             ));
         } else {
-            report.target(name, (light.mean_irradiance() * prepared.light_gain).log2());
+            report.target(
+                name,
+                (light.mean_irradiance() * prepared.light_gain()).log2(),
+            );
         }
         let mut times = Vec::new();
         for _ in 0..if report.is_json() { 3 } else { 1 } {
             let start = Instant::now();
-            transfer.change_light(&prepared.light(light))?;
+            transfer.change_light(light)?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);
@@ -253,18 +242,69 @@ impl Scene {
     }
 }
 
-/// The lights of a relight as their maps hold them, of the highest degree, not turned yet.
+/// What of the transfer a scene and its settings do not need, and why.
+pub fn left_out(
+    prepared: &PreparedTransfer,
+    settings: &TransferSettings,
+    cloud: &SurfelCloud,
+) -> Vec<(String, String)> {
+    let mut terms = settings.terms;
+    let mut out: Vec<(String, String)> = Terms::of_preset(settings.preset)
+        .filter(|term| !*(term.of)(&mut terms))
+        .map(|term| (term.name.to_owned(), "switched off".to_owned()))
+        .collect();
+    let mut add = |what: String, why: &str| out.push((what, why.to_owned()));
+    match prepared {
+        PreparedTransfer::Paper(paper) => {
+            let degree = paper.specular_degree;
+            if degree > 0 && degree < cloud.sh_degree {
+                add(
+                    format!("SH bands above {degree} of the asset"),
+                    "the source light has nothing there (see SH degree)",
+                );
+            }
+            if degree == 0 && terms.specular {
+                let why = if settings.sh_degree == 0 {
+                    "the light has degree 0"
+                } else if !cloud.has_view_dependence() {
+                    "the asset's colour does not depend on the view"
+                } else {
+                    "the source light is even: it tells nothing of gloss"
+                };
+                add("specular transfer".into(), why);
+            }
+        }
+        PreparedTransfer::Best(best) => {
+            if terms.lobe && best.glossy_surfels() == 0 {
+                let why = if cloud.has_view_dependence() {
+                    "the asset's colour shows no gloss"
+                } else {
+                    "the asset's colour does not depend on the view"
+                };
+                add("specular lobe".into(), why);
+            }
+        }
+    }
+    out
+}
+
+/// How many surfels are about equally open on both sides.
+pub fn two_sided(bake: &Bake) -> usize {
+    (0..bake.len()).filter(|i| bake.is_two_sided(*i)).count()
+}
+
+/// The lights of a relight as their maps hold them, not turned yet.
 pub struct Lights {
-    pub source: IncidentRadiance,
+    pub source: Illumination,
     pub targets: Vec<Target>,
 }
 
 impl Lights {
     /// Source and target as the asset sees them.
-    pub fn oriented(&self, scene: &Scene, target: &Target) -> [IncidentRadiance; 2] {
+    pub fn oriented(&self, scene: &Scene, target: &Target) -> [Illumination; 2] {
         scene
             .look
-            .lights(&self.source, &target.radiance, scene.cloud.up)
+            .lights(&self.source, &target.light, scene.cloud.up)
     }
 }
 
@@ -273,7 +313,7 @@ pub struct Target {
     /// Of its output.
     pub name: String,
     pub path: PathBuf,
-    pub radiance: IncidentRadiance,
+    pub light: Illumination,
 }
 
 /// What is odd about an asset.
@@ -367,20 +407,10 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
         transfer.sh_degree = usize::from(degree);
     }
     if let Some(epsilon) = light.epsilon {
-        transfer.epsilon = epsilon as f32;
+        transfer.epsilon = Some(epsilon as f32);
     }
-    for term in &light.without {
-        match term {
-            Term::Shadow => transfer.terms.shadow = false,
-            Term::Specular => transfer.terms.specular = false,
-            Term::Reflection => transfer.terms.reflection = false,
-            Term::Attenuation => transfer.terms.attenuation = false,
-            other => bail!(
-                "--without {}: a term of preset best, which is not in this version yet; preset paper has shadow, specular, reflection and attenuation",
-                clap::ValueEnum::to_possible_value(other)
-                    .map_or(String::new(), |v| v.get_name().to_owned())
-            ),
-        }
+    for name in &light.without {
+        switch_off(transfer, name)?;
     }
     if let Some(source) = &light.source {
         look.source.file = Some(source.clone());
@@ -400,6 +430,20 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
     look.match_strength |= light.match_strength;
     look.validate()?;
     Ok(look)
+}
+
+fn switch_off(transfer: &mut TransferSettings, name: &str) -> Result<()> {
+    let preset = transfer.preset;
+    let Some(term) = Terms::of_preset(preset).find(|t| t.name == name) else {
+        let there: Vec<&str> = Terms::of_preset(preset).map(|t| t.name).collect();
+        bail!(
+            "--without {name}: preset {} has no such term; it has {}",
+            preset.name(),
+            there.join(", ")
+        );
+    };
+    *(term.of)(&mut transfer.terms) = false;
+    Ok(())
 }
 
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.

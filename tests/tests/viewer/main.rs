@@ -13,6 +13,7 @@ use transplat_core::color::ToneMap;
 use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
+use transplat_core::transfer::Preset;
 use transplat_tests::{Folder, asset, run, small_splat};
 
 use driver::{Driver, alike};
@@ -178,7 +179,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
             "--device",
             "auto",
             "--bake",
-            &d.folder.name("teapot.ply.256.bake"),
+            &d.folder.name("teapot.ply.best.bake"),
             "-o",
             &rendered.display().to_string(),
         ]);
@@ -260,10 +261,23 @@ fn panels_change_settings_and_picture() {
         "switched back it is as it was"
     );
 
+    // Each preset has its own terms, and what is switched back is as it was.
+    d.click("Gloss");
+    assert!(!d.viewer().session.look.transfer.terms.lobe);
+    assert!(alike(&first, &d.picture()) < 50.0);
+    d.click("Gloss");
+    d.click("paper");
+    assert_eq!(d.viewer().session.look.transfer.preset, Preset::Paper);
+    let paper = d.picture();
+    assert!(alike(&first, &paper) < 45.0);
     d.click("Specular");
     assert!(!d.viewer().session.look.transfer.terms.specular);
-    assert!(alike(&first, &d.picture()) < 50.0);
+    assert!(alike(&paper, &d.picture()) < 50.0);
     d.click("Specular");
+    let bakes = d.viewer().session.stages.bake;
+    d.viewer().session.look.transfer.preset = Preset::Best;
+    assert!(alike(&first, &d.picture()) > 60.0);
+    assert_eq!(d.viewer().session.stages.bake, bakes, "both are kept");
 
     // Compare and channels.
     for (label, view) in [
@@ -562,11 +576,11 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
     fs::copy(asset("city.hdr"), &light).expect("room for it");
     d.viewer().open(&light);
     d.settle();
-    let first = d.viewer().session.sides[1].radiance.clone();
+    let first = d.viewer().session.sides[1].illumination.clone();
     fs::copy(asset("sunset.hdr"), &light).expect("room for it");
     d.viewer().open(&light);
     d.settle();
-    assert_ne!(d.viewer().session.sides[1].radiance, first);
+    assert_ne!(d.viewer().session.sides[1].illumination, first);
 
     // The colour's encoding is the settings': undone and redone it is loaded again.
     let encoded = d.picture();

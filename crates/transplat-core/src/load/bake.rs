@@ -16,6 +16,9 @@ use crate::visibility::occlusion::{self, Found, Hit, MOST_SURFELS, Occlusion, PA
 use crate::visibility::trace::Tracer;
 use crate::visibility::{Bake, DIRECTIONS, Visibility};
 
+/// What bake files of all versions begin with.
+pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
+
 /// What a bake file begins with.
 pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 2";
 

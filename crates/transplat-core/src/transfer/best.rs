@@ -388,6 +388,11 @@ impl BestTransfer {
         }
     }
 
+    /// How many surfels show any gloss.
+    pub fn glossy_surfels(&self) -> usize {
+        self.gloss.iter().filter(|g| !g.is_matte()).count()
+    }
+
     /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
     pub fn epsilon_share(&self, i: usize) -> f32 {
         let shares = self.epsilon_shares(i);

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::sh::MAX_DEGREE;
 
 /// Which mathematics.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
     /// Sections 3.2 to 3.5 of the paper, computed without error.

@@ -6,26 +6,26 @@ use transplat_core::export::{check_output, save_bake};
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
 use crate::report::Report;
-use crate::scene::{Scene, asset_of, look_of};
+use crate::scene::{Scene, asset_of, look_of, two_sided};
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
-    let look = look_of(&args.asset.options, None)?;
+    let mut look = look_of(&args.asset.options, None)?;
+    look.transfer.preset = args.preset.unwrap_or_default();
     refuse_overwriting([&*asset_of(&args.asset, &look)], [&*args.output])?;
     check_output(&args.output)?;
     let scene = Scene::load(&args.asset, look, &mut report)?;
-    let visibility = scene.bake(None, &mut report)?;
-    report.time("export", || {
-        save_bake(&args.output, &scene.cloud, &visibility)
-    })?;
+    let bake = scene.bake(None, &mut report)?;
+    report.time("export", || save_bake(&args.output, &scene.cloud, &bake))?;
     report.set("output", args.output.display().to_string());
-    let two_sided = visibility.two_sided.iter().filter(|t| **t).count();
     report.finish(&format!(
-        "wrote {}: {} surfels, {} directions; {} normals turned, {two_sided} two-sided, {} buried",
+        "wrote {} for preset {}: {} surfels, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
+        bake.preset().name(),
         scene.cloud.len(),
-        visibility.directions,
-        visibility.flipped,
-        visibility.buried
+        bake.directions(),
+        bake.flipped(),
+        two_sided(&bake),
+        bake.buried()
     ))
 }

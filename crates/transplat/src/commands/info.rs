@@ -27,11 +27,15 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             let header = inspect_bake(path)?;
             report.set("kind", "bake");
             report.set("surfels", header.surfels);
+            report.set("preset", header.preset.name());
             report.set("directions", header.directions);
             report.set("geometry_key", format!("{:016x}", header.geometry_key));
             lines.push(format!(
-                "bake of {} surfels, {} directions, geometry {:016x}",
-                header.surfels, header.directions, header.geometry_key
+                "bake for preset {} of {} surfels, {} directions, geometry {:016x}",
+                header.preset.name(),
+                header.surfels,
+                header.directions,
+                header.geometry_key
             ));
         }
         FileKind::Look => {

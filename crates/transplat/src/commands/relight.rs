@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use transplat_core::color::encode_sh;
 use transplat_core::export::{check_output, write_relit_ply};
 
 use crate::cli::RelightArgs;
@@ -42,15 +41,15 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     if many {
         std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
     }
-    let visibility = scene.bake(args.light.bake.as_deref(), &mut report)?;
+    let bake = scene.bake(args.light.bake.as_deref(), &mut report)?;
     let source = lights.oriented(&scene, &lights.targets[0])[0].clone();
-    let prepared = scene.prepare(&visibility, &source, &mut report)?;
+    let prepared = scene.prepare(&bake, &source, &mut report)?;
     let mut transfer = scene.device.transfer(&prepared)?;
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&scene, target);
         let relit = scene.relight(&prepared, &mut transfer, &target.name, &light, &mut report)?;
         report.time("export", || {
-            let stored = encode_sh(relit, scene.cloud.sh_degree, scene.cloud.encoding);
+            let stored = relit.stored(&scene.cloud);
             write_relit_ply(&scene.file, &stored, output)
         })?;
     }

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use transplat_core::camera::{Camera, NEAR, turntable};
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png};
 use transplat_core::load::load_cameras;
 use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::visibility::Visibility;
+use transplat_core::visibility::Bake;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
 use crate::commands::refuse_overwriting;
@@ -83,7 +83,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
-    let visibility = if needs_bake {
+    let bake = if needs_bake {
         Some(scene.bake(args.light.bake.as_deref(), &mut report)?)
     } else {
         report.skip("bake", "this view needs no visibility");
@@ -94,8 +94,8 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         report.warn(warning);
     }
     let mut studio = Studio::new(&scene.cloud, scene.look.clone(), view, linear, painter);
-    if let (Some(visibility), View::Visibility) = (&visibility, view) {
-        studio.openness = visibility.openness().iter().map(|o| [*o; 3]).collect();
+    if let (Some(bake), View::Visibility) = (&bake, view) {
+        studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
     if scene.look.shadow_catcher && lights.is_some() {
         studio.ground = Some(scene.bake_ground(&mut report)?);
@@ -107,9 +107,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         studio,
         scene: &scene,
     };
-    let written = match (&lights, &visibility) {
-        (Some(lights), Some(visibility)) if view.needs_relit() => {
-            shots.relit(lights, visibility, &mut report)?
+    let written = match (&lights, &bake) {
+        (Some(lights), Some(bake)) if view.needs_relit() => {
+            shots.relit(lights, bake, &mut report)?
         }
         _ => {
             if relit {
@@ -119,7 +119,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             let mut written = 0;
             for (i, (name, path)) in targets.iter().enumerate() {
                 let mut lit = Lit::default();
-                let maps = lights.as_ref().map(|l| [&l.source, &l.targets[i].radiance]);
+                let maps = lights.as_ref().map(|l| [&l.source, &l.targets[i].light]);
                 shots.surround(&mut lit, path, maps, &mut report)?;
                 written += shots.take(Some(name), &lit, &mut report)?;
             }
@@ -296,22 +296,17 @@ struct Shots<'a> {
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(
-        &self,
-        lights: &Lights,
-        visibility: &Visibility,
-        report: &mut Report,
-    ) -> Result<usize> {
+    fn relit(&self, lights: &Lights, bake: &Bake, report: &mut Report) -> Result<usize> {
         let scene = self.scene;
         let source = lights.oriented(scene, &lights.targets[0])[0].clone();
-        let prepared = scene.prepare(visibility, &source, report)?;
+        let prepared = scene.prepare(bake, &source, report)?;
         let mut transfer = scene.device.transfer(&prepared)?;
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(scene, target);
-            let sh = scene.relight(&prepared, &mut transfer, &target.name, &light[1], report)?;
-            let mut lit = Lit::of(self.studio.view, sh, &scene.cloud, visibility, &prepared);
-            let maps = [&lights.source, &target.radiance];
+            let relit = scene.relight(&prepared, &mut transfer, &target.name, &light[1], report)?;
+            let mut lit = Lit::of(self.studio.view, relit, &scene.cloud, bake, &prepared);
+            let maps = [&lights.source, &target.light];
             self.surround(&mut lit, &target.path, Some(maps), report)?;
             written += self.take(Some(&target.name), &lit, report)?;
         }
@@ -324,7 +319,7 @@ impl Shots<'_> {
         &self,
         lit: &mut Lit,
         target: &Path,
-        maps: Option<[&IncidentRadiance; 2]>,
+        maps: Option<[&Illumination; 2]>,
         report: &mut Report,
     ) -> Result<()> {
         let look = &self.scene.look;

@@ -21,6 +21,7 @@ use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
 use super::shelf::{self, Shelf};
 use super::viewport::Viewport;
 use super::widgets::thousands;
+use crate::scene;
 
 /// Where the preferences are kept.
 const STORAGE_KEY: &str = "preferences";
@@ -212,7 +213,7 @@ impl Viewer {
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         if path.is_dir() {
-            match crate::scene::environments_in(&path) {
+            match scene::environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(format!(
                     "{}: the folder holds no environment (.hdr, .exr)",
                     path.display()
@@ -286,7 +287,8 @@ impl Viewer {
         let same = |other: &Path| other.canonicalize().ok() == path.canonicalize().ok();
         let session = &self.session;
         let open = session.asset.iter().map(|a| &a.path);
-        let open = open.chain(&self.shelf.paths).chain(&session.bake_file);
+        let bakes = session.bakes.values().filter_map(|b| b.file.as_ref());
+        let open = open.chain(&self.shelf.paths).chain(bakes);
         let mut open = open.chain(session.sides.iter().map(|s| &s.path));
         if path.exists() && open.any(|p| same(p)) {
             self.session.error(format!(
@@ -445,29 +447,13 @@ impl Viewer {
         if session.source_is_assumed() {
             add("projection of the source", "its light is even".into());
         }
-        let terms = session.look.transfer.terms;
-        if !terms.shadow {
-            add("self-shadow", "switched off".into());
-        }
         if let Some(prepared) = &session.prepared {
-            let degree = asset.cloud.sh_degree;
-            if !terms.specular {
-                add("specular transfer", "switched off".into());
-            } else if prepared.specular_degree == 0 {
-                let why = if !asset.has_view_dependence {
-                    "the asset's colour does not depend on the view"
-                } else if session.look.transfer.sh_degree == 0 {
-                    "the light has degree 0"
-                } else {
-                    "the source light is even: it tells nothing of gloss"
-                };
-                add("specular transfer", why.into());
-            } else if prepared.specular_degree < degree {
-                let why = "the source light has nothing there".into();
-                add(&format!("SH bands above {}", prepared.specular_degree), why);
+            for (what, why) in scene::left_out(prepared, &session.look.transfer, &asset.cloud) {
+                add(&what, why);
             }
         }
-        if session.bake_file.is_some() && session.times.bake < 1000.0 && session.stages.bake <= 1 {
+        let baked = session.baked();
+        if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
             add("bake", "a kept one is used".into());
         }
         out

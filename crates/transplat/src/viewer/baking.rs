@@ -7,8 +7,10 @@ use std::time::Instant;
 use transplat_core::export::save_bake;
 use transplat_core::load::{geometry_key, load_bake};
 use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::Preset;
+use transplat_core::visibility::occlusion::Occlusion;
 use transplat_core::visibility::{
-    BakeInput, BakeSettings, Visibility, fill_unfinished, refining_order,
+    Bake, BakeInput, BakeSettings, Visibility, fill_unfinished, refining_order,
 };
 
 use crate::device::Device;
@@ -16,9 +18,12 @@ use crate::device::Device;
 /// Shares of the directions after which what there is can be seen.
 const STAGES: [usize; 5] = [16, 8, 4, 2, 1];
 
+/// The same for preset `best`, which takes longer to be prepared.
+const STAGES_OF_BEST: [usize; 3] = [8, 2, 1];
+
 /// A bake, whole or in part.
 pub struct Baked {
-    pub visibility: Visibility,
+    pub bake: Bake,
     /// Share of the directions that are in it.
     pub share: f32,
     pub ms: f64,
@@ -28,59 +33,109 @@ pub struct Baked {
     pub complaint: Option<String>,
 }
 
-/// Where a bake may be kept: beside the asset, or in the user's cache.
-pub fn cache_files(asset: &Path, cloud: &SurfelCloud, directions: usize) -> Vec<PathBuf> {
-    let mut name = asset.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{directions}.bake"));
-    let beside = asset.with_file_name(name);
-    let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
-        d.cache_dir()
-            .join(format!("{:016x}.{directions}.bake", geometry_key(cloud)))
-    });
-    [Some(beside), cached].into_iter().flatten().collect()
+/// What is to be baked.
+pub struct Wanted<'a> {
+    pub asset: &'a Path,
+    pub cloud: &'a Arc<SurfelCloud>,
+    pub preset: Preset,
+    pub directions: usize,
+}
+
+impl Wanted<'_> {
+    /// Where the bake may be kept: beside the asset, or in the user's cache.
+    pub fn cache_files(&self) -> Vec<PathBuf> {
+        let kind = match self.preset {
+            Preset::Paper => self.directions.to_string(),
+            Preset::Best => "best".into(),
+        };
+        let mut name = self.asset.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".{kind}.bake"));
+        let beside = self.asset.with_file_name(name);
+        let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
+            let key = geometry_key(self.cloud);
+            d.cache_dir().join(format!("{key:016x}.{kind}.bake"))
+        });
+        [Some(beside), cached].into_iter().flatten().collect()
+    }
 }
 
 /// Bakes, or reads what was baked before: `saved` first of all, of as many directions as it has. `report` is told how far it is and may break off; `preview` gets what can be seen so far.
 pub fn bake(
     device: &Device,
-    asset: &Path,
-    cloud: &Arc<SurfelCloud>,
-    directions: usize,
+    wanted: &Wanted<'_>,
     saved: Option<&Path>,
     report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
     preview: impl Fn(Baked),
 ) -> anyhow::Result<Baked> {
     let start = Instant::now();
-    let files = cache_files(asset, cloud, directions);
+    let ms = || start.elapsed().as_secs_f64() * 1e3;
+    let read = |bake: Bake, file: &Path| Baked {
+        bake,
+        share: 1.0,
+        ms: ms(),
+        file: Some(file.to_owned()),
+        complaint: None,
+    };
+    let files = wanted.cache_files();
     let mut complaint = None;
     if let Some(file) = saved {
-        match load_bake(file, cloud) {
-            Ok(visibility) => {
-                return Ok(Baked {
-                    visibility,
-                    share: 1.0,
-                    ms: start.elapsed().as_secs_f64() * 1e3,
-                    file: Some(file.to_owned()),
-                    complaint: None,
-                });
-            }
-            Err(error) => complaint = Some(format!("{error}; baking anew")),
+        let loaded = load_bake(file, wanted.cloud);
+        match loaded.and_then(|b| b.of_preset(wanted.preset).cloned()) {
+            Ok(bake) => return Ok(read(bake, file)),
+            Err(error) => complaint = Some(format!("{}: {error}; baking anew", file.display())),
         }
     }
     for file in &files {
-        // One of another geometry or size is as good as none.
-        if let Ok(visibility) = load_bake(file, cloud)
-            && visibility.directions == directions
+        // One of another geometry, kind or size is as good as none.
+        if let Ok(bake) = load_bake(file, wanted.cloud)
+            && bake.preset() == wanted.preset
+            && bake.directions() == wanted.directions
         {
-            return Ok(Baked {
-                visibility,
-                share: 1.0,
-                ms: start.elapsed().as_secs_f64() * 1e3,
-                file: Some(file.clone()),
-                complaint: None,
-            });
+            return Ok(read(bake, file));
         }
     }
+    let so_far = |bake: Bake, share: f32| {
+        preview(Baked {
+            bake,
+            share,
+            ms: ms(),
+            file: None,
+            complaint: None,
+        });
+    };
+    let bake = match wanted.preset {
+        Preset::Paper => bake_visibility(device, wanted, report, &so_far)?,
+        Preset::Best => {
+            let so_far = |o: Occlusion, share| so_far(Bake::Occlusion(Arc::new(o)), share);
+            let whole = Occlusion::bake_in_stages(wanted.cloud, &STAGES_OF_BEST, report, so_far)?;
+            Bake::Occlusion(Arc::new(whole))
+        }
+    };
+    let ms = ms();
+    let file = match keep(&files, wanted.cloud, &bake) {
+        Ok(file) => Some(file),
+        Err(why) => {
+            complaint.get_or_insert(format!("the bake could not be kept: {why}"));
+            None
+        }
+    };
+    Ok(Baked {
+        bake,
+        share: 1.0,
+        ms,
+        file,
+        complaint,
+    })
+}
+
+/// Preset `paper`'s bake, direction by direction.
+fn bake_visibility(
+    device: &Device,
+    wanted: &Wanted<'_>,
+    report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
+    preview: &dyn Fn(Bake, f32),
+) -> anyhow::Result<Bake> {
+    let (cloud, directions) = (wanted.cloud, wanted.directions);
     let mut input = BakeInput::new(cloud, &BakeSettings { directions });
     let frames = std::mem::take(&mut input.frames);
     let order = refining_order(directions);
@@ -104,46 +159,23 @@ pub fn bake(
         if share > 1 {
             let mut filled = open.clone();
             fill_unfinished(&mut filled, directions, &order[..done]);
-            preview(Baked {
-                visibility: Visibility::from_open(cloud, directions, filled),
-                share: done as f32 / directions as f32,
-                ms: start.elapsed().as_secs_f64() * 1e3,
-                file: None,
-                complaint: None,
-            });
+            let so_far = Visibility::from_open(cloud, directions, filled);
+            preview(Bake::Visibility(so_far), done as f32 / directions as f32);
         }
     }
-    let ms = start.elapsed().as_secs_f64() * 1e3;
-    let visibility = Visibility::from_open(cloud, directions, open);
-    let file = match keep(&files, cloud, &visibility) {
-        Ok(file) => Some(file),
-        Err(why) => {
-            complaint.get_or_insert(format!("the bake could not be kept: {why}"));
-            None
-        }
-    };
-    Ok(Baked {
-        visibility,
-        share: 1.0,
-        ms,
-        file,
-        complaint,
-    })
+    let whole = Visibility::from_open(cloud, directions, open);
+    Ok(Bake::Visibility(whole))
 }
 
 /// Writes the bake to the first place that takes it.
-fn keep(
-    files: &[PathBuf],
-    cloud: &SurfelCloud,
-    visibility: &Visibility,
-) -> Result<PathBuf, String> {
+fn keep(files: &[PathBuf], cloud: &SurfelCloud, bake: &Bake) -> Result<PathBuf, String> {
     let mut why = String::new();
     for file in files {
         if let Some(folder) = file.parent().filter(|f| !f.is_dir()) {
             // A missing cache is made; what goes wrong with it is told below.
             let _ = std::fs::create_dir_all(folder);
         }
-        match save_bake(file, cloud, visibility) {
+        match save_bake(file, cloud, bake) {
             Ok(()) => return Ok(file.clone()),
             Err(error) => why = error.to_string(),
         }
@@ -157,44 +189,61 @@ mod tests {
     use std::cell::RefCell;
     use std::ops::ControlFlow;
     use transplat_core::scenes;
+    use transplat_core::visibility::no_progress;
+    use transplat_core::visibility::occlusion::DIRECTIONS;
 
     #[test]
     fn a_bake_refines_is_kept_and_is_found_again() {
         let folder = tempfile::tempdir().expect("a folder");
         let asset = folder.path().join("ball.ply");
         let cloud = Arc::new(scenes::sphere_over_plate(400));
-        let shares = RefCell::new(Vec::new());
-        let run = |cloud: &Arc<SurfelCloud>| {
-            let preview = |b: Baked| shares.borrow_mut().push(b.share);
-            bake(
-                &Device::Cpu,
-                &asset,
-                cloud,
-                64,
-                None,
-                &|_| ControlFlow::Continue(()),
-                preview,
-            )
-            .expect("a bake")
-        };
-        let first = run(&cloud);
-        assert_eq!(*shares.borrow(), [0.0625, 0.125, 0.25, 0.5]);
-        let file = first.file.expect("it is kept");
-        assert_eq!(file, folder.path().join("ball.ply.64.bake"));
-        let again = run(&cloud);
-        assert_eq!(shares.borrow().len(), 4, "the second is read");
-        assert_eq!(again.visibility.open, first.visibility.open);
-        // The same bake as in one go: the order of directions does not matter.
-        let settings = BakeSettings { directions: 64 };
-        let whole = transplat_core::visibility::bake(
-            &cloud,
-            &settings,
-            &transplat_core::visibility::no_progress,
+        let paper = (
+            Preset::Paper,
+            64,
+            "ball.ply.64.bake",
+            &[0.0625, 0.125, 0.25, 0.5][..],
         );
-        assert_eq!(whole.expect("a bake").open, first.visibility.open);
-        // Of another geometry it is not taken.
-        let other = Arc::new(scenes::sphere_over_plate(500));
-        assert_eq!(run(&other).visibility.normals.len(), other.len());
+        let best = (
+            Preset::Best,
+            DIRECTIONS,
+            "ball.ply.best.bake",
+            &[0.125, 0.5][..],
+        );
+        for (preset, directions, name, stages) in [paper, best] {
+            let shares = RefCell::new(Vec::new());
+            let run = |cloud: &Arc<SurfelCloud>| {
+                let preview = |b: Baked| shares.borrow_mut().push(b.share);
+                let wanted = Wanted {
+                    asset: &asset,
+                    cloud,
+                    preset,
+                    directions,
+                };
+                let report = |_| ControlFlow::Continue(());
+                bake(&Device::Cpu, &wanted, None, &report, preview).expect("a bake")
+            };
+            let first = run(&cloud);
+            assert_eq!(*shares.borrow(), stages);
+            let file = first.file.expect("it is kept");
+            assert_eq!(file, folder.path().join(name));
+            let again = run(&cloud);
+            assert_eq!(shares.borrow().len(), stages.len(), "the second is read");
+            // The same bake as in one go: the order of directions does not matter.
+            let settings = BakeSettings { directions };
+            let whole = Bake::new(&cloud, preset, &settings, &no_progress).expect("a bake");
+            for other in [&again.bake, &whole] {
+                match (&first.bake, other) {
+                    (Bake::Visibility(a), Bake::Visibility(b)) => assert_eq!(a.open, b.open),
+                    (Bake::Occlusion(a), Bake::Occlusion(b)) => {
+                        assert_eq!((&a.open, &a.hits.len()), (&b.open, &b.hits.len()));
+                    }
+                    _ => panic!("of another kind"),
+                }
+            }
+            // Of another geometry it is not taken.
+            let other = Arc::new(scenes::sphere_over_plate(500));
+            assert_eq!(run(&other).bake.len(), other.len());
+        }
     }
 
     #[test]
@@ -203,12 +252,16 @@ mod tests {
         let asset = folder.path().join("ball.ply");
         let cloud = Arc::new(scenes::sphere(400));
         let stop = |_| ControlFlow::Break(());
-        assert!(bake(&Device::Cpu, &asset, &cloud, 32, None, &stop, |_| ()).is_err());
-        assert_eq!(
-            std::fs::read_dir(folder.path())
-                .expect("it is there")
-                .count(),
-            0
-        );
+        for preset in Preset::ALL {
+            let wanted = Wanted {
+                asset: &asset,
+                cloud: &cloud,
+                preset,
+                directions: 32,
+            };
+            assert!(bake(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());
+            let left = std::fs::read_dir(folder.path()).expect("it is there");
+            assert_eq!(left.count(), 0);
+        }
     }
 }

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use serde::{Deserialize, Serialize};
 use transplat_core::camera::Camera;
-use transplat_core::color::{Display, encode_sh};
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::color::Display;
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
 use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
@@ -17,8 +17,8 @@ use transplat_core::look::{CameraPose, Look};
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
-use transplat_core::transfer::PreparedTransfer;
-use transplat_core::visibility::{BakeSettings, Visibility};
+use transplat_core::transfer::{PreparedTransfer, Relit};
+use transplat_core::visibility::{Bake, BakeSettings, no_progress};
 
 use super::adapter::BackgroundDevice;
 use super::jobs::{Handle, Kind};
@@ -172,7 +172,8 @@ struct Snapshot {
     pose: CameraPose,
     up: UpAxis,
     radius: f32,
-    visibility: Arc<Visibility>,
+    /// Of the look's preset.
+    bake: Arc<Bake>,
     ground: Option<Ground>,
     lights: [Arc<Light>; 2],
     shelf: Vec<Arc<Light>>,
@@ -183,7 +184,7 @@ struct Snapshot {
 
 /// Starts an export; what cannot be started is told.
 pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {
-    let (Some(asset), Some(visibility)) = (&session.asset, &session.visibility) else {
+    let (Some(asset), Some(bake)) = (&session.asset, session.bake_so_far()) else {
         session.error("there is nothing to save yet");
         return;
     };
@@ -222,7 +223,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         pose: session.pose,
         up: session.up(),
         radius: asset.bounds.radius,
-        visibility: visibility.clone(),
+        bake: bake.clone(),
         ground: session.ground(),
         lights: session.sides.clone(),
         shelf: shelf
@@ -233,8 +234,8 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         settings,
         look,
     };
-    if session.bake_share < 1.0 {
-        let percent = 100.0 * session.bake_share;
+    if session.bake_share() < 1.0 {
+        let percent = 100.0 * session.bake_share();
         session.info(format!(
             "the bake is at {percent:.0} %: the shadows of what is saved are coarse"
         ));
@@ -358,15 +359,15 @@ impl Snapshot {
         let look = self.look.clone();
         let mut studio = Studio::new(&self.cloud, look, view, linear, self.painter()?);
         if view == View::Visibility {
-            studio.openness = self.visibility.openness().iter().map(|o| [*o; 3]).collect();
+            studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }
         studio.ground = self.ground.clone();
         Ok(studio)
     }
 
     /// Relights by a target: the source's part is the same for all of them.
-    fn relit(&self, look: &Look, target: &Light) -> Result<(&PreparedTransfer, Vec<[f32; 3]>)> {
-        let maps = [&self.lights[SOURCE].radiance, &target.radiance];
+    fn relit(&self, look: &Look, target: &Light) -> Result<(&PreparedTransfer, Relit)> {
+        let maps = [&self.lights[SOURCE].illumination, &target.illumination];
         let [source, target] = look.lights(maps[0], maps[1], self.up);
         if self.prepared.get().is_none() {
             let prepared = self.prepare(look, &source)?;
@@ -376,24 +377,22 @@ impl Snapshot {
         Ok((prepared, self.transfer(prepared, &target)?))
     }
 
-    fn prepare(&self, look: &Look, source: &IncidentRadiance) -> Result<PreparedTransfer> {
-        let (cloud, visibility) = (&self.cloud, &self.visibility);
-        Ok(PreparedTransfer::new(
-            cloud,
-            visibility,
-            source,
-            &look.transfer,
-        )?)
+    fn prepare(&self, look: &Look, source: &Illumination) -> Result<PreparedTransfer> {
+        let (cloud, settings) = (&self.cloud, &look.transfer);
+        if settings.preset == self.bake.preset() {
+            return Ok(PreparedTransfer::new(cloud, &self.bake, source, settings)?);
+        }
+        // A pinned look may be of the other preset.
+        let directions = look.directions;
+        let bake_settings = BakeSettings { directions };
+        let bake = Bake::new(cloud, settings.preset, &bake_settings, &no_progress)?;
+        Ok(PreparedTransfer::new(cloud, &bake, source, settings)?)
     }
 
-    fn transfer(
-        &self,
-        prepared: &PreparedTransfer,
-        target: &IncidentRadiance,
-    ) -> Result<Vec<[f32; 3]>> {
+    fn transfer(&self, prepared: &PreparedTransfer, target: &Illumination) -> Result<Relit> {
         let device = self.device.fastest();
         let mut transfer = device.transfer(prepared)?;
-        transfer.change_light(&prepared.light(target))?;
+        transfer.change_light(target)?;
         transfer.result()
     }
 
@@ -416,28 +415,28 @@ impl Snapshot {
     fn lit(&self, look: &Look, view: View, target: &Arc<Light>) -> Result<Lit> {
         let source = &self.lights[SOURCE];
         let mut lit = if view.needs_relit() {
-            let (prepared, sh) = self.relit(look, target)?;
-            Lit::of(view, sh, &self.cloud, &self.visibility, prepared)
+            let (prepared, relit) = self.relit(look, target)?;
+            Lit::of(view, relit, &self.cloud, &self.bake, prepared)
         } else {
             Lit::default()
         };
         if let (Some((pinned, lights)), true) = (&self.pinned, view.has_two_sides()) {
-            let maps = [&lights[SOURCE].radiance, &lights[TARGET].radiance];
+            let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
             let [source, target] = pinned.lights(maps[0], maps[1], self.up);
             let prepared = self.prepare(pinned, &source)?;
             lit.before = Some((self.transfer(&prepared, &target)?, pinned.display));
         }
         if let Some(ground) = &self.ground {
-            let maps = [&source.radiance, &target.radiance];
+            let maps = [&source.illumination, &target.illumination];
             lit.ground = lit_ground(ground, look, maps, self.up);
         }
         if view.background(look.background) == Background::Environment {
-            let matched = look.match_gain(&source.radiance, &target.radiance);
+            let matched = look.match_gain(&source.illumination, &target.illumination);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
                 Some((pinned, lights)) if view.has_two_sides() => {
-                    let gain =
-                        pinned.match_gain(&lights[SOURCE].radiance, &lights[TARGET].radiance);
+                    let gain = pinned
+                        .match_gain(&lights[SOURCE].illumination, &lights[TARGET].illumination);
                     (&lights[TARGET], &pinned.target, gain)
                 }
                 _ => (source, &look.source, 1.0),
@@ -602,8 +601,7 @@ impl Snapshot {
         }
         let (_, relit) = self.relit(&self.look, &self.lights[TARGET])?;
         handle_step(handle, 0, 1)?;
-        let stored = encode_sh(relit, self.cloud.sh_degree, self.cloud.encoding);
-        write_relit_ply(&self.file, &stored, path)?;
+        write_relit_ply(&self.file, &relit.stored(&self.cloud), path)?;
         Ok(saved(&[path.to_owned()]))
     }
 }

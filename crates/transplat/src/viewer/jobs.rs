@@ -17,6 +17,7 @@ pub enum Kind {
     Ground,
     Light,
     Prepare,
+    Relight,
     Doubts,
     Backdrop(usize),
     Export,

@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::Result;
 use transplat_core::color::luminance;
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::load::load_environment;
 use transplat_core::look::is_even;
 use transplat_core::sh::MAX_DEGREE;
+use transplat_core::transfer::Preset;
 
 use super::adapter::BackgroundDevice;
 use crate::device::Device;
@@ -28,8 +29,8 @@ pub struct Light {
     pub id: u64,
     /// Its file, or `even`.
     pub path: PathBuf,
-    /// To the highest degree, as the map lies in its file.
-    pub radiance: IncidentRadiance,
+    /// As the map lies in its file.
+    pub illumination: Illumination,
     pub small: EnvironmentMap,
     pub size: [usize; 2],
     pub warnings: Vec<String>,
@@ -43,7 +44,7 @@ impl Light {
         Self {
             id: 0,
             path: transplat_core::look::EVEN.into(),
-            radiance: IncidentRadiance::even(MAX_DEGREE),
+            illumination: Illumination::even(MAX_DEGREE),
             small: EnvironmentMap::even(),
             size: [0, 0],
             warnings: Vec::new(),
@@ -58,7 +59,8 @@ impl Light {
         }
         let map = load_environment(path)?;
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
-        let radiance = device.project_environment(&map, MAX_DEGREE)?;
+        // For either preset: they are changed with a click.
+        let illumination = device.light(&map, Preset::Best)?;
         let small = map.reduced(SMALL_WIDTH);
         // The logarithmic mean is not led astray by a sun.
         let logs: f32 = small
@@ -70,7 +72,7 @@ impl Light {
         Ok(Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             path: path.to_owned(),
-            radiance,
+            illumination,
             size: [map.width(), map.height()],
             warnings: map_warnings(path, &map),
             thumbnail_gain: 0.18 / mean,

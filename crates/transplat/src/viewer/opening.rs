@@ -179,7 +179,7 @@ impl Session {
                         }
                         let cloud = Arc::new(cloud);
                         let live = LiveAsset::new(&context, &cloud)?;
-                        let transfer = TransferAsset::new(&cloud);
+                        let transfer = TransferAsset::default();
                         Ok(LoadedAsset {
                             asset: Asset {
                                 bounds: cloud.bounds(),

@@ -28,13 +28,13 @@ impl Viewer {
             ui.label(format!("frame {}", milliseconds(session.frame_timer.ms())))
                 .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
             ui.separator();
-            ui.label(format!("transfer {}", milliseconds(session.transfer_timer.ms())))
-                .on_hover_text("The last change of light, from the click to its end on the graphics adapter.");
+            ui.label(format!("transfer {}", milliseconds(session.transfer_ms())))
+                .on_hover_text("The last change of light, from the click to its end.");
             ui.separator();
-            let bake = if session.bake_share < 1.0 {
-                format!("bake {:.0} %", 100.0 * session.bake_share)
+            let bake = if session.bake_share() < 1.0 {
+                format!("bake {:.0} %", 100.0 * session.bake_share())
             } else {
-                format!("bake {}", milliseconds(session.times.bake))
+                format!("bake {}", milliseconds(session.baked().map_or(0.0, |b| b.ms)))
             };
             ui.label(bake).on_hover_text("The object's visibility; until it is baked, shadows are missing or coarse.");
             ui.separator();
@@ -174,7 +174,7 @@ impl Viewer {
             let shown = &frame.presentation.lights[side];
             let key = ProbeKey {
                 light: session.sides[side].id,
-                oriented: lights[side].clone(),
+                oriented: lights[side].radiance.clone(),
                 map_from_asset: settings.map_from_asset(session.up()),
                 gain: shown.gain,
                 display: session.look.display,

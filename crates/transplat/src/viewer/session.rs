@@ -7,18 +7,20 @@ use std::time::Instant;
 
 use eframe::egui;
 use transplat_core::camera::Camera;
-use transplat_core::color::Encoding;
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::color::{Encoding, decode_sh};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::load::AssetFile;
 use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
-use transplat_core::present::{Background, Doubt, View};
+use transplat_core::present::{self, Background, Doubt, View};
+use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::{PreparedTransfer, TransferAsset, TransferSettings};
-use transplat_core::visibility::Visibility;
+use transplat_core::transfer::{PreparedTransfer, Preset, Relit, TransferAsset, TransferSettings};
+use transplat_core::visibility::Bake;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Frame, Live, LiveTransfer, Passes};
 use transplat_gpu::present::{Backdrop, BackdropLight, GroundPlane, Presentation};
+use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
@@ -27,9 +29,6 @@ use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
 use crate::picture::half;
-
-/// Directions of the stand-in for a bake that has not begun to arrive.
-const OPEN_DIRECTIONS: usize = 16;
 
 /// An asset as it is open.
 pub struct Asset {
@@ -84,6 +83,8 @@ pub enum Event {
         why: String,
     },
     Prepared(Box<Prepared>),
+    /// Relit on the CPU.
+    Relit(Box<RelitBy>),
     Backdrop {
         side: usize,
         key: BackdropKey,
@@ -123,8 +124,39 @@ pub enum SaveKind {
 pub struct Prepared {
     pub(super) key: PrepareKey,
     pub prepared: PreparedTransfer,
-    pub live: LiveTransfer,
+    /// On the GPU, for presets that run there.
+    pub live: Option<LiveTransfer>,
     pub ms: f64,
+}
+
+/// All that a relit asset depends on.
+#[derive(Clone, PartialEq)]
+pub(super) struct RelitKey {
+    pub prepared: u64,
+    pub target: Illumination,
+    /// Whether it is wanted in linear light, for the channels that show parts of it.
+    pub linear: bool,
+}
+
+/// A relit asset on its way to the screen.
+pub struct RelitBy {
+    pub(super) key: RelitKey,
+    pub relit: Arc<Relit>,
+    pub resident: ResidentSh,
+    pub ms: f64,
+}
+
+/// A preset's bake, and how far it is.
+#[derive(Default)]
+pub struct BakeState {
+    pub bake: Option<Arc<Bake>>,
+    pub share: f32,
+    pub file: Option<PathBuf>,
+    pub ms: f64,
+    /// Differs between all bakes.
+    pub(super) version: u64,
+    /// Asset and directions that it was asked for.
+    pub(super) asked: Option<(u64, usize)>,
 }
 
 /// All that a preparation depends on.
@@ -132,7 +164,7 @@ pub struct Prepared {
 pub(super) struct PrepareKey {
     pub asset: u64,
     pub bake: u64,
-    pub source: IncidentRadiance,
+    pub source: Illumination,
     pub settings: TransferSettings,
 }
 
@@ -167,8 +199,9 @@ pub struct Stages {
 /// How long the stages last took, in milliseconds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Times {
-    pub bake: f64,
     pub prepare: f64,
+    /// On the CPU; the GPU's own is in its timer.
+    pub relight: Option<f64>,
 }
 
 /// Everything that is open, and the settings.
@@ -191,10 +224,10 @@ pub struct Session {
     pub lights: HashMap<PathBuf, Arc<Light>>,
     /// What the sides are lit by: what was asked for last, and could be loaded.
     pub sides: [Arc<Light>; 2],
-    pub visibility: Option<Arc<Visibility>>,
-    pub bake_share: f32,
-    pub bake_file: Option<PathBuf>,
-    pub prepared: Option<Arc<PreparedTransfer>>,
+    pub bakes: HashMap<Preset, BakeState>,
+    pub prepared: Option<PreparedTransfer>,
+    /// What was relit on the CPU.
+    pub relit: Option<Arc<Relit>>,
     pub messages: Vec<Message>,
     pub shares: Option<Shares>,
     pub doubts: Arc<Vec<Option<Doubt>>>,
@@ -212,9 +245,9 @@ pub struct Session {
     pub(super) transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
     pub(super) asset_id: u64,
     pub(super) bake_version: u64,
-    pub(super) baked_for: Option<(u64, usize)>,
     pub(super) requested: Option<PrepareKey>,
-    pub(super) relit_for: Option<(u64, IncidentRadiance)>,
+    pub(super) relit_for: Option<RelitKey>,
+    pub(super) relit_asked: Option<RelitKey>,
     pub(super) relit_version: u64,
     pub(super) prepared_version: u64,
     pub(super) doubts_for: Option<(u64, u64)>,
@@ -224,7 +257,7 @@ pub struct Session {
     pub(super) ground: Option<Ground>,
     pub(super) ground_for: Option<GroundKey>,
     pub(super) ground_asked: Option<GroundKey>,
-    pub(super) ground_lit_for: Option<(GroundKey, [IncidentRadiance; 2])>,
+    pub(super) ground_lit_for: Option<(GroundKey, [Illumination; 2])>,
     /// Whole maps of the last lights that were seen behind the object.
     pub(super) maps: Vec<(u64, Arc<EnvironmentMap>)>,
     /// Environments that are to be read.
@@ -270,10 +303,9 @@ impl Session {
             against_pinned: false,
             lights: HashMap::from([(even.path.clone(), even.clone())]),
             sides: [even.clone(), even],
-            visibility: None,
-            bake_share: 0.0,
-            bake_file: None,
+            bakes: HashMap::new(),
             prepared: None,
+            relit: None,
             messages: Vec::new(),
             shares: None,
             doubts: Arc::default(),
@@ -289,9 +321,9 @@ impl Session {
             transfer_asset: None,
             asset_id: 0,
             bake_version: 0,
-            baked_for: None,
             requested: None,
             relit_for: None,
+            relit_asked: None,
             relit_version: 0,
             prepared_version: 0,
             doubts_for: None,
@@ -376,14 +408,20 @@ impl Session {
             Event::Asset(loaded) => self.show_asset(*loaded),
             Event::Baked { asset, baked } if asset == self.asset_id => {
                 self.bake_version += 1;
-                self.bake_share = baked.share;
-                self.times.bake = baked.ms;
                 self.stages.bake += 1;
                 if let Some(why) = baked.complaint {
                     self.error(why);
                 }
-                self.bake_file = baked.file;
-                self.visibility = Some(Arc::new(baked.visibility));
+                let version = self.bake_version;
+                let state = self.bakes.entry(baked.bake.preset()).or_default();
+                *state = BakeState {
+                    bake: Some(Arc::new(baked.bake)),
+                    share: baked.share,
+                    file: baked.file,
+                    ms: baked.ms,
+                    version,
+                    asked: state.asked,
+                };
             }
             Event::Light(light) => {
                 self.loading.retain(|p| *p != light.path);
@@ -414,9 +452,18 @@ impl Session {
             Event::Prepared(prepared) if prepared.key.asset == self.asset_id => {
                 self.stages.prepare += 1;
                 self.times.prepare = prepared.ms;
-                self.live().set_transfer(prepared.live);
-                self.prepared = Some(Arc::new(prepared.prepared));
+                if let Some(live) = prepared.live {
+                    self.live().set_transfer(live);
+                }
+                self.prepared = Some(prepared.prepared);
                 self.prepared_version += 1;
+            }
+            Event::Relit(relit) if relit.key.prepared == self.prepared_version => {
+                let tau = present::tau_colors(&relit.relit.tau);
+                self.live().set_relit(relit.resident, tau);
+                self.times.relight = Some(relit.ms);
+                self.relit = Some(relit.relit);
+                self.relit_is(relit.key);
             }
             Event::Backdrop {
                 side,
@@ -438,6 +485,7 @@ impl Session {
             Event::Doubts { key, doubts } if key.0 == self.asset_id => self.show_doubts(doubts),
             Event::Baked { .. }
             | Event::Prepared(_)
+            | Event::Relit(_)
             | Event::Ground { .. }
             | Event::Doubts { .. } => {}
             Event::LoadFailed(text) => {
@@ -461,20 +509,22 @@ impl Session {
             asked,
         } = loaded;
         let look = settings.over(&asked, &self.look, self.pose);
-        for kind in [Kind::Bake, Kind::Ground, Kind::Prepare, Kind::Doubts] {
+        for kind in [
+            Kind::Bake,
+            Kind::Ground,
+            Kind::Prepare,
+            Kind::Relight,
+            Kind::Doubts,
+        ] {
             self.jobs.cancel(kind);
         }
         self.stages.load += 1;
         self.asset_id += 1;
         self.live().set_asset(live);
-        self.visibility = Some(Arc::new(Visibility::all_open(
-            &asset.cloud,
-            OPEN_DIRECTIONS,
-        )));
-        self.bake_version += 1;
-        self.bake_share = 0.0;
-        self.bake_file = None;
+        self.bakes.clear();
         self.prepared = None;
+        self.relit = None;
+        self.relit_asked = None;
         self.pinned = None;
         self.against_pinned = false;
         self.shares = None;
@@ -507,6 +557,59 @@ impl Session {
             ..look
         };
         self.asset = Some(asset);
+    }
+
+    /// The bake of the preset that is set, and how far it is.
+    pub fn baked(&self) -> Option<&BakeState> {
+        self.bakes.get(&self.look.transfer.preset)
+    }
+
+    /// How much of that is done, 0 to 1.
+    pub fn bake_share(&self) -> f32 {
+        self.baked().map_or(0.0, |b| b.share)
+    }
+
+    /// How long the last change of light took.
+    pub fn transfer_ms(&self) -> f64 {
+        self.times
+            .relight
+            .unwrap_or_else(|| self.transfer_timer.ms())
+    }
+
+    /// The bake itself, as far as it is.
+    pub fn bake_so_far(&self) -> Option<&Arc<Bake>> {
+        self.baked()?.bake.as_ref()
+    }
+
+    /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
+    pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
+        let cloud = &self.asset.as_ref()?.cloud;
+        if let Some(relit) = &self.relit {
+            let k = coefficient_count(cloud.sh_degree);
+            let sh = relit.sh.get(i * k..(i + 1) * k)?;
+            let linear = match relit.encoding {
+                Encoding::Linear => sh.to_vec(),
+                encoding => decode_sh(sh, cloud.sh_degree, encoding),
+            };
+            return Some((*relit.tau.get(i)?, linear));
+        }
+        let Some(PreparedTransfer::Paper(paper)) = &self.prepared else {
+            return None;
+        };
+        if i >= paper.surfels {
+            return None;
+        }
+        let light = paper.light(&self.oriented_lights()[TARGET].radiance);
+        let relit = paper.relight_one(&light, i);
+        let (dc, relit_dc) = (paper.dc[i], relit[0]);
+        let ratio = |c: usize| {
+            if dc[c] > 0.0 {
+                relit_dc[c] / dc[c]
+            } else {
+                0.0
+            }
+        };
+        Some((std::array::from_fn(ratio), relit))
     }
 
     /// Whether the open asset's colour was taken as linear.
@@ -610,7 +713,7 @@ impl Session {
     /// is that look's.
     pub(super) fn behind(&self, side: usize, view: View) -> (&Arc<Light>, &LightSettings, f32) {
         let target_of = |look: &Look, lights: [&Light; 2]| {
-            look.match_gain(&lights[0].radiance, &lights[1].radiance)
+            look.match_gain(&lights[0].illumination, &lights[1].illumination)
         };
         let find = |file: &Option<PathBuf>| self.lights.get(file.as_deref()?);
         if side == SOURCE

@@ -3,18 +3,24 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use transplat_core::environment::IncidentRadiance;
+use transplat_core::environment::Illumination;
 use transplat_core::ground::{Ground, ground_plane};
 use transplat_core::present::{self, Background, Doubt, View};
-use transplat_core::visibility::BakeSettings;
+use transplat_core::sh::coefficient_count;
+use transplat_core::transfer::best::BestTransfer;
+use transplat_core::transfer::{PreparedTransfer, Preset};
+use transplat_core::visibility::{BakeSettings, occlusion};
 use transplat_gpu::live::LiveTransfer;
 use transplat_gpu::present::Backdrop;
+use transplat_gpu::rasterize::ResidentSh;
 
 use super::baking::{self, Baked};
 use super::jobs::{Handle, Kind};
 use super::lights::load_map;
 use super::opening::Settings;
-use super::session::{BackdropKey, Event, PrepareKey, Prepared, SOURCE, Session, TARGET};
+use super::session::{
+    BackdropKey, Event, PrepareKey, Prepared, RelitBy, RelitKey, SOURCE, Session, TARGET,
+};
 
 /// How much of a mark covers a surfel's colour.
 const MARK_WEIGHT: f32 = 0.75;
@@ -64,14 +70,24 @@ impl Session {
         let Some(asset) = &self.asset else {
             return;
         };
-        let key = (self.asset_id, self.look.directions);
-        if self.baked_for == Some(key) {
+        let preset = self.look.transfer.preset;
+        let directions = match preset {
+            Preset::Paper => self.look.directions,
+            Preset::Best => occlusion::DIRECTIONS,
+        };
+        let key = (self.asset_id, directions);
+        if self.baked().is_some_and(|b| b.asked == Some(key)) {
             return;
         }
-        self.jobs.cancel(Kind::Bake);
-        self.baked_for = Some(key);
-        self.bake_share = 0.0;
-        let (id, directions) = key;
+        if self.jobs.is_running(Kind::Bake) {
+            self.jobs.cancel(Kind::Bake);
+            // What was cancelled is asked for again when it is wanted.
+            for state in self.bakes.values_mut().filter(|b| b.share < 1.0) {
+                state.asked = None;
+            }
+        }
+        let state = self.bakes.entry(preset).or_default();
+        (state.asked, state.share) = (Some(key), 0.0);
         let (background, path, cloud) = (
             self.background.clone(),
             asset.path.clone(),
@@ -79,18 +95,23 @@ impl Session {
         );
         let saved = self.bake.take();
         let label = format!("baking the visibility of {}", asset.name());
+        let id = self.asset_id;
         let work = move |handle: &Handle<Event>| {
             let event = |baked: Baked| Event::Baked {
                 asset: id,
                 baked: Box::new(baked),
             };
+            let wanted = baking::Wanted {
+                asset: &path,
+                cloud: &cloud,
+                preset,
+                directions,
+            };
             let report = |done: f64| handle.progress(done);
             let preview = |baked: Baked| handle.send(event(baked));
             match baking::bake(
                 &background.fastest(),
-                &path,
-                &cloud,
-                directions,
+                &wanted,
                 saved.as_deref(),
                 &report,
                 preview,
@@ -106,17 +127,22 @@ impl Session {
 
     /// Starts the bake again after it was cancelled.
     pub fn rebake(&mut self) {
-        self.baked_for = None;
+        self.bakes.remove(&self.look.transfer.preset);
     }
 
     /// Source and target as the asset sees them.
-    pub fn oriented_lights(&self) -> [IncidentRadiance; 2] {
-        let maps = [&self.sides[SOURCE].radiance, &self.sides[TARGET].radiance];
-        self.look.lights(maps[0], maps[1], self.up())
+    pub fn oriented_lights(&self) -> [Illumination; 2] {
+        let [source, target] = self.sides.each_ref().map(|s| &s.illumination);
+        self.look.lights(source, target, self.up())
     }
 
     pub(super) fn start_prepare(&mut self) {
-        let (Some(asset), Some(visibility)) = (&self.asset, &self.visibility) else {
+        let (Some(asset), Some(transfer), Some(state)) =
+            (&self.asset, self.transfer_asset.clone(), self.baked())
+        else {
+            return;
+        };
+        let Some(bake) = state.bake.clone() else {
             return;
         };
         if self.jobs.is_running(Kind::Prepare) {
@@ -125,30 +151,28 @@ impl Session {
         let [source, _] = self.oriented_lights();
         let key = PrepareKey {
             asset: self.asset_id,
-            bake: self.bake_version,
+            bake: state.version,
             source,
             settings: self.look.transfer.clone(),
-        };
-        let Some(transfer) = self.transfer_asset.clone() else {
-            return;
         };
         if self.requested.as_ref() == Some(&key) {
             return;
         }
+        let (context, cloud) = (self.context.clone(), asset.cloud.clone());
         self.requested = Some(key.clone());
-        let (context, cloud, visibility) = (
-            self.context.clone(),
-            asset.cloud.clone(),
-            visibility.clone(),
-        );
         let work = move |_: &Handle<Event>| {
             let start = Instant::now();
             let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
-            let prepared =
-                transfer.prepare(&cloud, &visibility, key.bake, &key.source, &key.settings);
-            let made = prepared
+            let made = transfer
+                .prepare(&cloud, &bake, key.bake, &key.source, &key.settings)
                 .map_err(anyhow::Error::from)
-                .and_then(|p| Ok((LiveTransfer::new(&context, &p)?, p)));
+                .and_then(|prepared| {
+                    let live = match &prepared {
+                        PreparedTransfer::Paper(paper) => Some(LiveTransfer::new(&context, paper)?),
+                        PreparedTransfer::Best(_) => None,
+                    };
+                    Ok((live, prepared))
+                });
             Some(match made {
                 Ok((live, prepared)) => Event::Prepared(Box::new(Prepared {
                     key,
@@ -168,17 +192,79 @@ impl Session {
             return;
         };
         let [_, target] = self.oriented_lights();
-        // Beyond the transfer's degree nothing is read.
-        let target = target.truncated(prepared.light_degree);
-        let key = (self.prepared_version, target);
-        if self.relit_for.as_ref() == Some(&key) {
+        let key = RelitKey {
+            prepared: self.prepared_version,
+            target,
+            linear: matches!(self.look.view, View::Diffuse | View::Specular),
+        };
+        match prepared {
+            PreparedTransfer::Paper(paper) => {
+                // Beyond the transfer's degree nothing is read, and its result is linear.
+                let target = Illumination {
+                    radiance: key.target.radiance.truncated(paper.light_degree),
+                    beams: None,
+                };
+                let linear = true;
+                let key = RelitKey {
+                    target,
+                    linear,
+                    ..key
+                };
+                if self.relit_for.as_ref() == Some(&key) {
+                    return;
+                }
+                let start = Instant::now();
+                self.live().relight(&paper.light(&key.target.radiance));
+                self.transfer_timer
+                    .measure(&self.context, start, self.jobs.context());
+                self.relit = None;
+                self.times.relight = None;
+                self.relit_is(key);
+            }
+            PreparedTransfer::Best(best) => self.start_relight(best, key),
+        }
+    }
+
+    /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
+    fn start_relight(&mut self, best: Arc<BestTransfer>, key: RelitKey) {
+        let Some(asset) = &self.asset else {
+            return;
+        };
+        if self.relit_asked.as_ref() == Some(&key) || self.jobs.is_running(Kind::Relight) {
             return;
         }
-        let start = Instant::now();
-        self.live().relight(&prepared.light(&key.1));
-        self.transfer_timer
-            .measure(&self.context, start, self.jobs.context());
-        let stops = (key.1.mean_irradiance() * prepared.light_gain).log2();
+        self.relit_asked = Some(key.clone());
+        let (context, degree) = (self.context.clone(), asset.cloud.sh_degree);
+        let work = move |_: &Handle<Event>| {
+            let start = Instant::now();
+            let target = match key.target.for_best() {
+                Ok(target) => target,
+                Err(error) => return Some(Event::Failed(error.to_string())),
+            };
+            let mut relit = best.relight(target);
+            if key.linear {
+                relit = relit.linear(degree);
+            }
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            let k = coefficient_count(degree);
+            Some(Event::Relit(Box::new(RelitBy {
+                resident: ResidentSh::upload(&context, &relit.sh, k, relit.encoding),
+                relit: Arc::new(relit),
+                key,
+                ms,
+            })))
+        };
+        self.jobs
+            .start(Kind::Relight, "relighting", work, Event::Failed);
+    }
+
+    /// Notes what is shown relit from now on.
+    pub(super) fn relit_is(&mut self, key: RelitKey) {
+        let gain = self
+            .prepared
+            .as_ref()
+            .map_or(1.0, PreparedTransfer::light_gain);
+        let stops = (key.target.mean_irradiance() * gain).log2();
         let named = [&self.look.source.file, &self.look.target.file];
         let known = named
             .iter()
@@ -233,12 +319,16 @@ impl Session {
         if let (Some(ground), Some(ground_key)) = (&self.ground, self.ground_for) {
             let up = self.up();
             let oriented = [
-                self.look.source.orient(&self.sides[SOURCE].radiance, up),
-                self.look.target.orient(&self.sides[TARGET].radiance, up),
+                self.look
+                    .source
+                    .orient(&self.sides[SOURCE].illumination, up),
+                self.look
+                    .target
+                    .orient(&self.sides[TARGET].illumination, up),
             ];
             let lit_for = (ground_key, oriented);
             if self.ground_lit_for.as_ref() != Some(&lit_for) {
-                let lit = [0, 1].map(|side| ground.lit_share(&lit_for.1[side]));
+                let lit = [0, 1].map(|side| ground.lit_share(&lit_for.1[side].radiance));
                 self.live().set_ground([&lit[0], &lit[1]]);
                 self.ground_lit_for = Some(lit_for);
             }
@@ -297,19 +387,21 @@ impl Session {
             return;
         }
         if self.look.view == View::Visibility
-            && self.visibility_shown != Some(self.bake_version)
-            && let Some(visibility) = &self.visibility
+            && let Some(state) = self.baked()
+            && let Some(bake) = &state.bake
+            && self.visibility_shown != Some(state.version)
         {
-            let colors = visibility.openness().iter().map(|o| [*o; 3]).collect();
+            let version = state.version;
+            let colors = bake.openness().iter().map(|o| [*o; 3]).collect();
             self.live().set_visibility(colors);
-            self.visibility_shown = Some(self.bake_version);
+            self.visibility_shown = Some(version);
         }
         self.start_doubts();
     }
 
     pub(super) fn start_doubts(&mut self) {
-        let (Some(asset), Some(visibility), Some(prepared)) =
-            (&self.asset, &self.visibility, &self.prepared)
+        let (Some(asset), Some(bake), Some(prepared)) =
+            (&self.asset, self.bake_so_far(), &self.prepared)
         else {
             return;
         };
@@ -318,15 +410,20 @@ impl Session {
         if !wanted || self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
             return;
         }
-        let Some((_, target)) = self.relit_for.clone() else {
+        let Some(shown) = self.relit_for.clone() else {
             return;
         };
+        let (cloud, bake, prepared) = (asset.cloud.clone(), bake.clone(), prepared.clone());
+        let relit = self.relit.clone();
         self.doubts_for = Some(key);
-        let (cloud, visibility, prepared) =
-            (asset.cloud.clone(), visibility.clone(), prepared.clone());
         let work = move |_: &Handle<Event>| {
-            let tau = prepared.tau(&prepared.relight(&target));
-            let doubts = present::doubts(&cloud, &visibility, &prepared, &tau);
+            // What was relit on the GPU is not here.
+            let relit =
+                match relit.map_or_else(|| prepared.relight(&shown.target).map(Arc::new), Ok) {
+                    Ok(relit) => relit,
+                    Err(error) => return Some(Event::Failed(error.to_string())),
+                };
+            let doubts = present::doubts(&cloud, &bake, &prepared, &relit.tau);
             Some(Event::Doubts { key, doubts })
         };
         self.jobs.start(

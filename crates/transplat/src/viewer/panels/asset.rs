@@ -162,41 +162,24 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         format!("{:.2e} x {:.2e}", cloud.scales[i].x, cloud.scales[i].y),
     );
     fact(ui, "opacity", format!("{:.3}", cloud.opacities[i]));
-    if let Some(visibility) = &session.visibility {
-        let two = if visibility.two_sided[i] {
+    if let Some(bake) = session.bake_so_far() {
+        let two = if bake.is_two_sided(i) {
             ", two-sided"
         } else {
             ""
         };
-        fact(
-            ui,
-            "normal",
-            format!("{}{two}", vector(visibility.normals[i])),
-        );
-        let row = &visibility.open[i * visibility.directions..][..visibility.directions];
-        let open = row.iter().map(|o| f32::from(*o)).sum::<f32>() / (255.0 * row.len() as f32);
+        fact(ui, "normal", format!("{}{two}", vector(bake.normals()[i])));
+        let seen = bake.seen_by(i);
+        let open = seen.iter().map(|(_, open)| open).sum::<f32>() / seen.len() as f32;
         fact(ui, "sees", format!("{:.0} % of the sphere", 100.0 * open));
-        lobe(ui, row);
+        lobe(ui, &seen);
     }
-    if let Some(prepared) = &session.prepared
-        && i < prepared.dc_over_irradiance.len()
-    {
-        let [_, target] = session.oriented_lights();
-        let light = prepared.light(&target);
-        let relit = prepared.relight_one(&light, i);
+    if let (Some(prepared), Some((tau, relit))) = (&session.prepared, session.relit_surfel(i)) {
         let linear = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
-        let (dc, relit_dc) = (prepared.dc[i], relit[0]);
-        let ratio = |c: usize| {
-            if dc[c] > 0.0 {
-                relit_dc[c] / dc[c]
-            } else {
-                0.0
-            }
-        };
         fact(
             ui,
             "tau",
-            format!("{:.3}, {:.3}, {:.3}", ratio(0), ratio(1), ratio(2)),
+            format!("{:.3}, {:.3}, {:.3}", tau[0], tau[1], tau[2]),
         );
         fact(
             ui,
@@ -226,19 +209,20 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
 }
 
 /// Which directions a surfel sees, as a map of the sphere.
-fn lobe(ui: &mut Ui, row: &[u8]) {
+fn lobe(ui: &mut Ui, seen: &[(Vec3, f32)]) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(160.0, 80.0), egui::Sense::hover());
     response.on_hover_text("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself.");
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 2.0, egui::Color32::from_gray(40));
-    for (d, open) in transplat_core::sh::fibonacci_sphere(row.len())
-        .iter()
-        .zip(row)
-    {
-        let u = 0.5 - d[1].atan2(d[0]) as f32 / std::f32::consts::TAU;
-        let v = d[2].clamp(-1.0, 1.0).acos() as f32 / std::f32::consts::PI;
+    for (d, open) in seen {
+        let u = 0.5 - d.y.atan2(d.x) / std::f32::consts::TAU;
+        let v = d.z.clamp(-1.0, 1.0).acos() / std::f32::consts::PI;
         let at = rect.min + egui::vec2(u * rect.width(), v * rect.height());
-        let size = (rect.area() / row.len() as f32).sqrt() * 0.55;
-        painter.circle_filled(at, size.max(1.0), egui::Color32::from_gray(*open));
+        let size = (rect.area() / seen.len() as f32).sqrt() * 0.55;
+        painter.circle_filled(
+            at,
+            size.max(1.0),
+            egui::Color32::from_gray((255.0 * open) as u8),
+        );
     }
 }

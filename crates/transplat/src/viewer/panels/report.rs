@@ -22,13 +22,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             let rows = [
                 ("load", stages.load, load),
                 ("project environment", stages.project_environment, None),
-                ("bake visibility", stages.bake, Some(session.times.bake)),
-                ("prepare", stages.prepare, Some(session.times.prepare)),
                 (
-                    "transfer",
-                    passes.transfer,
-                    Some(session.transfer_timer.ms()),
+                    "bake visibility",
+                    stages.bake,
+                    session.baked().map(|b| b.ms),
                 ),
+                ("prepare", stages.prepare, Some(session.times.prepare)),
+                ("transfer", passes.transfer, Some(session.transfer_ms())),
                 ("sort", passes.sort, None),
                 ("project surfels", passes.project, None),
                 ("shade", passes.shade, None),
@@ -45,7 +45,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 ui.end_row();
             }
         });
-    if let Some(file) = &session.bake_file {
+    if let Some(file) = session.baked().and_then(|b| b.file.as_ref()) {
         fact(ui, "bake", file.display().to_string());
     }
     ui.label("Left out");

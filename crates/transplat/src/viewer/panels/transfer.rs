@@ -3,7 +3,7 @@
 use eframe::egui::Ui;
 use transplat_core::present::Doubt;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::transfer::{EPSILON, TransferSettings};
+use transplat_core::transfer::{EPSILON, Preset, Terms, TransferSettings};
 use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 use crate::viewer::annotations::doubt_name;
@@ -12,40 +12,99 @@ use crate::viewer::jobs::Kind;
 use crate::viewer::widgets::{Control, fact, name, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    let session = &mut viewer.session;
+    let transfer = &mut viewer.session.look.transfer;
     ui.horizontal(|ui| {
         name(ui, "Preset");
-        ui.label("paper");
+        for (preset, tip) in [
+            (Preset::Best, "Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss."),
+            (Preset::Paper, "The paper's transfer by spherical harmonics: softer, and the quickest."),
+        ] {
+            ui.selectable_value(&mut transfer.preset, preset, preset.name())
+                .on_hover_text(tip);
+        }
     });
-    let defaults = TransferSettings::default();
-    let transfer = &mut session.look.transfer;
-    Control {
-        label: "SH degree",
-        unit: "",
-        tip: "How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time.",
-        range: 0..=MAX_DEGREE,
-        default: defaults.sh_degree,
-        decimals: 0,
-        logarithmic: false,
+    let preset = transfer.preset;
+    if preset == Preset::Paper || !transfer.terms.sums {
+        Control {
+            label: "SH degree",
+            unit: "",
+            tip: "How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time.",
+            range: 0..=MAX_DEGREE,
+            default: TransferSettings::default().sh_degree,
+            decimals: 0,
+            logarithmic: false,
+        }
+        .show(ui, &mut transfer.sh_degree);
     }
-    .show(ui, &mut transfer.sh_degree);
+    let mut epsilon = transfer.epsilon();
     Control {
         label: "Epsilon",
         unit: "",
         tip: "Relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
         range: *EPSILON.start()..=*EPSILON.end(),
-        default: defaults.epsilon,
+        default: preset.epsilon(),
         decimals: 6,
         logarithmic: true,
     }
-    .show(ui, &mut transfer.epsilon);
-    let terms = &mut transfer.terms;
+    .show(ui, &mut epsilon);
+    // The preset's own stays the preset's own.
+    if epsilon != transfer.epsilon() {
+        transfer.epsilon = (epsilon != preset.epsilon()).then_some(epsilon);
+    }
     switch(
         ui,
         "Self-shadow",
         "The object's own shadows take part in both lights. Off, every surfel sees all of the light.",
-        &mut terms.shadow,
+        &mut transfer.terms.shadow,
     );
+    match preset {
+        Preset::Best => terms_of_best(ui, &mut transfer.terms),
+        Preset::Paper => {
+            terms_of_paper(ui, &mut transfer.terms);
+            directions(ui, viewer);
+        }
+    }
+    progress_and_doubts(ui, viewer);
+}
+
+fn terms_of_best(ui: &mut Ui, terms: &mut Terms) {
+    for (label, tip, term) in [
+        (
+            "Sums over directions",
+            "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
+            &mut terms.sums,
+        ),
+        (
+            "Suns",
+            "Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky.",
+            &mut terms.suns,
+        ),
+        (
+            "Bounced light",
+            "Surfels light each other. Off, whatever blocks the light is black.",
+            &mut terms.bounce,
+        ),
+        (
+            "Two sides",
+            "Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light.",
+            &mut terms.two_sided,
+        ),
+        (
+            "Gloss",
+            "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
+            &mut terms.lobe,
+        ),
+        (
+            "Residual",
+            "Keeps what none of these explains of the capture. Off, it is left out.",
+            &mut terms.residual,
+        ),
+    ] {
+        switch(ui, label, tip, term);
+    }
+}
+
+fn terms_of_paper(ui: &mut Ui, terms: &mut Terms) {
     switch(
         ui,
         "Specular",
@@ -68,6 +127,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             );
         });
     });
+}
+
+fn directions(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
     let mut directions = viewer.directions_draft.unwrap_or(session.look.directions);
     let response = Control {
         label: "Directions",
@@ -86,7 +149,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         viewer.directions_draft = None;
         session.look.directions = directions;
     }
-    if session.bake_share < 1.0 && !session.jobs.is_running(Kind::Bake) {
+}
+
+fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    if session.bake_share() < 1.0 && !session.jobs.is_running(Kind::Bake) {
         ui.label("The bake is not finished: shadows are coarse.");
         if ui
             .button("Bake on")
