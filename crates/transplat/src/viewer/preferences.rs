@@ -18,6 +18,8 @@ const RECENT: usize = 12;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
+    /// Under a name of its own: what older programs kept has preset `paper`, the only one that they had.
+    #[serde(rename = "transfer_2")]
     pub transfer: TransferSettings,
     pub display: Display,
     pub background: Background,
