@@ -17,6 +17,7 @@ use crate::look::Look;
 
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, CameraFrame, load_cameras};
+pub use exr::load_picture;
 pub(crate) use ply::Format;
 pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
 

@@ -54,6 +54,11 @@ pub enum Command {
     /// Tell what a splat, environment, bake or look holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
+    /// Measure presets and single terms against path-traced truth: a table, and pictures of truth, relight and difference.
+    #[command(
+        after_help = "Example:\n  transplat report --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
+    )]
+    Report(ReportArgs),
 }
 
 #[derive(Debug, Args)]
@@ -254,6 +259,27 @@ pub struct BakeArgs {
     /// The bake
     #[arg(short, long, value_name = "OUT.bake")]
     pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// Objects with their assets, lights, cameras and true pictures
+    #[arg(long, value_name = "DIR")]
+    pub ground_truth: PathBuf,
+    /// Only these objects
+    #[arg(long, value_delimiter = ',', value_name = "NAME,...")]
+    pub objects: Vec<String>,
+    /// Only the presets as they are, without switching terms off
+    #[arg(long)]
+    pub quick: bool,
+    /// The folder that truth.csv, truth.md and the pictures are written to
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Where to compute
+    #[arg(long, value_enum, default_value_t = DeviceChoice::Auto)]
+    pub device: DeviceChoice,
     #[command(flatten)]
     pub out: OutputArgs,
 }

@@ -8,6 +8,7 @@ pub mod bake;
 pub mod info;
 pub mod relight;
 pub mod render;
+pub mod report;
 pub mod view;
 
 /// Refuses outputs that are also inputs: a capture is not to be lost to a slip of the hand.

@@ -3,9 +3,11 @@
 mod cli;
 mod commands;
 mod device;
+mod metrics;
 mod picture;
 mod report;
 mod scene;
+mod truth;
 pub mod viewer;
 
 use std::process::ExitCode;
@@ -22,6 +24,7 @@ pub fn main() -> ExitCode {
         Some(Command::Render(args)) => commands::render::run(args),
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Info(args)) => commands::info::run(args),
+        Some(Command::Report(args)) => commands::report::run(args),
         None => commands::view::run(&cli.view),
     };
     match result {

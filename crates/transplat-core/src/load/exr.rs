@@ -1,4 +1,4 @@
-//! OpenEXR environments: any channel type and every compression that the `exr` crate reads; alpha and other layers are ignored.
+//! OpenEXR pictures and environments: any channel type and every compression that the `exr` crate reads; other layers are ignored.
 
 use std::path::Path;
 
@@ -8,8 +8,23 @@ use exr::prelude::{AnyChannels, FlatSamples, ReadChannels, ReadLayers, read};
 use super::check_map_size;
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
+use crate::rasterize::Raster;
 
 pub fn load(path: &Path) -> Result<EnvironmentMap> {
+    let picture = load_picture(path)?;
+    let pixels = picture.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]);
+    Ok(EnvironmentMap::new(
+        picture.width,
+        picture.height,
+        pixels.collect(),
+    ))
+}
+
+/// Reads a picture as it is: linear, premultiplied, opaque where it has no alpha; no depth.
+///
+/// # Errors
+/// The file cannot be read, is broken or too large, or has no colour.
+pub fn load_picture(path: &Path) -> Result<Raster> {
     let told = |error: exr::error::Error| Error::invalid(path, format!("OpenEXR: {error}"));
     let bytes = super::open(path)?
         .metadata()
@@ -65,8 +80,10 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
             ),
         ));
     }
-    let mut pixels = vec![[0f32; 3]; width * height];
-    for (c, samples) in channels.into_iter().enumerate() {
+    let mut pixels = vec![[0.0, 0.0, 0.0, 1.0]; width * height];
+    let alpha = layer.channel_data.list.iter().find(|c| c.name.eq("A"));
+    let alpha = alpha.map(|c| &c.sample_data);
+    for (c, samples) in channels.into_iter().chain(alpha).enumerate() {
         if samples.len() != pixels.len() {
             return Err(Error::invalid(
                 path,
@@ -77,7 +94,12 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
             pixel[c] = value;
         }
     }
-    Ok(EnvironmentMap::new(width, height, pixels))
+    Ok(Raster {
+        width,
+        height,
+        pixels,
+        depth: Vec::new(),
+    })
 }
 
 /// The channels named R, G and B, in the unnamed group first, then in any; else Y thrice.

@@ -1,0 +1,121 @@
+//! Pictures that are known to be true, to measure a relight against: a folder of objects, each with its asset, cameras, and pictures under
+//! several lights.
+//!
+//! `MANIFEST.json` names the objects of each set (`sets.<set>.objects.<object>`): `source_env`, `targets`, and optionally `source_ply`
+//! (`source.ply`) and `gt_of`, another object whose cameras and pictures serve. Lights are `envs/<light>.hdr` or `.exr`, cameras
+//! `<set>/<object>/transforms_test.json`, pictures `<set>/<object>/gt/<light>/*.exr` (linear, premultiplied), one a camera.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+
+/// One object with its truth.
+#[derive(Clone, Debug)]
+pub struct TruthObject {
+    pub name: String,
+    pub asset: PathBuf,
+    pub cameras: PathBuf,
+    pub source: TruthLight,
+    pub targets: Vec<TruthLight>,
+    /// Folder of the pictures, one folder a light.
+    pictures: PathBuf,
+}
+
+/// A light by its name and file.
+#[derive(Clone, Debug)]
+pub struct TruthLight {
+    pub name: String,
+    pub path: PathBuf,
+}
+
+#[derive(Deserialize)]
+struct Manifest {
+    sets: BTreeMap<String, Set>,
+}
+
+#[derive(Deserialize)]
+struct Set {
+    objects: BTreeMap<String, Object>,
+}
+
+#[derive(Deserialize)]
+struct Object {
+    source_env: String,
+    targets: Vec<String>,
+    source_ply: Option<String>,
+    gt_of: Option<String>,
+}
+
+impl TruthObject {
+    /// All objects of a folder.
+    ///
+    /// # Errors
+    /// The manifest cannot be read, or names what is not there.
+    pub fn all_in(folder: &Path) -> Result<Vec<Self>> {
+        let path = folder.join("MANIFEST.json");
+        let told = || path.display().to_string();
+        let text = std::fs::read_to_string(&path).with_context(told)?;
+        let manifest: Manifest = serde_json::from_str(&text)
+            .with_context(|| format!("{}: not a manifest of path-traced truth", told()))?;
+        let mut all = Vec::new();
+        for (set, objects) in &manifest.sets {
+            for (name, object) in &objects.objects {
+                all.push(Self::of(folder, &folder.join(set), name, object)?);
+            }
+        }
+        if all.is_empty() {
+            bail!("{}: names no object", told());
+        }
+        Ok(all)
+    }
+
+    fn of(folder: &Path, set: &Path, name: &str, object: &Object) -> Result<Self> {
+        let light = |name: &str| -> Result<TruthLight> {
+            let named = |extension: &str| folder.join("envs").join(format!("{name}.{extension}"));
+            let path = ["hdr", "exr"].map(named).into_iter().find(|p| p.is_file());
+            Ok(TruthLight {
+                name: name.to_owned(),
+                path: path.with_context(|| {
+                    format!("{}: the light {name} is missing", named("hdr").display())
+                })?,
+            })
+        };
+        let asset = object.source_ply.as_deref().unwrap_or("source.ply");
+        let truth = set.join(object.gt_of.as_deref().unwrap_or(name));
+        let pictures = truth.join("gt");
+        let there = |l: &&String| pictures.join(l).is_dir() && **l != object.source_env;
+        Ok(Self {
+            name: name.to_owned(),
+            asset: set.join(name).join(asset),
+            cameras: truth.join("transforms_test.json"),
+            source: light(&object.source_env)?,
+            targets: object
+                .targets
+                .iter()
+                .filter(there)
+                .map(|l| light(l))
+                .collect::<Result<_>>()?,
+            pictures,
+        })
+    }
+
+    /// The true pictures under a light, in the cameras' order.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn pictures(&self, light: &TruthLight) -> Result<Vec<PathBuf>> {
+        let folder = self.pictures.join(&light.name);
+        let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
+        let mut found: Vec<PathBuf> = entries
+            .filter_map(|e| Some(e.ok()?.path()))
+            .filter(|p| p.extension().is_some_and(|e| e == "exr"))
+            .collect();
+        found.sort();
+        if found.is_empty() {
+            bail!("{}: holds no .exr picture", folder.display());
+        }
+        Ok(found)
+    }
+}
