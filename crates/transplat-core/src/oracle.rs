@@ -1,6 +1,7 @@
 //! The same mathematics in plain f64, one surfel at a time, as the formulas read: slow, and obviously right.
 //! Production code and the GPU passes are held against it.
 
+mod best;
 mod transfer;
 
 use glam::DVec3;
@@ -10,6 +11,7 @@ use crate::sh::{coefficient_count, evaluate_basis, fibonacci_sphere};
 use crate::visibility::trace::{NEAREST_SCALES, START_SCALES};
 use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, Visibility};
 
+pub use best::OracleBest;
 pub use transfer::{OracleTransfer, relight_surfel};
 
 /// `L_k = sum over pixels of L(d) Y_k(d) omega`, `[K][3]`.

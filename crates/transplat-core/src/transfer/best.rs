@@ -24,25 +24,27 @@ use crate::visibility::{BakeSurfel, smoothstep};
 
 use incident::{Incident, Planes, planes};
 use lobe::{Fitted, Gloss, Ray, find_gloss, mirrored};
+pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION, WIDTHS};
+pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use nodes::{Frame, Nodes};
 
 /// Surfels around one that its gloss is pooled over.
-const NEIGHBORS: usize = 64;
+pub(crate) const NEIGHBORS: usize = 64;
 
 /// Turns of the fixed point by which light bounces.
-const TURNS: usize = 3;
+pub(crate) const TURNS: usize = 3;
 
 /// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
 const LEAST_IRRADIANCE: f32 = 1e-6;
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
-const BACK_RANGE: f32 = 4.0;
+pub(crate) const BACK_RANGE: f32 = 4.0;
 
 /// Cosine to the horizon within which a two-sided surfel's sides blend.
-const HORIZON: f32 = 0.2;
+pub(crate) const HORIZON: f32 = 0.2;
 
 /// Added to both encoded brightnesses whose ratio scales the residual.
-const RESIDUAL_FLOOR: f32 = 0.02;
+pub(crate) const RESIDUAL_FLOOR: f32 = 0.02;
 
 /// A colour of a surfel's front, and one of its back.
 type Sides = [[f32; 3]; 2];
@@ -164,7 +166,7 @@ fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
 }
 
 /// Share of surfels whose albedo is below the whitest one, so that a few odd ones do not count.
-const WHITEST: f32 = 0.95;
+pub(crate) const WHITEST: f32 = 0.95;
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels.
 fn whitest(means: &[Sides], divisor: &[Sides]) -> f32 {

@@ -18,20 +18,20 @@ use crate::visibility::smoothstep;
 pub const WIDTHS: [u32; 5] = [3, 4, 5, 6, 7];
 
 /// Light that does not vary over the lobe says nothing of gloss: added to what is divided by, in units of the mean irradiance squared.
-const RIDGE: f32 = 1e-3;
+pub const RIDGE: f32 = 1e-3;
 
 /// Share of a surfel's colour that gloss may explain.
 pub const MOST_GLOSS: f32 = 0.98;
 
 /// No surface mirrors more than that many times what the whitest one scatters.
-const MOST_REFLECTANCE: f32 = 2.0;
+pub const MOST_REFLECTANCE: f32 = 2.0;
 
 /// Squared correlation of mirrored light and colour from which on the lobe counts.
-const TRUSTED_CORRELATION: f32 = 0.03;
+pub const TRUSTED_CORRELATION: f32 = 0.03;
 
 /// Reflectance, in units of the asset's whitest albedo, between which a surface turns from a coated one into a metal: nothing else
 /// mirrors that much, and a metal has no other colour.
-const METAL: [f32; 2] = [0.15, 0.3];
+pub const METAL: [f32; 2] = [0.15, 0.3];
 
 /// What shines on a surfel from one direction: a [`Beam`] that is copied as two vectors.
 #[derive(Clone, Copy, Debug, Default)]

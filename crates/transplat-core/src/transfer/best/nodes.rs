@@ -12,14 +12,14 @@ use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gau
 
 /// What the fit adds to each coefficient above the DC, as a share of the constant function's weight: it settles what the visible
 /// hemisphere leaves open.
-const FIT_RIDGE: f64 = 0.02;
+pub const FIT_RIDGE: f64 = 0.02;
 
 /// Weight of a grazing direction in the fit, beside the cosine by which the others count.
-const FIT_FLOOR: f64 = 0.1;
+pub const FIT_FLOOR: f64 = 0.1;
 
 /// Reflectance of a rough dielectric along its normal over that at grazing view, with which the lobe rises (Schlick 1994). Smooth glass
 /// has 0.04; rough surfaces rise less.
-const NORMAL_OVER_GRAZING: f32 = 0.1;
+pub const NORMAL_OVER_GRAZING: f32 = 0.1;
 
 /// The quadrature and its matrices for one degree of the asset's colour.
 #[derive(Clone, Debug)]

@@ -1,0 +1,643 @@
+//! The preset `best` in f64, in the world's frame and without any of production's short cuts: no matrices, no mirrored frames, neighbours
+//! and suns' shadows by asking every surfel.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::first_hit;
+use crate::color::Encoding;
+use crate::environment::Beams;
+use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis, gauss_legendre};
+use crate::surfels::SurfelCloud;
+use crate::transfer::best::{
+    BACK_RANGE, FIT_FLOOR, FIT_RIDGE, HORIZON, METAL, MOST_GLOSS, MOST_REFLECTANCE, NEIGHBORS,
+    NORMAL_OVER_GRAZING, RESIDUAL_FLOOR, RIDGE, TRUSTED_CORRELATION, TURNS, WHITEST, WIDTHS,
+};
+use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, PER_PATCH, directions};
+use crate::visibility::{BakeInput, BakeSettings};
+
+type Rgb = [f64; 3];
+/// Front and back.
+type Sides = [Rgb; 2];
+
+/// One asset under one source, with every intermediate result.
+pub struct OracleBest<'a> {
+    cloud: &'a SurfelCloud,
+    bake: &'a Occlusion,
+    input: BakeInput,
+    directions: Vec<DVec3>,
+    epsilon: f64,
+    /// To the camera in the surfel's frame, and the area of each.
+    nodes: Vec<(DVec3, f64)>,
+    means: Vec<Sides>,
+    divisor: Vec<Sides>,
+    mean_irradiance: Rgb,
+    light_gain: f64,
+    gloss: Vec<Gloss>,
+    source: Light,
+}
+
+struct Light {
+    /// Direction and energy of each of the bake's directions.
+    sky: Vec<(DVec3, Rgb)>,
+    /// And which surfels it reaches.
+    suns: Vec<(DVec3, Rgb, Vec<bool>)>,
+    irradiance: Vec<Sides>,
+}
+
+#[derive(Clone, Copy)]
+struct Gloss {
+    reflectance: Rgb,
+    exponent: f64,
+    rises: bool,
+}
+
+fn rgb(f: impl Fn(usize) -> f64) -> Rgb {
+    std::array::from_fn(f)
+}
+
+fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+impl<'a> OracleBest<'a> {
+    /// Prepares asset and source light, all terms on.
+    pub fn new(cloud: &'a SurfelCloud, bake: &'a Occlusion, source: &Beams, epsilon: f32) -> Self {
+        let mut nodes = Vec::new();
+        let degree = cloud.sh_degree;
+        let (heights, azimuths) = (degree + 1, 2 * (degree + 1));
+        for (row, (x, w)) in gauss_legendre(heights).into_iter().enumerate() {
+            let z = 0.5 * (x + 1.0);
+            let r = (1.0 - z * z).sqrt();
+            for column in 0..azimuths {
+                let phi = 2.0 * PI * (column as f64 + 0.5 * (row % 2) as f64) / azimuths as f64;
+                let area = 0.5 * w * 2.0 * PI / azimuths as f64;
+                nodes.push((DVec3::new(r * phi.cos(), r * phi.sin(), z), area));
+            }
+        }
+        let total: f64 = source
+            .suns
+            .iter()
+            .chain(&source.cells)
+            .flat_map(|b| b.energy)
+            .map(f64::from)
+            .sum();
+        let mut oracle = Self {
+            cloud,
+            bake,
+            input: BakeInput::new(cloud, &BakeSettings { directions: 16 }),
+            directions: directions().iter().map(|d| d.as_dvec3()).collect(),
+            epsilon: f64::from(epsilon),
+            nodes,
+            means: Vec::new(),
+            divisor: Vec::new(),
+            mean_irradiance: [0.0; 3],
+            // Four times the mean over the sphere of a clamped cosine is 1.
+            light_gain: 12.0 / total,
+            gloss: Vec::new(),
+            source: Light {
+                sky: Vec::new(),
+                suns: Vec::new(),
+                irradiance: Vec::new(),
+            },
+        };
+        oracle.source = oracle.light(source);
+        oracle.means = (0..cloud.len())
+            .map(|i| [1.0, -1.0].map(|side| oracle.mean_over_nodes(&oracle.colors(i, side))))
+            .collect();
+        oracle.divisor = (0..cloud.len())
+            .map(|i| oracle.gathered(i, &oracle.source, &oracle.means))
+            .collect();
+        oracle.mean_irradiance = oracle.mean_front(&oracle.source);
+        oracle.gloss = oracle.find_gloss();
+        oracle
+    }
+
+    fn n(&self, i: usize) -> DVec3 {
+        self.bake.normals[i].as_dvec3()
+    }
+
+    /// A node's direction to the camera in the world: the mirror that brings z to the normal.
+    fn node(&self, i: usize, local: DVec3) -> DVec3 {
+        let difference = self.n(i) - DVec3::Z;
+        let mirror = difference.try_normalize().unwrap_or(DVec3::X);
+        local - 2.0 * mirror * local.dot(mirror)
+    }
+
+    /// Stored value of surfel `i`'s SH towards a camera.
+    fn stored(&self, f: &[Rgb], to_camera: DVec3) -> Rgb {
+        let mut y = [0f64; MAX_COEFFICIENTS];
+        evaluate_basis((-to_camera).to_array(), self.cloud.sh_degree, &mut y);
+        rgb(|c| f.iter().zip(y).map(|(f, y)| f[c] * y).sum())
+    }
+
+    fn sh(&self, i: usize) -> Vec<Rgb> {
+        let sh = self.cloud.sh_of(i);
+        sh.iter().map(|f| f.map(f64::from)).collect()
+    }
+
+    fn decode(&self, stored: f64) -> f64 {
+        let encoded = (stored + f64::from(self.cloud.encoding.offset())).max(0.0);
+        match self.cloud.encoding {
+            Encoding::Stored if encoded <= 0.04045 => encoded / 12.92,
+            Encoding::Stored => ((encoded + 0.055) / 1.055).powf(2.4),
+            Encoding::StoredLinear | Encoding::Linear => encoded,
+        }
+    }
+
+    fn encode(&self, linear: f64) -> f64 {
+        let linear = linear.max(0.0);
+        let encoded = match self.cloud.encoding {
+            Encoding::Stored if linear <= 0.003_130_8 => 12.92 * linear,
+            Encoding::Stored => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
+            Encoding::StoredLinear | Encoding::Linear => linear,
+        };
+        encoded - f64::from(self.cloud.encoding.offset())
+    }
+
+    /// Linear colour at the nodes of one side.
+    fn colors(&self, i: usize, side: f64) -> Vec<Rgb> {
+        let f = self.sh(i);
+        self.nodes
+            .iter()
+            .map(|(v, _)| {
+                let v = self.node(i, DVec3::new(v.x, v.y, side * v.z));
+                self.stored(&f, v).map(|s| self.decode(s))
+            })
+            .collect()
+    }
+
+    fn mean_over_nodes(&self, values: &[Rgb]) -> Rgb {
+        let total: f64 = self.nodes.iter().map(|(v, a)| a * v.z).sum();
+        rgb(|c| {
+            let sum: f64 = self
+                .nodes
+                .iter()
+                .zip(values)
+                .map(|((v, a), x)| a * v.z * x[c])
+                .sum();
+            sum / total
+        })
+    }
+
+    fn light(&self, beams: &Beams) -> Light {
+        let mut sums = vec![(DVec3::ZERO, [0f64; 3]); DIRECTIONS];
+        for cell in &beams.cells {
+            let d = cell.direction.as_dvec3();
+            let nearest = (0..DIRECTIONS)
+                .max_by(|a, b| {
+                    self.directions[*a]
+                        .dot(d)
+                        .total_cmp(&self.directions[*b].dot(d))
+                })
+                .unwrap_or(0);
+            let e = cell.energy.map(|e| self.light_gain * f64::from(e));
+            sums[nearest].0 += d * e.iter().sum::<f64>();
+            sums[nearest].1 = rgb(|c| sums[nearest].1[c] + e[c]);
+        }
+        let sky = sums
+            .into_iter()
+            .zip(&self.directions)
+            .map(|((toward, e), d)| (toward.normalize_or(*d), e))
+            .collect();
+        let suns = beams
+            .suns
+            .iter()
+            .map(|sun| {
+                let d = sun.direction.as_dvec3();
+                let sees = |i| first_hit(&self.input, i, d).is_none();
+                (
+                    d,
+                    sun.energy.map(|e| self.light_gain * f64::from(e)),
+                    (0..self.cloud.len()).map(sees).collect(),
+                )
+            })
+            .collect();
+        let mut light = Light {
+            sky,
+            suns,
+            irradiance: Vec::new(),
+        };
+        let total = rgb(|c| {
+            let all = light.sky.iter().map(|(_, e)| e[c]);
+            all.chain(light.suns.iter().map(|(_, e, _)| e[c])).sum()
+        });
+        let least = rgb(|c| self.epsilon * total[c] / 4.0);
+        light.irradiance = (0..self.cloud.len())
+            .map(|i| {
+                [1.0, -1.0].map(|side| {
+                    let mut e = least;
+                    let mut add = |d: DVec3, energy: &Rgb| {
+                        let cosine = (side * self.n(i).dot(d)).max(0.0);
+                        e = rgb(|c| e[c] + cosine * energy[c]);
+                    };
+                    for (j, (d, energy)) in light.sky.iter().enumerate() {
+                        if self.bake.is_open(i, j) {
+                            add(*d, energy);
+                        }
+                    }
+                    for (d, energy, open) in &light.suns {
+                        // A back that is closed was not asked.
+                        if open[i] && (side > 0.0 || self.bake.two_sided[i] > 0.0) {
+                            add(*d, energy);
+                        }
+                    }
+                    e
+                })
+            })
+            .collect();
+        light
+    }
+
+    /// All irradiance, with what bounces.
+    fn gathered(&self, i: usize, light: &Light, radiance: &[Sides]) -> Sides {
+        let mut e = light.irradiance[i];
+        for hit in self.bake.hits_of(i) {
+            let cosine = self.n(i).dot(self.directions[hit.patch()]);
+            let b = radiance[hit.surfel()][usize::from(hit.is_back())];
+            let side = &mut e[usize::from(cosine < 0.0)];
+            *side = rgb(|c| side[c] + 4.0 * PI / PATCHES as f64 * cosine.abs() * b[c]);
+        }
+        e
+    }
+
+    fn mean_front(&self, light: &Light) -> Rgb {
+        let n = self.cloud.len() as f64;
+        rgb(|c| light.irradiance.iter().map(|e| e[0][c]).sum::<f64>() / n)
+    }
+
+    fn tau(&self, light: &Light) -> Vec<Sides> {
+        let mean = self.mean_front(light);
+        let mut tau = vec![[rgb(|c| mean[c] / self.mean_irradiance[c]); 2]; self.cloud.len()];
+        for _ in 0..TURNS {
+            let radiance = self.changed(&tau);
+            tau = (0..self.cloud.len())
+                .map(|i| {
+                    let e = self.gathered(i, light, &radiance);
+                    [0, 1].map(|s| rgb(|c| e[s][c] / self.divisor[i][s][c]))
+                })
+                .collect();
+        }
+        tau
+    }
+
+    fn changed(&self, tau: &[Sides]) -> Vec<Sides> {
+        let all = self.means.iter().zip(tau);
+        all.map(|(m, t)| [0, 1].map(|s| rgb(|c| m[s][c] * t[s][c])))
+            .collect()
+    }
+
+    /// All that shines on the front of surfel `i`.
+    fn rays(&self, i: usize, light: &Light, radiance: &[Sides]) -> Vec<(DVec3, Rgb)> {
+        let n = self.n(i);
+        let share = 4.0 * PI / DIRECTIONS as f64;
+        let mut rays = Vec::new();
+        for p in 0..PATCHES {
+            let hit = self.bake.hits_of(i).iter().find(|h| h.patch() == p);
+            let met = hit.map_or(radiance[i][0], |h| {
+                radiance[h.surfel()][usize::from(h.is_back())]
+            });
+            let (mut toward, mut energy) = (DVec3::ZERO, [0f64; 3]);
+            for j in (0..PER_PATCH).map(|place| place * PATCHES + p) {
+                if n.dot(self.directions[j]) <= 0.0 {
+                    continue;
+                }
+                let (d, e) = if self.bake.is_open(i, j) {
+                    light.sky[j]
+                } else {
+                    (self.directions[j], met.map(|b| share * b))
+                };
+                toward += d * e.iter().sum::<f64>();
+                energy = rgb(|c| energy[c] + e[c]);
+            }
+            if energy.iter().sum::<f64>() > 0.0 {
+                rays.push((toward.normalize(), energy));
+            }
+        }
+        let suns = light
+            .suns
+            .iter()
+            .filter(|(d, _, open)| open[i] && n.dot(*d) > 0.0);
+        rays.extend(suns.map(|(d, e, _)| (*d, *e)));
+        rays
+    }
+
+    /// What the surfel mirrors towards each node.
+    fn mirrored(&self, i: usize, rays: &[(DVec3, Rgb)], exponent: f64) -> Vec<Rgb> {
+        let n = self.n(i);
+        self.nodes
+            .iter()
+            .map(|(v, _)| {
+                let v = self.node(i, *v);
+                let mirror = 2.0 * n * n.dot(v) - v;
+                let mut sum = [0f64; 3];
+                for (d, e) in rays {
+                    let lobe = (0.5 + 0.5 * mirror.dot(*d)).max(0.0).powf(exponent);
+                    let lobe = (exponent + 1.0) / (4.0 * PI) * lobe;
+                    sum = rgb(|c| sum[c] + lobe * e[c]);
+                }
+                sum
+            })
+            .collect()
+    }
+
+    fn rise(&self, node: usize) -> f64 {
+        let grazing = (1.0 - self.nodes[node].0.z).powi(5);
+        1.0 + (1.0 / f64::from(NORMAL_OVER_GRAZING) - 1.0) * grazing
+    }
+
+    /// The least-squares fit of values at the nodes, as SH in the world.
+    fn fit(&self, i: usize, values: &[Rgb]) -> Vec<Rgb> {
+        let k = coefficient_count(self.cloud.sh_degree);
+        let weights: Vec<f64> = self
+            .nodes
+            .iter()
+            .map(|(v, a)| a * (v.z + FIT_FLOOR))
+            .collect();
+        let total: f64 = weights.iter().sum();
+        let mut rows = vec![vec![0f64; k + 3]; k];
+        for ((v, _), (w, value)) in self.nodes.iter().zip(weights.iter().zip(values)) {
+            let mut y = [0f64; MAX_COEFFICIENTS];
+            evaluate_basis((-self.node(i, *v)).to_array(), self.cloud.sh_degree, &mut y);
+            for a in 0..k {
+                for b in 0..k {
+                    rows[a][b] += w / total * y[a] * y[b];
+                }
+                for c in 0..3 {
+                    rows[a][k + c] += w / total * y[a] * value[c];
+                }
+            }
+        }
+        for (a, row) in rows.iter_mut().enumerate().skip(1) {
+            row[a] += FIT_RIDGE / (4.0 * PI);
+        }
+        for pivot in 0..k {
+            let top = rows[pivot]
+                .iter()
+                .map(|v| v / rows[pivot][pivot])
+                .collect::<Vec<f64>>();
+            for (a, row) in rows.iter_mut().enumerate() {
+                let factor = row[pivot];
+                for (v, t) in row.iter_mut().zip(&top) {
+                    *v = if a == pivot { *t } else { *v - factor * t };
+                }
+            }
+        }
+        rows.iter().map(|row| rgb(|c| row[k + c])).collect()
+    }
+
+    /// Values at the front's nodes of a function.
+    fn at_nodes(&self, i: usize, f: &[Rgb]) -> Vec<Rgb> {
+        let nodes = self.nodes.iter();
+        nodes
+            .map(|(v, _)| self.stored(f, self.node(i, *v)))
+            .collect()
+    }
+
+    fn neighbors(&self, i: usize) -> Vec<usize> {
+        let n = self.cloud.len();
+        let mean_size = self
+            .input
+            .surfels
+            .iter()
+            .map(|s| f64::from(s.bias))
+            .sum::<f64>()
+            / n as f64;
+        let distance = |j: usize| {
+            let place = |i: usize| self.input.surfels[i].position.as_dvec3() / (3.0 * mean_size);
+            (place(i) - place(j)).length_squared() + 4.0 * (self.n(i) - self.n(j)).length_squared()
+        };
+        let mut others: Vec<usize> = (0..n).filter(|j| *j != i).collect();
+        others.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+        others.truncate(NEIGHBORS);
+        others.push(i);
+        others
+    }
+
+    fn find_gloss(&self) -> Vec<Gloss> {
+        let n = self.cloud.len();
+        let white = {
+            let albedo = |i: usize| {
+                PI * self.means[i][0].iter().sum::<f64>() / self.divisor[i][0].iter().sum::<f64>()
+            };
+            let mut all: Vec<f64> = (0..n).map(albedo).collect();
+            all.sort_by(f64::total_cmp);
+            all[((n - 1) as f32 * WHITEST) as usize]
+        };
+        // Mean, covariance with the colour and variance of what each lobe mirrors, without and with its rise; and the colour's variance.
+        let moments: Vec<Vec<[[Rgb; 3]; 2]>> = (0..n)
+            .map(|i| {
+                let rays = self.rays(i, &self.source, &self.means);
+                let colors = self.colors(i, 1.0);
+                WIDTHS
+                    .iter()
+                    .map(|width| {
+                        let plain = self.mirrored(i, &rays, f64::from(1u32 << width));
+                        [false, true].map(|rises| {
+                            let lit: Vec<Rgb> = (0..plain.len())
+                                .map(|s| plain[s].map(|v| if rises { self.rise(s) * v } else { v }))
+                                .collect();
+                            let seen = self.at_nodes(i, &self.fit(i, &lit));
+                            self.moments(&seen, &colors, self.means[i][0])
+                        })
+                    })
+                    .collect()
+            })
+            .collect();
+        let variances: Vec<Rgb> = (0..n)
+            .map(|i| {
+                let colors = self.colors(i, 1.0);
+                self.moments(&colors, &colors, self.means[i][0])[2]
+            })
+            .collect();
+        let regressed: Vec<[(Rgb, usize, f64); 2]> = (0..n)
+            .map(|i| [0, 1].map(|kind| self.regress(i, kind, &moments, &variances)))
+            .collect();
+        let believed = |i: usize, kind: usize| {
+            let (k, _, correlation) = regressed[i][kind];
+            let trust = smoothstep(0.0, f64::from(TRUSTED_CORRELATION), correlation);
+            k.map(|k| k * trust * (1.0 - f64::from(self.bake.two_sided[i])))
+        };
+        let mean = |v: Rgb| v.iter().sum::<f64>() / 3.0;
+        (0..n)
+            .map(|i| {
+                let (mut mirrored, mut light, mut width, mut weight) = (0.0, 0.0, 0.0, 0.0);
+                for j in self.neighbors(i) {
+                    let (k, w) = (mean(believed(j, 0)), regressed[j][0].1);
+                    let m = mean(moments[j][w][0][0]).max(0.0);
+                    mirrored += k * m;
+                    light += m;
+                    width += k * w as f64;
+                    weight += k;
+                }
+                let [low, high] = METAL.map(f64::from);
+                let metallic = smoothstep(low, high, mirrored / (white * light).max(1e-9));
+                let most = f64::from(MOST_REFLECTANCE) * white;
+                if metallic == 0.0 {
+                    return Gloss {
+                        reflectance: believed(i, 1).map(|k| k.min(most)),
+                        exponent: f64::from(1u32 << WIDTHS[regressed[i][1].1]),
+                        rises: true,
+                    };
+                }
+                let width = ((width / weight.max(1e-9)).round() as usize).min(WIDTHS.len() - 1);
+                let k = believed(i, 0);
+                Gloss {
+                    reflectance: rgb(|c| {
+                        let m = moments[i][width][0][0][c].max(1e-6);
+                        let whole = f64::from(MOST_GLOSS) * self.means[i][0][c] / m;
+                        (k[c] + (whole - k[c]) * metallic).clamp(0.0, most)
+                    }),
+                    exponent: f64::from(1u32 << WIDTHS[width]),
+                    rises: false,
+                }
+            })
+            .collect()
+    }
+
+    fn moments(&self, seen: &[Rgb], colors: &[Rgb], color_mean: Rgb) -> [Rgb; 3] {
+        let mean = self.mean_over_nodes(seen);
+        let product = |f: &dyn Fn(usize, usize) -> f64| {
+            let values: Vec<Rgb> = (0..seen.len()).map(|s| rgb(|c| f(s, c))).collect();
+            self.mean_over_nodes(&values)
+        };
+        let off = |s: usize, c: usize| seen[s][c] - mean[c];
+        [
+            mean,
+            product(&|s, c| off(s, c) * (colors[s][c] - color_mean[c])),
+            product(&|s, c| off(s, c) * off(s, c)),
+        ]
+    }
+
+    fn regress(
+        &self,
+        i: usize,
+        kind: usize,
+        moments: &[Vec<[[Rgb; 3]; 2]>],
+        variances: &[Rgb],
+    ) -> (Rgb, usize, f64) {
+        let around = self.neighbors(i);
+        let pooled = |f: &dyn Fn(usize, usize) -> f64| {
+            rgb(|c| around.iter().map(|j| f(*j, c)).sum::<f64>() / around.len() as f64)
+        };
+        let var = pooled(&|j, c| variances[j][c]);
+        let unit = |j: usize| {
+            1.0 / self.means[j][0]
+                .iter()
+                .map(|m| m * m)
+                .sum::<f64>()
+                .max(1e-6)
+        };
+        let mut best: Option<(f64, (Rgb, usize, f64))> = None;
+        for w in 0..WIDTHS.len() {
+            let of = |j: usize| &moments[j][w][kind];
+            let (num, den) = (pooled(&|j, c| of(j)[1][c]), pooled(&|j, c| of(j)[2][c]));
+            let mean = |v: Rgb| v.iter().sum::<f64>() / 3.0;
+            let k = rgb(|c| {
+                let k = (num[c] + mean(num)) / (den[c] + mean(den) + f64::from(RIDGE));
+                let m = of(i)[0][c].max(1e-6);
+                k.clamp(
+                    0.0,
+                    (f64::from(MOST_GLOSS) * self.means[i][0][c] / m).max(0.0),
+                )
+            });
+            let residual: f64 = (0..3)
+                .map(|c| var[c] - 2.0 * k[c] * num[c] + k[c] * k[c] * den[c])
+                .sum();
+            let sum = |f: &dyn Fn(usize, usize) -> f64| {
+                let all = around.iter().flat_map(|j| (0..3).map(move |c| (*j, c)));
+                all.map(|(j, c)| unit(j) * f(j, c)).sum::<f64>()
+            };
+            let (a, b) = (sum(&|j, c| of(j)[1][c]), sum(&|j, c| of(j)[2][c]));
+            let correlation = a.max(0.0).powi(2) / (b * sum(&|j, c| variances[j][c])).max(1e-12);
+            if best.is_none_or(|(least, _)| residual < least) {
+                best = Some((residual, (k, w, correlation)));
+            }
+        }
+        best.map_or(([0.0; 3], 0, 0.0), |b| b.1)
+    }
+
+    /// Mirrored light with its reflectance, towards each node.
+    fn glossy(&self, i: usize, light: &Light, radiance: &[Sides]) -> Vec<Rgb> {
+        let gloss = self.gloss[i];
+        let rays = self.rays(i, light, radiance);
+        let mirrored = self.mirrored(i, &rays, gloss.exponent);
+        let rise = |s: usize| if gloss.rises { self.rise(s) } else { 1.0 };
+        (0..mirrored.len())
+            .map(|s| rgb(|c| rise(s) * gloss.reflectance[c] * mirrored[s][c]))
+            .collect()
+    }
+
+    /// Relights: colour as the asset's own is stored. `[n][K][3]`
+    pub fn relight(&self, target: &Beams) -> Vec<Rgb> {
+        let light = self.light(target);
+        let tau = self.tau(&light);
+        let radiance = self.changed(&tau);
+        (0..self.cloud.len())
+            .flat_map(|i| self.relight_surfel(i, &light, tau[i], &radiance))
+            .collect()
+    }
+
+    fn relight_surfel(&self, i: usize, light: &Light, tau: Sides, radiance: &[Sides]) -> Vec<Rgb> {
+        let before = self.glossy(i, &self.source, &self.means);
+        let seen = self.at_nodes(i, &self.fit(i, &before));
+        let colors = self.colors(i, 1.0);
+        let matte: Vec<Rgb> = (0..colors.len())
+            .map(|s| rgb(|c| (colors[s][c] - seen[s][c]).max(0.0)))
+            .collect();
+        let stored = |tau: Rgb, glossy: &[Rgb]| -> Vec<Rgb> {
+            (0..matte.len())
+                .map(|s| rgb(|c| self.encode(matte[s][c] * tau[c] + glossy[s][c])))
+                .collect()
+        };
+        let brightness = |stored: &[Rgb]| {
+            let offset = f64::from(self.cloud.encoding.offset());
+            rgb(|c| stored.iter().map(|v| v[c]).sum::<f64>() / stored.len() as f64 + offset)
+        };
+        let then = stored([1.0; 3], &before);
+        let now = stored(tau[0], &self.glossy(i, light, radiance));
+        let model = self.fit(i, &then);
+        let (bright_then, bright_now) = (brightness(&then), brightness(&now));
+        let scale = rgb(|c| {
+            let (now, then) = (bright_now[c], bright_then[c]);
+            let floor = f64::from(RESIDUAL_FLOOR);
+            if now < then {
+                now / then
+            } else {
+                (now + floor) / (then + floor)
+            }
+        });
+        let mut out = self.fit(i, &now);
+        for (o, (f, m)) in out.iter_mut().zip(self.sh(i).iter().zip(&model)) {
+            *o = rgb(|c| o[c] + scale[c] * (f[c] - m[c]));
+        }
+        let two_sided = f64::from(self.bake.two_sided[i]);
+        if two_sided > 0.0 {
+            self.add_back(i, tau, two_sided, &mut out);
+        }
+        out
+    }
+
+    fn add_back(&self, i: usize, [front, back]: Sides, two_sided: f64, out: &mut [Rgb]) {
+        let range = f64::from(BACK_RANGE);
+        let back = rgb(|c| back[c].clamp(front[c] / range, front[c] * range));
+        for side in [1.0, -1.0] {
+            for ((v, area), color) in self.nodes.iter().zip(self.colors(i, side)) {
+                let horizon = f64::from(HORIZON);
+                let share = two_sided * smoothstep(-horizon, horizon, -side * v.z);
+                let change = rgb(|c| {
+                    let tau = front[c] + share * (back[c] - front[c]);
+                    self.encode(color[c] * tau) - self.encode(color[c] * front[c])
+                });
+                let v = self.node(i, DVec3::new(v.x, v.y, side * v.z));
+                let mut y = [0f64; MAX_COEFFICIENTS];
+                evaluate_basis((-v).to_array(), self.cloud.sh_degree, &mut y);
+                for (o, y) in out.iter_mut().zip(y) {
+                    *o = rgb(|c| o[c] + area * y * change[c]);
+                }
+            }
+        }
+    }
+}
