@@ -574,6 +574,16 @@ impl Bake {
         }
     }
 
+    /// Bytes that it takes, in memory as in a file.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Visibility(v) => v.open.len(),
+            Self::Occlusion(o) => {
+                size_of_val(&o.open[..]) + size_of_val(&o.starts[..]) + size_of_val(&o.hits[..])
+            }
+        }
+    }
+
     /// Unit normals, turned to the open side. `[n]`
     pub fn normals(&self) -> &[Vec3] {
         match self {

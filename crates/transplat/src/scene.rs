@@ -99,6 +99,7 @@ impl Scene {
         };
         report.set("preset", preset.name());
         report.set("directions", bake.directions());
+        report.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
         report.set("normals_flipped", bake.flipped());
         report.set("normals_two_sided", two_sided(&bake));
         report.set("buried", bake.buried());

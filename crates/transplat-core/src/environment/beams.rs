@@ -4,6 +4,7 @@
 //! that. So it is taken out of the map and kept with its exact direction. What is left is smooth enough for the lattice.
 
 use glam::{DMat3, DVec3, Vec3};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::EnvironmentMap;
@@ -123,17 +124,11 @@ impl Beams {
 
     /// The cells gathered into the directions nearest to them; each beam comes from where most of its light is. `[N]`
     pub fn gathered(&self, lattice: &[Vec3]) -> Vec<Beam> {
+        let axes: [Vec<f32>; 3] = std::array::from_fn(|c| lattice.iter().map(|d| d[c]).collect());
         let nearest: Vec<usize> = self
             .cells
             .par_iter()
-            .map(|cell| {
-                let mut best = (f32::MIN, 0);
-                for (i, d) in lattice.iter().enumerate() {
-                    let cosine = d.dot(cell.direction);
-                    best = if cosine > best.0 { (cosine, i) } else { best };
-                }
-                best.1
-            })
+            .map(|cell| nearest(cell.direction, &axes))
             .collect();
         let mut sums = vec![Sum::default(); lattice.len()];
         for (cell, i) in self.cells.iter().zip(nearest) {
@@ -161,6 +156,37 @@ impl Beams {
     pub fn mean_irradiance(&self) -> f32 {
         self.mean_irradiances().iter().sum::<f32>() / 3.0
     }
+}
+
+/// Index of the direction nearest to `d`, an axis after the other.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn nearest(d: Vec3, [x, y, z]: &[Vec<f32>; 3]) -> usize {
+    const LANES: usize = 16;
+    let (mut most, mut block) = ([f32::MIN; LANES], [0u32; LANES]);
+    let whole = x.len() / LANES * LANES;
+    for start in (0..whole).step_by(LANES) {
+        let part = |p: &[f32]| -> [f32; LANES] {
+            let mut out = [0f32; LANES];
+            out.copy_from_slice(&p[start..start + LANES]);
+            out
+        };
+        let (x, y, z) = (part(x), part(y), part(z));
+        for i in 0..LANES {
+            let cosine = d.x * x[i] + d.y * y[i] + d.z * z[i];
+            block[i] = if cosine > most[i] {
+                start as u32
+            } else {
+                block[i]
+            };
+            most[i] = if cosine > most[i] { cosine } else { most[i] };
+        }
+    }
+    let lanes = (0..LANES).map(|i| (most[i], block[i] as usize + i));
+    let rest = (whole..x.len()).map(|i| (d.x * x[i] + d.y * y[i] + d.z * z[i], i));
+    lanes
+        .chain(rest)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(0, |found| found.1)
 }
 
 /// A beam in the making: what many parts hold together, from their mean direction.

@@ -19,10 +19,11 @@ pub fn run(args: &BakeArgs) -> Result<()> {
     report.time("export", || save_bake(&args.output, &scene.cloud, &bake))?;
     report.set("output", args.output.display().to_string());
     report.finish(&format!(
-        "wrote {} for preset {}: {} surfels, {} directions; {} normals turned, {} two-sided, {} buried",
+        "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
         bake.preset().name(),
-        scene.cloud.len(),
+        bake.len(),
+        bake.bytes() / bake.len().max(1),
         bake.directions(),
         bake.flipped(),
         two_sided(&bake),

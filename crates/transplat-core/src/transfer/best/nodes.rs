@@ -28,6 +28,8 @@ pub struct Nodes {
     pub degree: usize,
     /// Directions to the camera in the surfel's frame, z up. `[Q]`
     pub to_camera: Vec<Vec3>,
+    /// Half of each, mirrored about the normal, an axis after the other. `[3][Q]`
+    pub half_mirrored: [Vec<f32>; 3],
     /// Cosine-weighted quadrature over the hemisphere, sums to 1. `[Q]`
     pub weights: Vec<f32>,
     /// Value of each basis function at a node, as seen from there. `[K][Q]`
@@ -104,6 +106,10 @@ impl Nodes {
                 .iter()
                 .map(|v| 1.0 + (1.0 / NORMAL_OVER_GRAZING - 1.0) * (1.0 - v[2] as f32).powi(5))
                 .collect(),
+            half_mirrored: std::array::from_fn(|axis| {
+                let sign = if axis == 2 { 0.5 } else { -0.5 };
+                to_camera.iter().map(|v| (sign * v[axis]) as f32).collect()
+            }),
             project: [project(&front), project(&back)],
             evaluate: transposed(&front, q),
             evaluate_back: transposed(&back, q),
@@ -240,7 +246,7 @@ impl Frame {
     }
 
     /// A direction from the world into the frame, or back.
-    #[inline(always)]
+    #[cfg(test)]
     pub fn apply(&self, d: Vec3) -> Vec3 {
         d - self.mirror * (2.0 * d.dot(self.mirror))
     }
