@@ -360,3 +360,79 @@ fn a_look_sets_what_the_command_line_leaves_open() {
         by_look
     );
 }
+
+/// Truth that preset `best` itself has drawn: so it scores high, nothing scores low, and the table says so.
+#[test]
+fn presets_are_measured_against_the_truth() {
+    let folder = Folder::new();
+    let (teapot, city, sunset) = (asset("teapot.ply"), asset("city.hdr"), asset("sunset.hdr"));
+    for inside in ["truth/envs", "truth/dev/teapot/gt/sunset"] {
+        fs::create_dir_all(folder.path(inside)).expect("room");
+    }
+    fs::copy(&city, folder.path("truth/envs/city.hdr")).expect("room");
+    fs::copy(&sunset, folder.path("truth/envs/sunset.hdr")).expect("room");
+    fs::copy(&teapot, folder.path("truth/dev/teapot/source.ply")).expect("room");
+    let cameras = fs::read_to_string(asset("teapot_cameras.json")).expect("the cameras");
+    let mut cameras: serde_json::Value = serde_json::from_str(&cameras).expect("JSON");
+    let frames = cameras["frames"].as_array_mut().expect("frames");
+    frames.truncate(2);
+    (cameras["w"], cameras["h"]) = (96.into(), 96.into());
+    let transforms = folder.write("truth/dev/teapot/transforms_test.json", cameras.to_string());
+    let manifest = r#"{"sets": {"dev": {"objects": {"teapot": {"source_env": "city", "targets": ["sunset", "interior"]}}}}}"#;
+    folder.write("truth/MANIFEST.json", manifest);
+    let (truth, out) = (folder.name("truth"), folder.name("report"));
+    let drawn = folder.name("truth/dev/teapot/gt/sunset");
+    let render = ["render", &teapot, "--source", &city, "--target", &sunset];
+    let options = [
+        "--cameras",
+        &transforms,
+        "--format",
+        "exr",
+        "--device",
+        "cpu",
+        "-o",
+        &drawn,
+    ];
+    run_json(&[&render[..], &options].concat());
+    let report = [
+        "report",
+        "--ground-truth",
+        &truth,
+        "--device",
+        "cpu",
+        "-o",
+        &out,
+    ];
+    let told = run_json(&report);
+    assert_eq!(told["pairs"], 1);
+    let table = fs::read_to_string(folder.path("report/truth.csv")).expect("the table");
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next(),
+        Some("object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms")
+    );
+    let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
+    let psnr = |preset: &str| -> f64 {
+        let row = rows.iter().find(|r| r[3] == preset);
+        row.expect("a row")[5].parse().expect("a number")
+    };
+    // What was drawn in linear light is blended otherwise than the display blends.
+    assert!(psnr("best") > 38.0, "{table}");
+    for preset in ["paper", "nothing"] {
+        assert!(psnr(preset) < psnr("best") - 3.0, "{preset}: {table}");
+    }
+    assert!(folder.path("report/pictures/teapot_sunset.png").is_file());
+    assert!(folder.path("report/truth.md").is_file());
+
+    // What is not there is told.
+    let output = run(&[&report[..], &["--objects", "kettle"]].concat());
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        message.contains("kettle") && message.contains("teapot"),
+        "{message}"
+    );
+    folder.write("truth/MANIFEST.json", manifest.replace("city", "moon"));
+    let output = run(&report);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(message.contains("moon.hdr"), "{message}");
+}

@@ -1,5 +1,5 @@
 //! The preset `best`: sums over directions instead of products of SH series, and what the asset's own colour under the source light
-//! tells of it.
+//! tells of it. `docs/method.md` derives it.
 //!
 //! Once for an asset: [`BestAsset`]. Once for asset and source light: [`BestTransfer`]. A new light is then sums over light.
 
