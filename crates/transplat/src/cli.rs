@@ -406,7 +406,7 @@ mod tests {
             .get_subcommands()
             .map(|c| c.get_name().to_owned())
             .collect();
-        assert_eq!(names, ["relight", "render", "bake", "info"]);
+        assert_eq!(names, ["relight", "render", "bake", "info", "report"]);
     }
 
     #[test]

@@ -32,7 +32,6 @@ pub struct OracleBest<'a> {
     nodes: Vec<(DVec3, f64)>,
     means: Vec<Sides>,
     divisor: Vec<Sides>,
-    mean_irradiance: Rgb,
     light_gain: f64,
     gloss: Vec<Gloss>,
     source: Light,
@@ -44,6 +43,8 @@ struct Light {
     /// And which surfels it reaches.
     suns: Vec<(DVec3, Rgb, Vec<bool>)>,
     irradiance: Vec<Sides>,
+    /// Mean over the sphere of the irradiance where nothing blocks it.
+    mean: Rgb,
 }
 
 #[derive(Clone, Copy)]
@@ -93,7 +94,6 @@ impl<'a> OracleBest<'a> {
             nodes,
             means: Vec::new(),
             divisor: Vec::new(),
-            mean_irradiance: [0.0; 3],
             // Four times the mean over the sphere of a clamped cosine is 1.
             light_gain: 12.0 / total,
             gloss: Vec::new(),
@@ -101,6 +101,7 @@ impl<'a> OracleBest<'a> {
                 sky: Vec::new(),
                 suns: Vec::new(),
                 irradiance: Vec::new(),
+                mean: [0.0; 3],
             },
         };
         oracle.source = oracle.light(source);
@@ -110,7 +111,6 @@ impl<'a> OracleBest<'a> {
         oracle.divisor = (0..cloud.len())
             .map(|i| oracle.gathered(i, &oracle.source, &oracle.means))
             .collect();
-        oracle.mean_irradiance = oracle.mean_front(&oracle.source);
         oracle.gloss = oracle.find_gloss();
         oracle
     }
@@ -219,12 +219,14 @@ impl<'a> OracleBest<'a> {
             sky,
             suns,
             irradiance: Vec::new(),
+            mean: [0.0; 3],
         };
-        let total = rgb(|c| {
+        let total: Rgb = rgb(|c| {
             let all = light.sky.iter().map(|(_, e)| e[c]);
             all.chain(light.suns.iter().map(|(_, e, _)| e[c])).sum()
         });
-        let least = rgb(|c| self.epsilon * total[c] / 4.0);
+        light.mean = total.map(|t| t / 4.0);
+        let least = light.mean.map(|m| self.epsilon * m);
         light.irradiance = (0..self.cloud.len())
             .map(|i| {
                 [1.0, -1.0].map(|side| {
@@ -263,14 +265,9 @@ impl<'a> OracleBest<'a> {
         e
     }
 
-    fn mean_front(&self, light: &Light) -> Rgb {
-        let n = self.cloud.len() as f64;
-        rgb(|c| light.irradiance.iter().map(|e| e[0][c]).sum::<f64>() / n)
-    }
-
     fn tau(&self, light: &Light) -> Vec<Sides> {
-        let mean = self.mean_front(light);
-        let mut tau = vec![[rgb(|c| mean[c] / self.mean_irradiance[c]); 2]; self.cloud.len()];
+        let start = rgb(|c| light.mean[c] / self.source.mean[c]);
+        let mut tau = vec![[start; 2]; self.cloud.len()];
         for _ in 0..TURNS {
             let radiance = self.changed(&tau);
             tau = (0..self.cloud.len())

@@ -81,8 +81,6 @@ pub struct BestTransfer {
     gloss: Vec<Gloss>,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     divisor: Vec<Sides>,
-    /// Mean irradiance of the fronts under the source.
-    mean_irradiance: [f32; 3],
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
     matte: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
@@ -359,7 +357,6 @@ impl BestTransfer {
             least: light.least,
             gloss,
             divisor,
-            mean_irradiance: mean_of(light.irradiance.iter().map(|e| &e[0])),
             encoded_mean: parts.iter().map(|p| p.encoded_mean).collect(),
             residual: parts
                 .iter()
@@ -420,9 +417,9 @@ impl BestTransfer {
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
     fn bounce(&self, light: &Incident) -> Vec<Sides> {
         let asset = &*self.asset;
-        let mean = mean_of(light.irradiance.iter().map(|e| &e[0]));
-        let start: [f32; 3] =
-            std::array::from_fn(|c| mean[c] / self.mean_irradiance[c].max(LEAST_IRRADIANCE));
+        // From the lights' mean irradiances: epsilon's shares are in their proportion.
+        let least = LEAST_IRRADIANCE * self.settings.epsilon();
+        let start = std::array::from_fn(|c| light.least[c] / self.least[c].max(least));
         let mut tau = vec![[start; 2]; asset.len()];
         for _ in 0..TURNS {
             let radiance = asset.radiance(&tau);

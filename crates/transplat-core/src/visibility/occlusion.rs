@@ -70,7 +70,7 @@ pub struct Occlusion {
     pub two_sided: Vec<f32>,
     /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
     pub starts: Vec<u32>,
-    /// Blocked directions among those that know what is met, front side first and then, where there are two sides, the back.
+    /// Blocked directions among those that know what is met, by patch: those in front, and then, where there are two sides, those behind.
     pub hits: Vec<Hit>,
     /// How many stored normals pointed to the closed side.
     pub flipped: usize,
@@ -197,9 +197,12 @@ impl Occlusion {
                 let met = hit.surfel();
                 hit.on(two_sided[met] > 0.0 && faces(sides[met].0, hit))
             };
-            hits.extend(f.hits.iter().filter(|h| faces(*n, h)).map(told));
-            if *two > 0.0 {
-                hits.extend(f.hits.iter().filter(|h| !faces(*n, h)).map(told));
+            for front in [true, false] {
+                if front || *two > 0.0 {
+                    let from = hits.len();
+                    hits.extend(f.hits.iter().filter(|h| faces(*n, h) == front).map(told));
+                    hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
+                }
             }
             starts.push(hits.len() as u32);
         }
