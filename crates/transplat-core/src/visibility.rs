@@ -574,7 +574,7 @@ impl Bake {
         }
     }
 
-    /// Bytes that it takes, in memory as in a file.
+    /// Bytes that it takes in a file, beside the head.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Visibility(v) => v.open.len(),

@@ -63,7 +63,7 @@ impl Picture {
     /// Peak signal to noise ratio in dB over the pixels of a mask (`[height][width]`), or all.
     ///
     /// # Errors
-    /// The pictures differ in size.
+    /// The pictures differ in size, the mask is empty, or a value is no number.
     pub fn psnr(&self, other: &Self, mask: Option<&[bool]>) -> Result<f64> {
         self.check(other)?;
         let (mut sum, mut count) = (0f64, 0usize);
@@ -74,7 +74,10 @@ impl Picture {
                 count += 1;
             }
         }
-        Ok(-10.0 * (sum / count.max(1) as f64).max(LEAST_ERROR).log10())
+        if count == 0 || !sum.is_finite() {
+            bail!("nothing to be compared, or no numbers");
+        }
+        Ok(-10.0 * (sum / count as f64).max(LEAST_ERROR).log10())
     }
 
     /// Structural similarity (Wang et al. 2004), the mean of the channels; 1 is the same picture.

@@ -86,10 +86,25 @@ impl TruthObject {
         let truth = set.join(object.gt_of.as_deref().unwrap_or(name));
         let pictures = truth.join("gt");
         let there = |l: &&String| pictures.join(l).is_dir() && **l != object.source_env;
+        if !object.targets.iter().any(|l| there(&l)) {
+            bail!(
+                "{}: holds no picture of {name} under any of its targets",
+                pictures.display()
+            );
+        }
+        let (ply, cameras) = (
+            set.join(name).join(asset),
+            truth.join("transforms_test.json"),
+        );
+        for file in [&ply, &cameras] {
+            if !file.is_file() {
+                bail!("{}: is missing", file.display());
+            }
+        }
         Ok(Self {
             name: name.to_owned(),
-            asset: set.join(name).join(asset),
-            cameras: truth.join("transforms_test.json"),
+            asset: ply,
+            cameras,
             source: light(&object.source_env)?,
             targets: object
                 .targets
@@ -110,9 +125,14 @@ impl TruthObject {
         let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
         let mut found: Vec<PathBuf> = entries
             .filter_map(|e| Some(e.ok()?.path()))
-            .filter(|p| p.extension().is_some_and(|e| e == "exr"))
+            .filter(|p| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")))
             .collect();
-        found.sort();
+        // By their numbers, as cameras are: r_2 before r_10.
+        found.sort_by_cached_key(|p| {
+            let stem = p.file_stem().unwrap_or_default().to_string_lossy();
+            let digits = stem.trim_start_matches(|c: char| !c.is_ascii_digit());
+            (digits.parse::<u64>().ok(), p.clone())
+        });
         if found.is_empty() {
             bail!("{}: holds no .exr picture", folder.display());
         }

@@ -107,6 +107,14 @@ impl Beams {
         })
     }
 
+    /// The light with no energy above `most`, so that no sum overflows.
+    pub fn clamped(&self, most: f32) -> Self {
+        self.map(|b| Beam {
+            energy: b.energy.map(|e| e.min(most)),
+            ..*b
+        })
+    }
+
     /// The same light, its suns among the cells.
     pub fn with_suns_as_sky(&self) -> Self {
         Self {

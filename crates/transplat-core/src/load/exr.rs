@@ -56,7 +56,7 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
         .layer_data
         .iter()
         .find_map(|layer| Some((layer, pick_channels(&layer.channel_data)?)));
-    let (layer, channels) = found.ok_or_else(|| {
+    let (layer, (channels, alpha)) = found.ok_or_else(|| {
         let names: Vec<String> = image
             .layer_data
             .iter()
@@ -81,8 +81,6 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
         ));
     }
     let mut pixels = vec![[0.0, 0.0, 0.0, 1.0]; width * height];
-    let alpha = layer.channel_data.list.iter().find(|c| c.name.eq("A"));
-    let alpha = alpha.map(|c| &c.sample_data);
     for (c, samples) in channels.into_iter().chain(alpha).enumerate() {
         if samples.len() != pixels.len() {
             return Err(Error::invalid(
@@ -102,8 +100,10 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
     })
 }
 
-/// The channels named R, G and B, in the unnamed group first, then in any; else Y thrice.
-fn pick_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&FlatSamples; 3]> {
+/// The channels named R, G and B, in the unnamed group first, then in any; else Y thrice; and the alpha beside them.
+fn pick_channels(
+    channels: &AnyChannels<FlatSamples>,
+) -> Option<([&FlatSamples; 3], Option<&FlatSamples>)> {
     let named = |prefix: &str, letter: &str| {
         channels
             .list
@@ -112,11 +112,12 @@ fn pick_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&FlatSamples; 3
             .map(|c| &c.sample_data)
     };
     let group = |prefix: &str| {
-        Some([
+        let colors = [
             named(prefix, "R")?,
             named(prefix, "G")?,
             named(prefix, "B")?,
-        ])
+        ];
+        Some((colors, named(prefix, "A")))
     };
     let prefixes = channels.list.iter().filter_map(|c| {
         let name = c.name.to_string();
@@ -124,7 +125,7 @@ fn pick_channels(channels: &AnyChannels<FlatSamples>) -> Option<[&FlatSamples; 3
     });
     group("")
         .or_else(|| prefixes.into_iter().find_map(|prefix| group(&prefix)))
-        .or_else(|| named("", "Y").map(|y| [y; 3]))
+        .or_else(|| named("", "Y").map(|y| ([y; 3], named("", "A"))))
 }
 
 #[cfg(test)]

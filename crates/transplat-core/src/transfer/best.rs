@@ -37,6 +37,12 @@ pub(crate) const TURNS: usize = 3;
 /// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
 const LEAST_IRRADIANCE: f32 = 1e-6;
 
+/// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
+const LEAST_CHANNEL: f32 = 0.05;
+
+/// No light is stronger than that many times the source, so that no sum overflows.
+const MAX_RELATIVE_LIGHT: f32 = 1e12;
+
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
 pub(crate) const BACK_RANGE: f32 = 4.0;
 
@@ -78,6 +84,8 @@ pub struct BestTransfer {
     pub source_was_black: bool,
     /// Epsilon's part of the divisor.
     least: [f32; 3],
+    /// Share of each light's mean that a channel gets because the source hardly has it.
+    fill: [f32; 3],
     gloss: Vec<Gloss>,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     divisor: Vec<Sides>,
@@ -319,7 +327,8 @@ impl BestTransfer {
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
-        let light = asset.incident(source, light_gain, settings);
+        let fill = fill_of(source.1);
+        let light = asset.incident(source, light_gain, settings, fill);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
             .map(|i| {
@@ -355,6 +364,7 @@ impl BestTransfer {
             light_gain,
             source_was_black,
             least: light.least,
+            fill,
             gloss,
             divisor,
             encoded_mean: parts.iter().map(|p| p.encoded_mean).collect(),
@@ -369,7 +379,7 @@ impl BestTransfer {
     /// Relights.
     pub fn relight(&self, target: (&IncidentRadiance, &Beams)) -> Relit {
         let asset = &*self.asset;
-        let light = asset.incident(target, self.light_gain, &self.settings);
+        let light = asset.incident(target, self.light_gain, &self.settings, self.fill);
         let tau = self.bounce(&light);
         let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);
@@ -520,6 +530,14 @@ impl BestTransfer {
             }
         }
     }
+}
+
+/// What each channel of a light lacks of the least that tells anything, as a share of its mean.
+fn fill_of(light: &Beams) -> [f32; 3] {
+    let mean = light.mean_irradiance();
+    light
+        .mean_irradiances()
+        .map(|e| (LEAST_CHANNEL - e / mean).max(0.0))
 }
 
 #[derive(Default)]

@@ -1,7 +1,7 @@
 //! `transplat report`: presets and single terms against path-traced truth.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -173,6 +173,7 @@ impl<'a> TruthScene<'a> {
     fn load(object: &'a TruthObject, device: &Device) -> Result<Self> {
         let (cloud, _) = load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
+        let file = load_cameras(&object.cameras)?;
         let light = |light: &TruthLight| -> Result<Illumination> {
             device.light(&load_environment(&light.path)?, Preset::Best)
         };
@@ -180,11 +181,7 @@ impl<'a> TruthScene<'a> {
             .targets
             .iter()
             .map(|target| {
-                let rasters = object
-                    .pictures(target)?
-                    .iter()
-                    .map(|p| Ok(load_picture(p)?))
-                    .collect::<Result<Vec<Raster>>>()?;
+                let rasters = load_pictures(&object.pictures(target)?, file.frames.len())?;
                 Ok(TruthTarget {
                     light: target.clone(),
                     illumination: light(target)?,
@@ -196,7 +193,6 @@ impl<'a> TruthScene<'a> {
                 })
             })
             .collect::<Result<Vec<TruthTarget>>>()?;
-        let file = load_cameras(&object.cameras)?;
         let near = NEAR * cloud.bounds().radius;
         let first = targets.first().and_then(|t| t.pictures.first());
         let size = first.map(|p| [p.width, p.height]).or(file.size);
@@ -239,14 +235,6 @@ impl<'a> TruthScene<'a> {
                 None => (None, None),
             };
             let ours = self.pictures(relit.as_ref())?;
-            if ours.len() != target.pictures.len() {
-                bail!(
-                    "{} cameras and {} pictures under {}",
-                    ours.len(),
-                    target.pictures.len(),
-                    target.light.name
-                );
-            }
             if variant.is_default() {
                 let name = format!("{}_{}.png", self.object.name, target.light.name);
                 write_side_by_side(&folder.join(name), &target.pictures, &ours)?;
@@ -304,6 +292,40 @@ impl<'a> TruthScene<'a> {
             transfer_ms,
         })
     }
+}
+
+/// The true pictures under one light, which are of one size and show the object.
+fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
+    let folder = paths.first().and_then(|p| p.parent());
+    let folder = folder.map_or(String::new(), |f| f.display().to_string());
+    if paths.len() != cameras {
+        bail!("{folder}: {} pictures for {cameras} cameras", paths.len());
+    }
+    let mut rasters: Vec<Raster> = Vec::new();
+    for path in paths {
+        let told = || path.display().to_string();
+        let raster = load_picture(path)?;
+        if let Some(first) = rasters.first()
+            && (first.width, first.height) != (raster.width, raster.height)
+        {
+            bail!(
+                "{}: {} x {} pixels, and the first picture has {} x {}",
+                told(),
+                raster.width,
+                raster.height,
+                first.width,
+                first.height
+            );
+        }
+        if !raster.pixels.iter().flatten().all(|v| v.is_finite()) {
+            bail!("{}: holds values that are no numbers", told());
+        }
+        if !raster.pixels.iter().any(|p| p[3] > 0.5) {
+            bail!("{}: shows nothing of the object", told());
+        }
+        rasters.push(raster);
+    }
+    Ok(rasters)
 }
 
 /// Relights, and tells how long a change of light takes.

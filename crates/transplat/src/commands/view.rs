@@ -1,6 +1,8 @@
 //! `transplat` without a command: the viewer.
 
 use anyhow::{Context, Result};
+use transplat_core::look::Look;
+use transplat_core::transfer::TransferSettings;
 
 use crate::cli::{DeviceChoice, ViewArgs};
 use crate::scene::{look_of, look_over};
@@ -20,14 +22,18 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
-    let told = look_of(&options, Some(&light))? != transplat_core::look::Look::default();
+    let told = look_of(&options, Some(&light))? != Look::default() || light.preset.is_some();
     if light.target.len() > 1 {
         crate::commands::usage(
             "the viewer takes one --target; give more lights as files, for the shelf",
         );
     }
     let bake = light.bake.clone();
-    let settings = move |kept: transplat_core::look::Look| {
+    let settings = move |mut kept: Look| {
+        // Terms that are switched off are the default preset's, unless another is named.
+        if light.preset.is_none() && !light.without.is_empty() {
+            kept.transfer = TransferSettings::default();
+        }
         // It was right a moment ago; a look that has gone meanwhile leaves the kept settings.
         look_over(kept.clone(), &options, Some(&light)).unwrap_or(kept)
     };

@@ -523,6 +523,8 @@ impl Session {
         self.live().set_asset(live);
         self.bakes.clear();
         self.prepared = None;
+        // What is still on its way belongs to the last one.
+        self.prepared_version += 1;
         self.relit = None;
         self.relit_asked = None;
         self.pinned = None;

@@ -127,7 +127,9 @@ impl Session {
 
     /// Starts the bake again after it was cancelled.
     pub fn rebake(&mut self) {
-        self.bakes.remove(&self.look.transfer.preset);
+        if let Some(state) = self.bakes.get_mut(&self.look.transfer.preset) {
+            state.asked = None;
+        }
     }
 
     /// Source and target as the asset sees them.
@@ -415,6 +417,11 @@ impl Session {
         };
         let (cloud, bake, prepared) = (asset.cloud.clone(), bake.clone(), prepared.clone());
         let relit = self.relit.clone();
+        // What is shown may still be of the last preparation.
+        let is_best = matches!(prepared, PreparedTransfer::Best(_));
+        if shown.prepared != self.prepared_version || (is_best && relit.is_none()) {
+            return;
+        }
         self.doubts_for = Some(key);
         let work = move |_: &Handle<Event>| {
             // What was relit on the GPU is not here.

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::lobe::Ray;
-use super::{BestAsset, Sides};
+use super::{BestAsset, MAX_RELATIVE_LIGHT, Sides};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::evaluate_sh;
 use crate::transfer::{Terms, TransferSettings};
@@ -61,15 +61,16 @@ impl Sky {
 }
 
 impl BestAsset {
-    /// A light with its strength multiplied, as the surfels meet it.
+    /// A light with its strength multiplied, as the surfels meet it. `fill` is what a channel gets of the light's mean that the source lacks.
     pub(super) fn incident(
         &self,
         (radiance, beams): (&IncidentRadiance, &Beams),
         gain: f32,
         settings: &TransferSettings,
+        fill: [f32; 3],
     ) -> Incident {
         let terms = settings.terms;
-        let beams = beams.tinted([gain; 3]);
+        let beams = beams.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
         let (sky, suns) = if terms.sums && terms.suns {
             (beams.gathered(&self.directions), &beams.suns[..])
         } else if terms.sums {
@@ -81,6 +82,8 @@ impl BestAsset {
             let light = radiance.truncated(settings.sh_degree).scaled(gain);
             (self.series(&light), &[] as &[Beam])
         };
+        let (means, mean) = (beams.mean_irradiances(), beams.mean_irradiance());
+        let least = std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean);
         let mut light = Incident {
             sky: Sky::new(&sky),
             suns: suns
@@ -88,7 +91,7 @@ impl BestAsset {
                 .map(|s| (*s, self.seen_from(s, terms)))
                 .collect(),
             irradiance: Vec::new(),
-            least: beams.mean_irradiances().map(|e| settings.epsilon() * e),
+            least,
             terms,
         };
         light.irradiance = (0..self.len())

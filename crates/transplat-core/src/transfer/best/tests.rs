@@ -61,6 +61,7 @@ fn glossy() -> SurfelCloud {
 }
 
 fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    assert!(a.iter().chain(b).flatten().all(|v| v.is_finite()));
     a.iter()
         .flatten()
         .zip(b.iter().flatten())
@@ -182,6 +183,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             source.for_best().expect("with beams"),
             1.0,
             &TransferSettings::default(),
+            [0.0; 3],
         );
         let mut rays = Vec::new();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
@@ -223,6 +225,22 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             assert!(most < 0.02, "{most}");
         }
     }
+}
+
+#[test]
+fn extreme_lights_are_finite_and_what_the_source_lacks_stays_bounded() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let white = sky(DVec3::Z, [1.0; 3]);
+    let red = white.tinted([1.0, 0.0, 0.0]);
+    let relit = prepared(&asset, &red).relight_by(&white);
+    // White has three times red's mean; a surfel that faces its sun has four times that, over a twentieth: 240, and what bounces.
+    assert!(relit.tau.iter().flatten().all(|t| *t < 500.0));
+    assert!(farthest(&prepared(&asset, &red).relight_by(&red).sh, &cloud.sh) < 1e-3);
+    let (faint, glaring) = (white.scaled(1e-25), white.scaled(1e12));
+    let relit = prepared(&asset, &faint).relight_by(&glaring);
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+    assert!(relit.tau.iter().flatten().all(|v| v.is_finite()));
 }
 
 #[test]
@@ -305,6 +323,7 @@ fn production_follows_the_oracle() {
             errors.fold(0f64, |most, (g, e)| most.max((f64::from(*g) - e).abs()))
         })
         .collect();
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
     errors.sort_by(f64::total_cmp);
     // f32 sums of a few hundred terms. Where two lobes fit alike, or a ray grazes a rim, either may be taken: a few surfels.
     let n = errors.len();
