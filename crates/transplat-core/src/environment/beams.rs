@@ -3,6 +3,8 @@
 //! A sun is a few pixels wide and holds up to half of all light: its shadow is crisp, and no sum over a lattice of directions can show
 //! that. So it is taken out of the map and kept with its exact direction. What is left is smooth enough for the lattice.
 
+use std::f64::consts::PI;
+
 use glam::{DMat3, DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -39,6 +41,9 @@ pub const SUN_RADIUS: f64 = 4.0;
 /// Outer radius of the ring around it whose median is what the sky would be without it, in degrees.
 const RING_RADIUS: f64 = 10.0;
 
+/// Bright discs that are looked at before what is left is sky.
+const MOST_TRIES: usize = 64;
+
 /// Columns of the map in which suns are looked for: 0.35 degrees.
 const SEARCH_COLUMNS: usize = 1024;
 
@@ -60,22 +65,19 @@ impl Beams {
         let map = map.reduced(SEARCH_COLUMNS);
         let mut pixels = Pixels::of(&map);
         let total = pixels.sum();
+        let least = SUN_SHARE * total;
         let mut suns = Vec::new();
-        while suns.len() < MAX_SUNS {
-            let Some((sun, excess)) = pixels.brightest() else {
+        for _ in 0..MOST_TRIES {
+            let Some(peak) = pixels.peak(least).filter(|_| suns.len() < MAX_SUNS) else {
                 break;
             };
-            let energy: f64 = sun.iter().map(|p| p.1.iter().sum::<f64>()).sum();
-            // Not NaN either.
-            if !(energy >= SUN_SHARE * total && energy > 0.0) {
-                break;
+            let excess = pixels.excess_around(peak);
+            let energy: f64 = excess.iter().flat_map(|(_, e)| e).sum();
+            if energy >= least {
+                suns.push(beam(excess.iter().map(|(i, e)| (pixels.direction(*i), *e))));
             }
-            suns.push(beam(sun.iter().map(|(d, e, _)| (*d, *e))));
-            for ((_, _, index), excess) in sun.iter().zip(excess) {
-                for (e, x) in pixels.energy[*index].iter_mut().zip(excess) {
-                    *e -= x;
-                }
-            }
+            // A small bright dot is sky, and does not hide a sun that is less bright.
+            pixels.settle(&excess, energy >= least);
         }
         Self {
             suns,
@@ -233,13 +235,13 @@ struct Pixels<'a> {
     map: &'a EnvironmentMap,
     /// `[height][width]`
     energy: Vec<[f64; 3]>,
+    /// Pixels around which there is no sun any more.
+    settled: Vec<bool>,
 }
-
-type Excess = Vec<(DVec3, [f64; 3], usize)>;
 
 impl<'a> Pixels<'a> {
     fn of(map: &'a EnvironmentMap) -> Self {
-        let energy = map
+        let energy: Vec<[f64; 3]> = map
             .pixels()
             .iter()
             .enumerate()
@@ -248,21 +250,40 @@ impl<'a> Pixels<'a> {
                 p.map(|v| omega * f64::from(v))
             })
             .collect();
-        Self { map, energy }
+        Self {
+            map,
+            settled: vec![false; energy.len()],
+            energy,
+        }
     }
 
     fn sum(&self) -> f64 {
         self.energy.iter().flatten().sum()
     }
 
-    /// What the surroundings of the brightest pixel hold above the sky around them: direction, energy and index of each pixel.
-    fn brightest(&self) -> Option<(Excess, Vec<[f64; 3]>)> {
-        let (w, h) = (self.map.width(), self.map.height());
+    fn direction(&self, i: usize) -> DVec3 {
+        let w = self.map.width();
+        DVec3::from_array(self.map.direction(i % w, i / w))
+    }
+
+    /// The brightest pixel, if a disc as bright as that could hold so much.
+    fn peak(&self, least: f64) -> Option<usize> {
+        let w = self.map.width();
         let radiance =
             |i: usize| self.energy[i].iter().sum::<f64>() / self.map.pixel_solid_angle(i / w);
-        let peak = (0..w * h).max_by(|a, b| radiance(*a).total_cmp(&radiance(*b)))?;
-        let direction = |i: usize| DVec3::from_array(self.map.direction(i % w, i / w));
-        let toward = direction(peak);
+        let peak = (0..self.energy.len())
+            .filter(|i| !self.settled[*i])
+            .max_by(|a, b| radiance(*a).total_cmp(&radiance(*b)))?;
+        let disc = 2.0 * PI * (1.0 - SUN_RADIUS.to_radians().cos());
+        // On a coarse map one pixel is more than the disc.
+        let omega = disc.max(self.map.pixel_solid_angle(peak / w));
+        (radiance(peak) * omega >= least && least > 0.0).then_some(peak)
+    }
+
+    /// What the disc around a pixel holds above the sky around it: index and energy of each pixel.
+    fn excess_around(&self, peak: usize) -> Vec<(usize, [f64; 3])> {
+        let (w, h) = (self.map.width(), self.map.height());
+        let toward = self.direction(peak);
         let (inner, outer) = (
             SUN_RADIUS.to_radians().cos(),
             RING_RADIUS.to_radians().cos(),
@@ -272,7 +293,7 @@ impl<'a> Pixels<'a> {
         let rows = (peak / w).saturating_sub(reach)..(peak / w + reach + 1).min(h);
         let (mut disc, mut ring) = (Vec::new(), Vec::new());
         for i in rows.start * w..rows.end * w {
-            let cosine = direction(i).dot(toward);
+            let cosine = self.direction(i).dot(toward);
             if cosine > inner {
                 disc.push(i);
             } else if cosine > outer {
@@ -290,19 +311,25 @@ impl<'a> Pixels<'a> {
             }
             *values.select_nth_unstable_by(middle, f64::total_cmp).1
         });
-        let excess: Vec<[f64; 3]> = disc
-            .iter()
+        disc.into_iter()
             .map(|i| {
                 let omega = self.map.pixel_solid_angle(i / w);
-                std::array::from_fn(|c| (self.energy[*i][c] - sky[c] * omega).max(0.0))
+                let excess = |c: usize| (self.energy[i][c] - sky[c] * omega).max(0.0);
+                (i, std::array::from_fn(excess))
             })
-            .collect();
-        let sun = disc
-            .iter()
-            .zip(&excess)
-            .map(|(i, e)| (direction(*i), *e, *i))
-            .collect();
-        Some((sun, excess))
+            .collect()
+    }
+
+    /// Looks no more at a disc, and takes its excess away where that is a sun.
+    fn settle(&mut self, excess: &[(usize, [f64; 3])], is_sun: bool) {
+        for (i, x) in excess {
+            self.settled[*i] = true;
+            if is_sun {
+                for (e, x) in self.energy[*i].iter_mut().zip(x) {
+                    *e -= x;
+                }
+            }
+        }
     }
 
     /// The rest, a block of pixels a cell.
@@ -331,8 +358,6 @@ impl<'a> Pixels<'a> {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::PI;
-
     use super::*;
     use crate::sh::lattice;
 
@@ -385,6 +410,21 @@ mod tests {
         let dark = EnvironmentMap::new(64, 32, vec![[0.0; 3]; 64 * 32]);
         assert!(Beams::of(&dark).suns.is_empty());
         assert_eq!(Beams::of(&dark).mean_irradiance(), 0.0);
+    }
+
+    #[test]
+    fn a_small_bright_dot_does_not_hide_the_sun() {
+        let map = sunny(1024);
+        let mut pixels = map.pixels().to_vec();
+        // Ten times as bright as the sun, and a fiftieth of a sun's 130 pixels.
+        for i in 0..2 {
+            pixels[300 * 1024 + 100 + i] = [10_000.0; 3];
+        }
+        let dotted = Beams::of(&EnvironmentMap::new(1024, 512, pixels));
+        let plain = Beams::of(&map);
+        let near = |b: &Beam| b.direction.dot(plain.suns[0].direction) > 0.9999;
+        assert!(dotted.suns.iter().any(near), "{:?}", dotted.suns);
+        assert!(dotted.suns.len() <= 2);
     }
 
     #[test]
