@@ -68,6 +68,14 @@ fn shade_normals(@builtin(global_invocation_id) id: vec3u) {
     colors[parameters.first + id.x] = vec4f(select(n, -n, away) * 0.5 + 0.5, 0.0);
 }
 
+fn heat(ratio: vec3f) -> vec4f {
+    let mean = (ratio.x + ratio.y + ratio.z) / 3.0;
+    let stops = clamp(log2(max(mean, 1e-6)) / 3.0, -1.0, 1.0);
+    let cold = vec3f(1.0 + 0.9 * stops, 1.0 + 0.7 * stops, 1.0);
+    let warm = vec3f(1.0, 1.0 - 0.75 * stops, 1.0 - 0.9 * stops);
+    return vec4f(select(warm, cold, stops < 0.0), 0.0);
+}
+
 // Linear DC of the asset, [count].
 @group(0) @binding(5) var<storage, read> source_dc: array<vec4f>;
 
@@ -81,11 +89,17 @@ fn shade_tau(@builtin(global_invocation_id) id: vec3u) {
     let relit = vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
     let dc = source_dc[id.x].xyz;
     let tau = select(vec3f(0.0), relit / dc, dc > vec3f(0.0));
-    let mean = (tau.x + tau.y + tau.z) / 3.0;
-    let stops = clamp(log2(max(mean, 1e-6)) / 3.0, -1.0, 1.0);
-    let cold = vec3f(1.0 + 0.9 * stops, 1.0 + 0.7 * stops, 1.0);
-    let warm = vec3f(1.0, 1.0 - 0.75 * stops, 1.0 - 0.9 * stops);
-    colors[parameters.first + id.x] = vec4f(select(warm, cold, stops < 0.0), 0.0);
+    colors[parameters.first + id.x] = heat(tau);
+}
+
+// Ratio of the front and of the back, [count][2].
+@group(0) @binding(7) var<storage, read> ratio: array<vec4f>;
+
+@compute @workgroup_size(WORKGROUP)
+fn shade_ratio(@builtin(global_invocation_id) id: vec3u) {
+    if id.x < parameters.count {
+        colors[parameters.first + id.x] = heat(ratio[2u * id.x].xyz);
+    }
 }
 
 // Marks to be laid over the colours, with how much of them in w, [count].

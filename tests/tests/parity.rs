@@ -16,7 +16,7 @@ use transplat_core::visibility::{
     BakeInput, BakeSettings, Visibility, bake_visibility, no_progress,
 };
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
-use transplat_gpu::transfer::GpuTransfer;
+use transplat_gpu::transfer::paper::GpuPaper;
 use transplat_tests::gpu;
 
 fn sky(width: usize, height: usize) -> EnvironmentMap {
@@ -136,7 +136,7 @@ fn transfer() {
             }
             let prepared =
                 PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
-            let on_gpu = GpuTransfer::new(&gpu, &prepared).expect("the driver works");
+            let on_gpu = GpuPaper::new(&gpu, &prepared).expect("the driver works");
             // Twice, to see that nothing is left of the light before.
             on_gpu
                 .relight(&prepared.light(&source))
@@ -199,7 +199,7 @@ fn transfer_over_more_than_one_chunk() {
     )
     .expect("good input");
     let target = project_environment(&sky(16, 8), 1);
-    let on_gpu = GpuTransfer::new(&gpu, &prepared).expect("the driver works");
+    let on_gpu = GpuPaper::new(&gpu, &prepared).expect("the driver works");
     on_gpu
         .relight(&prepared.light(&target))
         .expect("the driver works");

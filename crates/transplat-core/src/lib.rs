@@ -11,7 +11,7 @@
 //!
 //! ```
 //! use transplat_core::environment::{EnvironmentMap, Illumination};
-//! use transplat_core::transfer::{PreparedTransfer, TransferSettings};
+//! use transplat_core::transfer::{Part, PreparedTransfer, TransferSettings};
 //! use transplat_core::visibility::{Bake, no_progress};
 //! use transplat_core::scenes;
 //!
@@ -25,7 +25,7 @@
 //! let settings = TransferSettings::default();
 //! let bake = Bake::new(&cloud, settings.preset, &Default::default(), &no_progress)?;
 //! let prepared = PreparedTransfer::new(&cloud, &bake, &source, &settings)?;
-//! let relit = prepared.relight(&target)?;
+//! let relit = prepared.relight(&target, Part::Whole)?;
 //! assert!(relit.tau[0][2] > relit.tau[499][2], "the top of the sphere is the brighter one");
 //! # Ok::<(), transplat_core::Error>(())
 //! ```

@@ -5,10 +5,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::color::{Display, Encoding, STORED_OFFSET, luminance, srgb_decode};
+use crate::color::{Display, STORED_OFFSET, luminance, srgb_decode};
 use crate::rasterize::{ColorSpace, Raster};
 use crate::surfels::{Bounds, SurfelCloud};
-use crate::transfer::{PreparedTransfer, Relit};
+use crate::transfer::{Part, PreparedTransfer};
 use crate::visibility::Bake;
 
 /// What a picture shows.
@@ -26,9 +26,9 @@ pub enum View {
     SideBySide,
     /// After minus before in display values; grey is none.
     Difference,
-    /// Band 0 of the relit colour alone.
+    /// What of the relit colour is scattered.
     Diffuse,
-    /// Bands 1 and up of the relit colour alone.
+    /// What of it is mirrored.
     Specular,
     /// World normals, turned to face the eye; 0 to 1 stands for -1 to 1.
     Normals,
@@ -66,6 +66,15 @@ impl View {
                 self,
                 Self::After | Self::Diffuse | Self::Specular | Self::Tau | Self::Doubts
             )
+    }
+
+    /// What of the relit colour it shows.
+    pub fn part(self) -> Part {
+        match self {
+            Self::Diffuse => Part::Diffuse,
+            Self::Specular => Part::Specular,
+            _ => Part::Whole,
+        }
     }
 
     /// Whether it shows the asset before and after.
@@ -410,23 +419,6 @@ pub fn tau_colors(tau: &[[f32; 3]]) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// The diffuse (band 0) or the specular part (the others) of a relit asset in linear light.
-pub fn part(relit: Relit, degree: usize, diffuse: bool) -> Relit {
-    assert_eq!(relit.encoding, Encoding::Linear);
-    let k = crate::sh::coefficient_count(degree);
-    let parts = relit.sh.iter().enumerate().map(|(i, c)| {
-        if i.is_multiple_of(k) == diffuse {
-            *c
-        } else {
-            [0.0; 3]
-        }
-    });
-    Relit {
-        sh: parts.collect(),
-        ..relit
-    }
-}
-
 /// Display values show as they are: for channels that are no colours.
 pub const PLAIN: ColorSpace = ColorSpace::Display(Display {
     exposure: 0.0,
@@ -485,22 +477,6 @@ mod tests {
             (both.width, both.pixels[3], both.pixels[4]),
             (8, [1.0; 4], black)
         );
-    }
-
-    #[test]
-    fn the_parts_of_a_function_sum_to_it() {
-        let f = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0], [1.0; 3]];
-        let relit = Relit {
-            sh: f.clone(),
-            encoding: Encoding::Linear,
-            tau: vec![[1.0; 3]],
-        };
-        let [a, b] = [true, false].map(|diffuse| part(relit.clone(), 1, diffuse).sh);
-        for i in 0..4 {
-            for c in 0..3 {
-                assert_eq!(a[i][c] + b[i][c], f[i][c]);
-            }
-        }
     }
 
     #[test]

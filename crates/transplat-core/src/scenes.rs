@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::color::Encoding;
-use crate::sh::{SQRT_4PI, coefficient_count, fibonacci_sphere};
+use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, fibonacci_sphere};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
@@ -80,6 +80,40 @@ pub fn glossy_sphere_over_plate(n: usize, degree: usize) -> SurfelCloud {
                 } else {
                     [0.2 * v, -0.1 * v, 0.05]
                 }
+            })
+        })
+        .collect();
+    cloud
+}
+
+/// A sheet with two sides over a ball on a plate, all of which show what they mirror of a sun; colour of a degree, encoded as trainers
+/// store it. About 1000 surfels.
+pub fn mirroring_ball_plate_and_sheet(toward_sun: Vec3, degree: usize) -> SurfelCloud {
+    let mut cloud = sphere_over_plate(500);
+    let sheet = sheet(6);
+    let (ball_and_plate, k) = (cloud.len(), coefficient_count(degree));
+    let grey = cloud.sh[0];
+    let lift = |p: &Vec3| 0.5 * *p + 2.5 * Vec3::Z;
+    cloud.positions.extend(sheet.positions.iter().map(lift));
+    cloud.tangents.extend(&sheet.tangents);
+    cloud.scales.extend(sheet.scales.iter().map(|s| 0.5 * *s));
+    cloud.opacities.extend(&sheet.opacities);
+    cloud.sh_degree = degree;
+    cloud.sh = (0..cloud.len())
+        .flat_map(|i| {
+            let n = cloud.stored_normal(i);
+            // The plate is below, and faces up; the ball faces away from its middle.
+            let outward = i >= ball_and_plate || n.dot(cloud.positions[i]) > 0.0;
+            let n = if outward { n } else { -n };
+            let away = toward_sun - 2.0 * n * n.dot(toward_sun);
+            let mut y = [0f32; MAX_COEFFICIENTS];
+            evaluate_basis(away.to_array(), degree, &mut y);
+            (0..k).map(move |j| match j {
+                0 => grey,
+                _ => std::array::from_fn(|c| {
+                    let noise = 0.03 * ((i * 13 + j * 7 + c) as f32).sin() / j as f32;
+                    noise + 0.1 * y[j]
+                }),
             })
         })
         .collect();

@@ -19,6 +19,29 @@ use best::{BestAsset, BestTransfer};
 use paper::{PaperAsset, PaperTransfer};
 pub use settings::{EPSILON, Preset, Terms, TransferSettings};
 
+/// What of a relit colour is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// What is scattered: band 0 under preset `paper`, what is not gloss under `best`.
+    Diffuse,
+    /// What is mirrored: the other bands under preset `paper`, the lobe under `best`.
+    Specular,
+}
+
+impl Part {
+    /// Which of `k` coefficients preset `paper` has it in.
+    pub fn coefficients(self, k: usize) -> std::ops::Range<usize> {
+        match self {
+            Self::Whole => 0..k,
+            Self::Diffuse => 0..1,
+            Self::Specular => 1..k,
+        }
+    }
+}
+
 /// A relit asset.
 #[derive(Clone, Debug)]
 pub struct Relit {
@@ -80,17 +103,25 @@ impl PreparedTransfer {
         TransferAsset::default().prepare(cloud, bake, 0, source, settings)
     }
 
-    /// Relights.
+    /// Relights; `part` says what of the colour is wanted.
     ///
     /// # Errors
     /// The light was not read for the preset.
-    pub fn relight(&self, target: &Illumination) -> Result<Relit> {
+    pub fn relight(&self, target: &Illumination, part: Part) -> Result<Relit> {
         Ok(match self {
-            Self::Paper(paper) => {
-                let sh = paper.relight(&target.radiance);
-                paper.relit(sh)
-            }
-            Self::Best(best) => best.relight(target.for_best()?),
+            Self::Paper(paper) => paper.relit(paper.relight(&target.radiance), part),
+            Self::Best(best) => best.relight(best.light(target.for_best()?), part),
+        })
+    }
+
+    /// By how much each surfel's colour changes under a light, gloss apart. `[n]`
+    ///
+    /// # Errors
+    /// The light was not read for the preset.
+    pub fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        Ok(match self {
+            Self::Paper(paper) => paper.tau(&paper.relight(&target.radiance)),
+            Self::Best(best) => best.tau(best.light(target.for_best()?)),
         })
     }
 
@@ -215,7 +246,9 @@ mod tests {
                     Ok(prepared) => {
                         assert_eq!(baked, preset);
                         // Even light on an even capture leaves it alone.
-                        let relit = prepared.relight(&light).expect("a light for both");
+                        let relit = prepared
+                            .relight(&light, Part::Whole)
+                            .expect("a light for both");
                         let tau = relit.tau.iter().flatten();
                         assert!(tau.into_iter().all(|t| (t - 1.0).abs() < 0.06));
                         assert_eq!(prepared.dark_share(), 0.0);

@@ -10,6 +10,7 @@ pub mod live;
 pub mod present;
 pub mod rasterize;
 pub mod shader;
+mod trace;
 pub mod transfer;
 pub mod visibility;
 

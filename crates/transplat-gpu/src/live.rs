@@ -8,19 +8,22 @@ use std::sync::Arc;
 use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, Encoding};
+use transplat_core::environment::Illumination;
 use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::paper::{PaperLight, PaperTransfer};
+use transplat_core::transfer::best::BestTransfer;
+use transplat_core::transfer::paper::PaperTransfer;
+use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
 use crate::rasterize::{
-    GpuRasterizer, Order, Part, ResidentPaint, ResidentSh, ResidentVectors, Target, extent,
-    read_texture,
+    GpuRasterizer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent, read_texture,
 };
-use crate::transfer::GpuTransfer;
+use crate::transfer::best::GpuBest;
+use crate::transfer::paper::GpuPaper;
 
 /// How often each stage ran.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,18 +69,99 @@ impl LiveAsset {
     }
 }
 
-/// A prepared transfer of preset `paper` on the GPU; made on any thread.
+/// A prepared transfer on the GPU; made on any thread.
 pub struct LiveTransfer {
-    transfer: GpuTransfer,
+    stage: TransferStage,
     relit: ResidentSh,
-    source_dc: ResidentVectors,
+}
+
+enum TransferStage {
+    Paper {
+        transfer: Box<GpuPaper>,
+        prepared: Arc<PaperTransfer>,
+        /// Of the asset, in linear light.
+        source_dc: ResidentVectors,
+    },
+    Best {
+        transfer: Box<GpuBest>,
+        prepared: Arc<BestTransfer>,
+        tau: ResidentVectors,
+    },
+}
+
+impl LiveTransfer {
+    /// Uploads a prepared transfer.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
+        Ok(match prepared {
+            PreparedTransfer::Paper(paper) => {
+                let transfer = Box::new(GpuPaper::new(context, paper)?);
+                let dc = paper.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
+                Self {
+                    relit: ResidentSh {
+                        chunks: transfer.relit(),
+                        encoding: Encoding::Linear,
+                    },
+                    stage: TransferStage::Paper {
+                        source_dc: ResidentVectors::upload(context, dc),
+                        prepared: paper.clone(),
+                        transfer,
+                    },
+                }
+            }
+            PreparedTransfer::Best(best) => {
+                let transfer = Box::new(GpuBest::new(context, best)?);
+                Self {
+                    relit: ResidentSh {
+                        chunks: transfer.relit(),
+                        encoding: transfer.encoding(),
+                    },
+                    stage: TransferStage::Best {
+                        tau: ResidentVectors(transfer.tau()),
+                        prepared: best.clone(),
+                        transfer,
+                    },
+                }
+            }
+        })
+    }
+
+    /// Preset `paper` has all parts in one result, in bands of their own; `best` makes the part that is wanted.
+    fn submit(&self, target: &Illumination, part: Part) -> transplat_core::Result<()> {
+        match &self.stage {
+            TransferStage::Paper {
+                transfer, prepared, ..
+            } => transfer.submit(&prepared.light(&target.radiance)),
+            TransferStage::Best {
+                transfer, prepared, ..
+            } => transfer.submit(&prepared.light(target.for_best()?), part),
+        }
+        Ok(())
+    }
+
+    fn paint(&self, part: Part) -> ResidentPaint<'_> {
+        let part = match self.stage {
+            TransferStage::Paper { .. } => part,
+            TransferStage::Best { .. } => Part::Whole,
+        };
+        ResidentPaint::Sh(&self.relit, part)
+    }
+
+    fn tau_paint(&self) -> ResidentPaint<'_> {
+        match &self.stage {
+            TransferStage::Paper { source_dc, .. } => ResidentPaint::Tau(&self.relit, source_dc),
+            TransferStage::Best { tau, .. } => ResidentPaint::Ratio(tau),
+        }
+    }
 }
 
 /// Where what is shown relit comes from.
 enum Relit {
     /// From the GPU's own transfer.
-    Live(LiveTransfer),
-    /// From elsewhere, with the colours of the channel *tau*.
+    Live(Box<LiveTransfer>),
+    /// From the CPU, with the colours of the channel *tau*.
     Uploaded(ResidentSh, Vec<[f32; 3]>),
 }
 
@@ -88,26 +172,12 @@ impl Relit {
             Self::Uploaded(sh, _) => sh,
         }
     }
-}
 
-impl LiveTransfer {
-    /// Uploads a prepared transfer.
-    ///
-    /// # Errors
-    /// The driver failed.
-    pub fn new(context: &Arc<Context>, prepared: &PaperTransfer) -> Result<Self> {
-        let transfer = GpuTransfer::new(context, prepared)?;
-        Ok(Self {
-            relit: ResidentSh {
-                chunks: transfer.relit(),
-                encoding: Encoding::Linear,
-            },
-            source_dc: ResidentVectors::upload(
-                context,
-                prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]),
-            ),
-            transfer,
-        })
+    fn paint(&self, part: Part) -> ResidentPaint<'_> {
+        match self {
+            Self::Live(transfer) => transfer.paint(part),
+            Self::Uploaded(sh, _) => ResidentPaint::Sh(sh, Part::Whole),
+        }
     }
 }
 
@@ -276,29 +346,39 @@ impl Live {
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
     pub fn set_transfer(&mut self, transfer: LiveTransfer) {
-        self.relit = Some(Relit::Live(transfer));
+        self.relit = Some(Relit::Live(Box::new(transfer)));
     }
 
-    /// Shows what was relit elsewhere, with its colours in the channel *tau*.
+    /// Shows what was relit on the CPU, with its colours in the channel *tau*.
     pub fn set_relit(&mut self, relit: ResidentSh, tau: Vec<[f32; 3]>) {
         self.relit = Some(Relit::Uploaded(relit, tau));
         self.relit_version += 1;
         self.passes.transfer += 1;
     }
 
-    /// Relights by another light: one pass.
-    pub fn relight(&mut self, light: &PaperLight) {
+    /// Relights by another light, for a view that shows a part of it.
+    ///
+    /// # Errors
+    /// The light was not read for the preset.
+    pub fn relight(&mut self, target: &Illumination, part: Part) -> transplat_core::Result<()> {
         if let Some(Relit::Live(transfer)) = &self.relit {
-            transfer.transfer.submit(light);
+            transfer.submit(target, part)?;
             self.relit_version += 1;
             self.passes.transfer += 1;
         }
+        Ok(())
     }
 
     /// Keeps what is shown relit now, to compare others with it.
     pub fn pin(&mut self, display: Display) {
         let relit = self.relit.as_ref().map(Relit::sh);
         self.pinned = relit.map(|r| (r.snapshot(&self.context), display));
+        self.pinned_version += 1;
+    }
+
+    /// The same with what was relit on the CPU.
+    pub fn pin_relit(&mut self, relit: ResidentSh, display: Display) {
+        self.pinned = Some((relit, display));
         self.pinned_version += 1;
     }
 
@@ -406,10 +486,8 @@ impl Live {
             View::Visibility | View::Doubts => SidePaint::White,
             // Until something is relit, the capture is what there is.
             _ if !self.has_relit() => SidePaint::Stored,
-            View::Diffuse => SidePaint::Relit(Part::Diffuse),
-            View::Specular => SidePaint::Relit(Part::Specular),
             View::Tau => SidePaint::Tau,
-            _ => SidePaint::Relit(Part::Whole),
+            _ => SidePaint::Relit(view.part()),
         }
     }
 
@@ -449,10 +527,8 @@ impl Live {
         }
         let rasterizer = &asset.rasterizer;
         let resident = match (paint, &self.relit) {
-            (SidePaint::Relit(part), Some(relit)) => Some(ResidentPaint::Sh(relit.sh(), part)),
-            (SidePaint::Tau, Some(Relit::Live(t))) => {
-                Some(ResidentPaint::Tau(&t.relit, &t.source_dc))
-            }
+            (SidePaint::Relit(part), Some(relit)) => Some(relit.paint(part)),
+            (SidePaint::Tau, Some(Relit::Live(transfer))) => Some(transfer.tau_paint()),
             (SidePaint::Pinned, _) => pinned.map(|(sh, _)| ResidentPaint::Sh(sh, Part::Whole)),
             (SidePaint::Stored, _) => Some(ResidentPaint::Sh(&asset.stored, Part::Whole)),
             (SidePaint::Normals, _) => Some(ResidentPaint::Normals(&asset.normals)),

@@ -10,6 +10,7 @@ use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::Part;
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
@@ -131,7 +132,7 @@ impl ResidentSh {
 
 /// One vector a surfel on the GPU, `[n]` by chunk.
 #[derive(Clone, Debug)]
-pub struct ResidentVectors(Vec<wgpu::Buffer>);
+pub struct ResidentVectors(pub(crate) Vec<wgpu::Buffer>);
 
 impl ResidentVectors {
     /// Uploads vectors `[n]`.
@@ -146,26 +147,17 @@ impl ResidentVectors {
     }
 }
 
-/// Which part of an SH function is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// All of it.
-    Whole,
-    /// Band 0.
-    Diffuse,
-    /// Bands 1 and up.
-    Specular,
-}
-
 /// What surfels are coloured with, of what is on the GPU already.
 #[derive(Clone, Copy, Debug)]
 pub enum ResidentPaint<'a> {
-    /// SH colour, or a part of it.
+    /// SH colour, or those of its bands that preset `paper` has a part in.
     Sh(&'a ResidentSh, Part),
     /// Normals `[n]`, turned to the eye.
     Normals(&'a ResidentVectors),
     /// Heat map of the ratio: relit SH over the asset's linear DC `[n]`.
     Tau(&'a ResidentSh, &'a ResidentVectors),
+    /// Heat map of a ratio that is there already: that of the front, and that of the back `[n][2]`.
+    Ratio(&'a ResidentVectors),
 }
 
 /// Surfels in the order in which they are drawn, farthest first.
@@ -398,6 +390,7 @@ impl GpuRasterizer {
             ResidentPaint::Sh(_, part) => ("shade", part),
             ResidentPaint::Normals(_) => ("shade_normals", Part::Whole),
             ResidentPaint::Tau(..) => ("shade_tau", Part::Whole),
+            ResidentPaint::Ratio(_) => ("shade_ratio", Part::Whole),
         };
         let encoding = match paint {
             ResidentPaint::Sh(sh, _) => sh.encoding,
@@ -419,6 +412,7 @@ impl GpuRasterizer {
                 ResidentPaint::Tau(sh, dc) => {
                     bindings.extend([(2, &sh.chunks[i]), (5, &dc.0[i])]);
                 }
+                ResidentPaint::Ratio(ratio) => bindings.push((7, &ratio.0[i])),
             }
             let group = self.context.bind(&pass, &bindings);
             self.dispatch(&pass, &group, chunk.count);
@@ -451,11 +445,7 @@ impl GpuRasterizer {
             ColorSpace::Linear => None,
         };
         let k = coefficient_count(self.cloud.sh_degree);
-        let [first_coefficient, end_coefficient] = match part {
-            Part::Whole => [0, k],
-            Part::Diffuse => [0, 1],
-            Part::Specular => [1, k],
-        };
+        let coefficients = part.coefficients(k);
         let parameters = ShadeParameters {
             eye: camera
                 .eye
@@ -469,8 +459,8 @@ impl GpuRasterizer {
             identity: u32::from(
                 encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
             ),
-            first_coefficient: first_coefficient as u32,
-            end_coefficient: end_coefficient as u32,
+            first_coefficient: coefficients.start as u32,
+            end_coefficient: coefficients.end as u32,
         };
         self.context.upload(&[parameters], BufferUsages::UNIFORM)
     }

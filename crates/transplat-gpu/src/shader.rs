@@ -1,8 +1,11 @@
 //! WGSL put together: the files of `shaders/`, with what depends on constants and degrees written in front of them.
 
+mod best;
+
 use std::fmt::Write;
 
 use crate::WORKGROUP;
+pub use best::{fits_by_tables, tables, transfer_best};
 use transplat_core::color::{
     AGX_INSET, AGX_OUTSET, Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, ToneMap,
 };
@@ -15,6 +18,8 @@ use transplat_core::sh::{
     SQRT_4PI, band, band_of, basis_constants, coefficient_count, cosine_kernel, exchange_yz,
 };
 use transplat_core::transfer::paper::{MAX_RADIANCE, PaperTransfer};
+use transplat_core::visibility::occlusion::PER_PATCH;
+use transplat_core::visibility::trace::{NEAREST_SCALES, START_SCALES};
 use transplat_core::visibility::{
     DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
 };
@@ -30,6 +35,7 @@ macro_rules! line {
         let _ = writeln!($out, $($argument)*);
     }};
 }
+use line;
 
 /// `fn sh_basis(d: vec3f) -> array<f32, K>`: all basis functions up to `degree`, straight out. Twin of `sh::evaluate_basis`.
 pub fn sh_basis(degree: usize) -> String {
@@ -100,6 +106,31 @@ pub fn bake_visibility() -> String {
         literal(f64::from(MIN_SLOPE_COSINE)),
         literal(f64::from(EDGE_ON)),
         include_str!("../../../shaders/bake_visibility.wgsl")
+    )
+}
+
+/// Patches that one dispatch of the bake for preset `best` traces.
+pub const PATCH_BATCH: usize = 8;
+
+/// Source of `bake_occlusion.wgsl`.
+pub fn bake_occlusion() -> String {
+    format!(
+        "const WORKGROUP = {WORKGROUP}u;\nconst PER_PATCH = {PER_PATCH}u;\nconst RAYS = {}u;\n{}\n{}",
+        PER_PATCH * PATCH_BATCH,
+        trace(3, 4),
+        include_str!("../../../shaders/bake_occlusion.wgsl")
+    )
+}
+
+/// Source of `shared/trace.wgsl`, its buffers bound to those numbers.
+fn trace(boxes: usize, discs: usize) -> String {
+    format!(
+        "const START_SCALES = {};\nconst NEAREST_SCALES = {};\n{}",
+        literal(f64::from(START_SCALES)),
+        literal(f64::from(NEAREST_SCALES)),
+        include_str!("../../../shaders/shared/trace.wgsl")
+            .replace("BOX_BINDING", &boxes.to_string())
+            .replace("DISC_BINDING", &discs.to_string())
     )
 }
 
@@ -318,8 +349,8 @@ impl TransferShape {
     }
 }
 
-/// Source of `transfer.wgsl` for a shape.
-pub fn transfer(shape: TransferShape) -> String {
+/// Source of `transfer_paper.wgsl` for a shape.
+pub fn transfer_paper(shape: TransferShape) -> String {
     let k = coefficient_count(shape.light_degree);
     let mut out = sh_basis(shape.light_degree);
     line!(out, "const WORKGROUP = {WORKGROUP}u;");
@@ -355,7 +386,7 @@ pub fn transfer(shape: TransferShape) -> String {
     }
     out += &prepare(shape, k);
     out += &write_specular(shape);
-    out + include_str!("../../../shaders/transfer.wgsl")
+    out + include_str!("../../../shaders/transfer_paper.wgsl")
 }
 
 /// Up to this many coefficients the operator's product is written out, once a channel: constant indices are many times
@@ -550,23 +581,29 @@ fn write_specular(shape: TransferShape) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use transplat_core::transfer::best::Nodes;
     use wgpu::naga;
 
     #[test]
     fn every_shader_is_valid_at_every_degree() {
         let mut sources = vec![
             ("bake_visibility", bake_visibility()),
+            ("bake_occlusion", bake_occlusion()),
             ("rasterize_project", rasterize_project()),
             ("rasterize_draw", rasterize_draw(true)),
         ];
         for degree in 0..=8 {
             sources.push(("project_environment", project_environment(degree)));
             sources.push(("rasterize_shade", rasterize_shade(degree)));
+            for encoding in [Encoding::Stored, Encoding::Linear] {
+                let source = transfer_best(&Nodes::new(degree), encoding);
+                sources.push(("transfer_best", source));
+            }
             for asset_degree in [0, 2, 8] {
                 for (shadow, reflection) in [(true, true), (false, true), (true, false)] {
                     sources.push((
                         "transfer",
-                        transfer(TransferShape {
+                        transfer_paper(TransferShape {
                             light_degree: degree,
                             asset_degree,
                             specular_degree: asset_degree.min(degree),

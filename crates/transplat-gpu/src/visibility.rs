@@ -1,5 +1,7 @@
 //! Stage *bake visibility* on the GPU. CPU twin: [`transplat_core::visibility::bake_visibility`].
 
+pub mod occlusion;
+
 use std::sync::Arc;
 
 use glam::Vec3;

@@ -12,10 +12,14 @@ use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::BestTransfer;
 use transplat_core::transfer::paper::PaperTransfer;
-use transplat_core::transfer::{PreparedTransfer, Preset, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
+use transplat_core::visibility::occlusion::{Found, Occlusion};
+use transplat_core::visibility::trace::Tracer;
 use transplat_core::visibility::{BakeInput, Progress, bake_visibility};
 use transplat_gpu::rasterize::GpuRasterizer;
-use transplat_gpu::transfer::GpuTransfer;
+use transplat_gpu::transfer::best::GpuBest;
+use transplat_gpu::transfer::paper::GpuPaper;
+use transplat_gpu::visibility::occlusion::GpuTracer;
 use transplat_gpu::{Context, GpuError};
 
 pub use transplat_gpu::rasterize::Paint;
@@ -79,17 +83,43 @@ impl Device {
         })
     }
 
+    /// The rays of preset `best`, stage by stage as [`Occlusion::bake_in_stages`] does them.
+    pub fn bake_occlusion(
+        &self,
+        cloud: &SurfelCloud,
+        stages: &[usize],
+        progress: Progress<'_>,
+        preview: impl Fn(Occlusion, f32),
+    ) -> Result<Occlusion> {
+        let Self::Gpu(context) = self else {
+            return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
+        };
+        let tracer = Arc::new(Tracer::new(cloud));
+        let rays = GpuTracer::new(context, &tracer)?;
+        let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
+            Ok(rays.trace(patches, found, progress)?)
+        };
+        Occlusion::bake_by(cloud, &tracer, stages, by, progress, preview)
+    }
+
     pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<Transfer> {
-        Ok(match (self, prepared) {
-            (_, PreparedTransfer::Best(best)) => Transfer::Best(best.clone(), None),
-            (Self::Cpu, PreparedTransfer::Paper(paper)) => Transfer::Cpu {
+        let part = Part::Whole;
+        Ok(match (self, prepared.clone()) {
+            (Self::Cpu, PreparedTransfer::Paper(paper)) => Transfer::PaperOnCpu {
                 relit: vec![[0.0; 3]; paper.surfels * paper.coefficients()],
-                paper: paper.clone(),
+                paper,
+                part,
             },
-            (Self::Gpu(context), PreparedTransfer::Paper(paper)) => Transfer::Gpu {
-                transfer: GpuTransfer::new(context, paper)?,
-                paper: paper.clone(),
+            (Self::Gpu(context), PreparedTransfer::Paper(paper)) => Transfer::PaperOnGpu {
+                transfer: Box::new(GpuPaper::new(context, &paper)?),
+                paper,
+                part,
             },
+            (Self::Cpu, PreparedTransfer::Best(best)) => Transfer::BestOnCpu(best, None),
+            (Self::Gpu(context), PreparedTransfer::Best(best)) => {
+                let transfer = Box::new(GpuBest::new(context, &best)?);
+                Transfer::BestOnGpu(best, transfer)
+            }
         })
     }
 
@@ -109,26 +139,44 @@ impl Device {
     }
 }
 
-/// A prepared transfer on its device; preset `best` runs on the CPU.
+/// A prepared transfer on its device, and its last result where it was computed.
 pub enum Transfer {
-    Cpu {
+    PaperOnCpu {
         paper: Arc<PaperTransfer>,
         relit: Vec<[f32; 3]>,
+        part: Part,
     },
-    Gpu {
+    PaperOnGpu {
         paper: Arc<PaperTransfer>,
-        transfer: GpuTransfer,
+        transfer: Box<GpuPaper>,
+        part: Part,
     },
-    Best(Arc<BestTransfer>, Option<Relit>),
+    BestOnCpu(Arc<BestTransfer>, Option<Relit>),
+    BestOnGpu(Arc<BestTransfer>, Box<GpuBest>),
 }
 
 impl Transfer {
-    /// Computes the result for a light; it stays where it was computed.
-    pub fn change_light(&mut self, light: &Illumination) -> Result<()> {
+    /// Computes the result for a light, or what a view shows of it.
+    pub fn change_light(&mut self, light: &Illumination, wanted: Part) -> Result<()> {
         match self {
-            Self::Cpu { paper, relit } => paper.relight_into(&paper.light(&light.radiance), relit),
-            Self::Gpu { paper, transfer } => transfer.relight(&paper.light(&light.radiance))?,
-            Self::Best(best, relit) => *relit = Some(best.relight(light.for_best()?)),
+            Self::PaperOnCpu { paper, relit, part } => {
+                paper.relight_into(&paper.light(&light.radiance), relit);
+                *part = wanted;
+            }
+            Self::PaperOnGpu {
+                paper,
+                transfer,
+                part,
+            } => {
+                transfer.relight(&paper.light(&light.radiance))?;
+                *part = wanted;
+            }
+            Self::BestOnCpu(best, relit) => {
+                *relit = Some(best.relight(best.light(light.for_best()?), wanted));
+            }
+            Self::BestOnGpu(best, transfer) => {
+                transfer.relight(&best.light(light.for_best()?), wanted)?;
+            }
         }
         Ok(())
     }
@@ -136,9 +184,14 @@ impl Transfer {
     /// The last result; there is one for each light.
     pub fn result(&mut self) -> Result<Relit> {
         match self {
-            Self::Cpu { paper, relit } => Ok(paper.relit(relit.clone())),
-            Self::Gpu { paper, transfer } => Ok(paper.relit(transfer.read()?)),
-            Self::Best(_, relit) => relit.take().context("no light was given yet"),
+            Self::PaperOnCpu { paper, relit, part } => Ok(paper.relit(relit.clone(), *part)),
+            Self::PaperOnGpu {
+                paper,
+                transfer,
+                part,
+            } => Ok(paper.relit(transfer.read()?, *part)),
+            Self::BestOnCpu(_, relit) => relit.take().context("no light was given yet"),
+            Self::BestOnGpu(_, transfer) => Ok(transfer.read()?),
         }
     }
 }

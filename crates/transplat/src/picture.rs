@@ -70,7 +70,7 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// The parts of a relit result that a view shows.
+    /// What a view shows of a relit result, which has only the view's part.
     pub fn of(
         view: View,
         relit: Relit,
@@ -84,14 +84,6 @@ impl Lit {
             View::Doubts => {
                 let doubts = present::doubts(cloud, bake, prepared, &relit.tau);
                 lit.colors = present::doubt_colors(&doubts);
-            }
-            View::Diffuse | View::Specular => {
-                let diffuse = view == View::Diffuse;
-                lit.relit = Some(present::part(
-                    relit.linear(cloud.sh_degree),
-                    cloud.sh_degree,
-                    diffuse,
-                ));
             }
             _ => lit.relit = Some(relit),
         }

@@ -17,8 +17,7 @@ use transplat_core::load::{
 use transplat_core::look::{Look, is_even};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, Preset, Relit, Terms, TransferSettings};
-use transplat_core::visibility::occlusion::Occlusion;
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
 use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Visibility};
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs};
@@ -85,7 +84,9 @@ impl Scene {
             let bake = report.time("bake", || -> Result<Bake> {
                 Ok(match preset {
                     Preset::Best => {
-                        Bake::Occlusion(Arc::new(Occlusion::bake(&self.cloud, &progress)?))
+                        let by = &self.device;
+                        let whole = by.bake_occlusion(&self.cloud, &[1], &progress, |_, _| ())?;
+                        Bake::Occlusion(Arc::new(whole))
                     }
                     Preset::Paper => {
                         let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
@@ -210,13 +211,13 @@ impl Scene {
         }
     }
 
-    /// Relights by one target. For JSON, the change of light is timed as the median of three.
+    /// Relights by one target, or what a view shows of that. For JSON, the change of light is timed as the median of three.
     pub fn relight(
         &self,
         prepared: &PreparedTransfer,
         transfer: &mut Transfer,
         name: &str,
-        light: &Illumination,
+        (light, part): (&Illumination, Part),
         report: &mut Report,
     ) -> Result<Relit> {
         if light.is_black() {
@@ -232,7 +233,7 @@ impl Scene {
         let mut times = Vec::new();
         for _ in 0..if report.is_json() { 3 } else { 1 } {
             let start = Instant::now();
-            transfer.change_light(light)?;
+            transfer.change_light(light, part)?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);

@@ -1,6 +1,7 @@
 //! The viewer's own interface, driven without a window on the adapter that the tests have.
 
 mod driver;
+mod live;
 
 use std::fs;
 use std::path::Path;

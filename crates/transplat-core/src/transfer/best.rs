@@ -14,28 +14,31 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::{Relit, TransferSettings};
+use super::{Part, Relit, TransferSettings};
 use crate::color::Encoding;
-use crate::environment::{Beams, IncidentRadiance};
+use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{Occlusion, directions};
 use crate::visibility::{BakeSurfel, smoothstep};
 
 use incident::{Incident, Planes, planes};
-use lobe::{Fitted, Gloss, Ray, find_gloss, mirrored};
-pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION, WIDTHS};
+pub use lobe::Gloss;
+pub use lobe::WIDTHS;
+use lobe::{Fitted, Ray, find_gloss, mirrored};
+pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION};
+use nodes::Frame;
+pub use nodes::Nodes;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
-use nodes::{Frame, Nodes};
 
 /// Surfels around one that its gloss is pooled over.
 pub(crate) const NEIGHBORS: usize = 64;
 
 /// Turns of the fixed point by which light bounces.
-pub(crate) const TURNS: usize = 3;
+pub const TURNS: usize = 3;
 
 /// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
-const LEAST_IRRADIANCE: f32 = 1e-6;
+pub const LEAST_IRRADIANCE: f32 = 1e-6;
 
 /// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
 const LEAST_CHANNEL: f32 = 0.05;
@@ -44,40 +47,57 @@ const LEAST_CHANNEL: f32 = 0.05;
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
-pub(crate) const BACK_RANGE: f32 = 4.0;
+pub const BACK_RANGE: f32 = 4.0;
 
 /// Cosine to the horizon within which a two-sided surfel's sides blend.
-pub(crate) const HORIZON: f32 = 0.2;
+pub const HORIZON: f32 = 0.2;
 
 /// Added to both encoded brightnesses whose ratio scales the residual.
-pub(crate) const RESIDUAL_FLOOR: f32 = 0.02;
+pub const RESIDUAL_FLOOR: f32 = 0.02;
 
 /// A colour of a surfel's front, and one of its back.
-type Sides = [[f32; 3]; 2];
+pub type Sides = [[f32; 3]; 2];
 
 /// What of an asset no light changes.
 #[derive(Debug)]
 pub struct BestAsset {
-    nodes: Nodes,
-    encoding: Encoding,
-    occlusion: Arc<Occlusion>,
+    /// Directions that a surfel is seen from, and their matrices.
+    pub nodes: Nodes,
+    /// How the asset stores colour.
+    pub encoding: Encoding,
+    /// What blocks the light.
+    pub occlusion: Arc<Occlusion>,
+    /// Directions of the light, those of the bake.
     directions: Vec<Vec3>,
     /// The same, an axis after the other.
     planes: Planes,
     /// Stored colour. `[n][K]`
-    sh: Vec<[f32; 3]>,
+    pub sh: Vec<[f32; 3]>,
     /// Linear colour at the front's nodes. `[n][Q]`
     colors: Vec<[f32; 3]>,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
-    means: Vec<Sides>,
+    pub means: Vec<Sides>,
     neighbors: Vec<u32>,
+}
+
+/// A light as the transfer takes it in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BestLight {
+    /// What shines from around each of the bake's directions, from where most of it does. `[DIRECTIONS]`
+    pub sky: Vec<Beam>,
+    /// Compact sources, at most [`crate::environment::MAX_SUNS`].
+    pub suns: Vec<Beam>,
+    /// What is added to all irradiance: epsilon's share, and what fills a channel that the source lacks.
+    pub least: [f32; 3],
 }
 
 /// An asset under its source light, ready for any other.
 #[derive(Debug)]
 pub struct BestTransfer {
-    asset: Arc<BestAsset>,
-    settings: TransferSettings,
+    /// Of what.
+    pub asset: Arc<BestAsset>,
+    /// How.
+    pub settings: TransferSettings,
     /// What target lights are multiplied by: 1 over the source's mean irradiance.
     pub light_gain: f32,
     /// Whether the source was black, and even light was taken in its place.
@@ -86,15 +106,16 @@ pub struct BestTransfer {
     least: [f32; 3],
     /// Share of each light's mean that a channel gets because the source hardly has it.
     fill: [f32; 3],
-    gloss: Vec<Gloss>,
+    /// What each surfel mirrors. `[n]`
+    pub gloss: Vec<Gloss>,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
-    divisor: Vec<Sides>,
+    pub divisor: Vec<Sides>,
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
-    matte: Vec<[f32; 3]>,
+    pub matte: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
-    residual: Vec<[f32; 3]>,
+    pub residual: Vec<[f32; 3]>,
     /// Mean encoded colour that the model of the source has. `[n]`
-    encoded_mean: Vec<[f32; 3]>,
+    pub encoded_mean: Vec<[f32; 3]>,
 }
 
 impl BestAsset {
@@ -328,7 +349,8 @@ impl BestTransfer {
         let source = if source_was_black { even } else { source };
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
-        let light = asset.incident(source, light_gain, settings, fill);
+        let light = asset.light(source, light_gain, settings, fill);
+        let light = asset.incident(light, settings.terms);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
             .map(|i| {
@@ -376,18 +398,41 @@ impl BestTransfer {
         }
     }
 
-    /// Relights.
-    pub fn relight(&self, target: (&IncidentRadiance, &Beams)) -> Relit {
+    /// A target light, taken in.
+    pub fn light(&self, target: (&IncidentRadiance, &Beams)) -> BestLight {
+        let (gain, settings) = (self.light_gain, &self.settings);
+        self.asset.light(target, gain, settings, self.fill)
+    }
+
+    /// By how much a light's mean is stronger than the source's: from there the bounces start. Epsilon's shares are in that proportion.
+    pub fn mean_ratio(&self, light: &BestLight) -> [f32; 3] {
+        let least = LEAST_IRRADIANCE * self.settings.epsilon();
+        std::array::from_fn(|c| light.least[c] / self.least[c].max(least))
+    }
+
+    /// By how much each surfel's front changes in matte light. `[n]`
+    pub fn tau(&self, light: BestLight) -> Vec<[f32; 3]> {
+        let start = self.mean_ratio(&light);
+        let light = self.asset.incident(light, self.settings.terms);
+        self.bounce(&light, start)
+            .into_iter()
+            .map(|t| t[0])
+            .collect()
+    }
+
+    /// Relights; `part` says what of the colour is wanted.
+    pub fn relight(&self, light: BestLight, part: Part) -> Relit {
         let asset = &*self.asset;
-        let light = asset.incident(target, self.light_gain, &self.settings, self.fill);
-        let tau = self.bounce(&light);
+        let start = self.mean_ratio(&light);
+        let light = asset.incident(light, self.settings.terms);
+        let tau = self.bounce(&light, start);
         let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);
         let mut sh = vec![[0f32; 3]; asset.len() * k];
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
             Scratch::default,
             |scratch, (i, out)| {
-                self.relight_surfel(i, &light, tau[i], &radiance, scratch, out);
+                self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
             },
         );
         Relit {
@@ -425,11 +470,8 @@ impl BestTransfer {
     }
 
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
-    fn bounce(&self, light: &Incident) -> Vec<Sides> {
+    fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<Sides> {
         let asset = &*self.asset;
-        // From the lights' mean irradiances: epsilon's shares are in their proportion.
-        let least = LEAST_IRRADIANCE * self.settings.epsilon();
-        let start = std::array::from_fn(|c| light.least[c] / self.least[c].max(least));
         let mut tau = vec![[start; 2]; asset.len()];
         for _ in 0..TURNS {
             let radiance = asset.radiance(&tau);
@@ -453,7 +495,7 @@ impl BestTransfer {
     fn relight_surfel(
         &self,
         i: usize,
-        light: &Incident,
+        (light, part): (&Incident, Part),
         tau: Sides,
         radiance: &[Sides],
         scratch: &mut Scratch,
@@ -461,18 +503,27 @@ impl BestTransfer {
     ) {
         let asset = &*self.asset;
         let (q, k) = (asset.nodes.count(), out.len());
-        asset.reflect(i, &self.gloss[i], light, radiance, scratch);
-        asset.store(&self.matte[i * q..][..q], tau[0], scratch);
+        scratch.glossy.clear();
+        if part != Part::Diffuse {
+            asset.reflect(i, &self.gloss[i], light, radiance, scratch);
+        }
+        let matte = if part == Part::Specular {
+            Sides::default()
+        } else {
+            tau
+        };
+        asset.store(&self.matte[i * q..][..q], matte[0], scratch);
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = Frame::new(asset.occlusion.normals[i]);
         asset.nodes.fit_into(&scratch.stored, out);
         let two_sided = asset.occlusion.two_sided[i];
         if two_sided > 0.0 && self.settings.terms.two_sided {
-            self.add_back(i, tau, two_sided, scratch, out);
+            self.add_back(i, matte, two_sided, scratch, out);
         }
         frame.apply_sh(asset.nodes.degree, out);
-        if !self.settings.terms.residual {
+        // What the model misses is of neither part.
+        if !self.settings.terms.residual || part != Part::Whole {
             return;
         }
         for (o, r) in out.iter_mut().zip(&self.residual[i * k..]) {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Relit, TransferSettings};
+use super::{Part, Relit, TransferSettings};
 use crate::color::{Encoding, decode_sh};
 use crate::environment::IncidentRadiance;
 use crate::error::{Error, Result};
@@ -299,10 +299,20 @@ impl PaperTransfer {
         out
     }
 
-    /// A result with what belongs to it.
-    pub fn relit(&self, sh: Vec<[f32; 3]>) -> Relit {
+    /// A part of a result, with what belongs to it.
+    pub fn relit(&self, mut sh: Vec<[f32; 3]>, part: Part) -> Relit {
+        let tau = self.tau(&sh);
+        let k = self.coefficients();
+        let wanted = part.coefficients(k);
+        for function in sh.chunks_exact_mut(k) {
+            for (i, c) in function.iter_mut().enumerate() {
+                if !wanted.contains(&i) {
+                    *c = [0.0; 3];
+                }
+            }
+        }
         Relit {
-            tau: self.tau(&sh),
+            tau,
             encoding: Encoding::Linear,
             sh,
         }

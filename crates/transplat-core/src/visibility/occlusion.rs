@@ -70,7 +70,7 @@ pub struct Occlusion {
     pub two_sided: Vec<f32>,
     /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
     pub starts: Vec<u32>,
-    /// Blocked directions among those that know what is met, by patch: those in front, and then, where there are two sides, those behind.
+    /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
     pub hits: Vec<Hit>,
     /// How many stored normals pointed to the closed side.
     pub flipped: usize,
@@ -115,11 +115,24 @@ impl Hit {
     }
 }
 
-/// What is found of one surfel.
-#[derive(Clone, Default)]
-pub(crate) struct Found {
-    pub open: [u64; WORDS],
-    pub hits: Vec<Hit>,
+/// What the rays of one surfel found.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    pub(crate) open: [u64; WORDS],
+    pub(crate) hits: Vec<Hit>,
+}
+
+impl Found {
+    /// Adds what the rays of a patch found: which of its directions are open, and the surfel that is met in the first one, if that is not.
+    pub fn add(&mut self, patch: usize, met: u32, open: [bool; PER_PATCH]) {
+        for (place, open) in open.into_iter().enumerate() {
+            let j = place * PATCHES + patch;
+            self.open[j / 64] |= u64::from(open) << (j % 64);
+        }
+        if !open[0] {
+            self.hits.push(Hit::new(patch, met));
+        }
+    }
 }
 
 impl Occlusion {
@@ -142,13 +155,33 @@ impl Occlusion {
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
+        let tracer = Arc::new(Tracer::new(cloud));
+        let directions = directions();
+        let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
+            trace(&tracer, &directions, patches, found, progress)
+        };
+        Self::bake_by(cloud, &tracer, stages, by, progress, preview)
+    }
+
+    /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
+    ///
+    /// # Errors
+    /// The asset is too large, or `trace` failed.
+    pub fn bake_by<E: From<Error>>(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        stages: &[usize],
+        trace: impl Fn(&[usize], &mut [Found], Progress<'_>) -> Result<(), E>,
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self, E> {
         if cloud.len() > MOST_SURFELS {
             return Err(Error::Mismatch(format!(
                 "{} surfels; preset best can be baked for up to {MOST_SURFELS}",
                 cloud.len()
-            )));
+            ))
+            .into());
         }
-        let tracer = Arc::new(Tracer::new(cloud));
         let directions = directions();
         let patches = refining_order(PATCHES);
         let mut found = vec![Found::default(); cloud.len()];
@@ -157,7 +190,7 @@ impl Occlusion {
             let end = PATCHES.div_ceil(*share);
             let part = &patches[done..end];
             let within = |p: f64| progress((done as f64 + p * part.len() as f64) / PATCHES as f64);
-            trace(&tracer, &directions, part, &mut found, &within)?;
+            trace(part, &mut found, &within)?;
             done = end;
             if done < PATCHES {
                 let mut filled = found.clone();
@@ -166,7 +199,7 @@ impl Occlusion {
                 preview(Self::of(cloud, tracer.clone(), &filled), share);
             }
         }
-        Ok(Self::of(cloud, tracer, &found))
+        Ok(Self::of(cloud, tracer.clone(), &found))
     }
 
     /// From what the rays found, `[n]`.
@@ -197,13 +230,10 @@ impl Occlusion {
                 let met = hit.surfel();
                 hit.on(two_sided[met] > 0.0 && faces(sides[met].0, hit))
             };
-            for front in [true, false] {
-                if front || *two > 0.0 {
-                    let from = hits.len();
-                    hits.extend(f.hits.iter().filter(|h| faces(*n, h) == front).map(told));
-                    hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
-                }
-            }
+            let from = hits.len();
+            let counts = |h: &&Hit| *two > 0.0 || faces(*n, h);
+            hits.extend(f.hits.iter().filter(counts).map(told));
+            hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
             starts.push(hits.len() as u32);
         }
         Self {
@@ -303,16 +333,12 @@ fn trace_packet(tracer: &Tracer, directions: &[Vec3], patches: &[usize], of: &[u
     let mut stack = Vec::new();
     let mut found = vec![Found::default(); of.len()];
     for patch in patches {
-        for place in 0..PER_PATCH {
-            let j = place * PATCHES + patch;
-            let hits = tracer.hits(of, directions[j], place > 0, &mut stack);
-            for (f, hit) in found.iter_mut().zip(hits) {
-                if hit == MISS {
-                    f.open[j / 64] |= 1 << (j % 64);
-                } else if place == 0 {
-                    f.hits.push(Hit::new(*patch, hit));
-                }
-            }
+        let hits: [_; PER_PATCH] = std::array::from_fn(|place| {
+            let direction = directions[place * PATCHES + patch];
+            tracer.hits(of, direction, place > 0, &mut stack)
+        });
+        for (lane, f) in found.iter_mut().enumerate() {
+            f.add(*patch, hits[0][lane], hits.map(|h| h[lane] == MISS));
         }
     }
     found

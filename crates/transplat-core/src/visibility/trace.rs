@@ -30,12 +30,15 @@ const LEAF: u32 = 4;
 
 /// A disc that casts a shadow.
 #[derive(Clone, Copy, Debug)]
-struct Disc {
-    center: Vec3,
-    normal: Vec3,
+pub struct Disc {
+    /// Its middle.
+    pub center: Vec3,
+    /// Unit normal.
+    pub normal: Vec3,
     /// Half axes over their squared lengths: the disc is where `u^2 + v^2 <= 1`.
-    inverse_axes: [Vec3; 2],
-    surfel: u32,
+    pub inverse_axes: [Vec3; 2],
+    /// Which surfel it is of.
+    pub surfel: u32,
 }
 
 /// A node: the box, and its two children from `first` on, or `count` discs.
@@ -47,11 +50,28 @@ struct Node {
     count: u32,
 }
 
+/// The box of a [`Node`] in an order that needs no stack: whatever meets the box goes on with the next one, and whatever does not, with
+/// number `skip`.
+#[derive(Clone, Copy, Debug)]
+pub struct BoxInOrder {
+    /// Corner.
+    pub min: Vec3,
+    /// The opposite one.
+    pub max: Vec3,
+    /// What follows all that is in the box.
+    pub skip: u32,
+    /// First of the discs in it.
+    pub first: u32,
+    /// How many discs are in it; 0 where it holds boxes.
+    pub count: u32,
+}
+
 /// The discs of an asset in a hierarchy of boxes.
 #[derive(Clone, Debug)]
 pub struct Tracer {
     nodes: Vec<Node>,
-    discs: Vec<Disc>,
+    /// Leaf by leaf.
+    pub discs: Vec<Disc>,
     /// The surfels that rays start from, in units of the object's radius. `[n]`
     pub surfels: Vec<BakeSurfel>,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
@@ -126,6 +146,40 @@ impl Tracer {
             order: keyed.into_iter().map(|k| k.1).collect(),
             surfels,
         }
+    }
+
+    /// The boxes, each before those that it holds.
+    pub fn boxes_in_order(&self) -> Vec<BoxInOrder> {
+        let mut out: Vec<BoxInOrder> = Vec::with_capacity(self.nodes.len());
+        // A node, or the end of one that holds others.
+        enum Step {
+            Enter(u32),
+            Leave(usize),
+        }
+        let mut steps = Vec::new();
+        if !self.nodes.is_empty() {
+            steps.push(Step::Enter(0));
+        }
+        while let Some(step) = steps.pop() {
+            match step {
+                Step::Leave(place) => out[place].skip = out.len() as u32,
+                Step::Enter(index) => {
+                    let node = &self.nodes[index as usize];
+                    if node.count == 0 {
+                        steps.push(Step::Leave(out.len()));
+                        steps.extend([node.first + 1, node.first].map(Step::Enter));
+                    }
+                    out.push(BoxInOrder {
+                        min: node.min,
+                        max: node.max,
+                        skip: out.len() as u32 + 1,
+                        first: node.first,
+                        count: node.count,
+                    });
+                }
+            }
+        }
+        out
     }
 
     /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it

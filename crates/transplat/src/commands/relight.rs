@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use transplat_core::export::{check_output, write_relit_ply};
+use transplat_core::transfer::Part;
 
 use crate::cli::RelightArgs;
 use crate::commands::refuse_overwriting;
@@ -47,7 +48,8 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let mut transfer = scene.device.transfer(&prepared)?;
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&scene, target);
-        let relit = scene.relight(&prepared, &mut transfer, &target.name, &light, &mut report)?;
+        let wanted = (&light, Part::Whole);
+        let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, &mut report)?;
         report.time("export", || {
             let stored = relit.stored(&scene.cloud);
             write_relit_ply(&scene.file, &stored, output)

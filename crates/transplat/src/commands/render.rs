@@ -304,7 +304,8 @@ impl Shots<'_> {
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(scene, target);
-            let relit = scene.relight(&prepared, &mut transfer, &target.name, &light[1], report)?;
+            let wanted = (&light[1], self.studio.view.part());
+            let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
             let mut lit = Lit::of(self.studio.view, relit, &scene.cloud, bake, &prepared);
             let maps = [&lights.source, &target.light];
             self.surround(&mut lit, &target.path, Some(maps), report)?;

@@ -14,7 +14,7 @@ use transplat_core::load::{load_asset, load_cameras, load_environment, load_pict
 use transplat_core::present::PLAIN;
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, Preset, Relit, Terms, TransferSettings};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
 use transplat_core::visibility::{Bake, BakeSettings, no_progress};
 
 use crate::cli::ReportArgs;
@@ -338,7 +338,7 @@ fn relight(
     let mut times = Vec::new();
     for _ in 0..REPEATS {
         let start = Instant::now();
-        transfer.change_light(light)?;
+        transfer.change_light(light, Part::Whole)?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
     }
     times.sort_by(f64::total_cmp);

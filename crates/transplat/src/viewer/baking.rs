@@ -107,7 +107,7 @@ pub fn bake(
         Preset::Paper => bake_visibility(device, wanted, report, &so_far)?,
         Preset::Best => {
             let so_far = |o: Occlusion, share| so_far(Bake::Occlusion(Arc::new(o)), share);
-            let whole = Occlusion::bake_in_stages(wanted.cloud, &STAGES_OF_BEST, report, so_far)?;
+            let whole = device.bake_occlusion(wanted.cloud, &STAGES_OF_BEST, report, so_far)?;
             Bake::Occlusion(Arc::new(whole))
         }
     };

@@ -17,7 +17,7 @@ use transplat_core::look::{CameraPose, Look};
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
-use transplat_core::transfer::{PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_core::visibility::{Bake, BakeSettings, no_progress};
 
 use super::adapter::BackgroundDevice;
@@ -366,7 +366,7 @@ impl Snapshot {
     }
 
     /// Relights by a target: the source's part is the same for all of them.
-    fn relit(&self, look: &Look, target: &Light) -> Result<(&PreparedTransfer, Relit)> {
+    fn relit(&self, look: &Look, target: &Light, part: Part) -> Result<(&PreparedTransfer, Relit)> {
         let maps = [&self.lights[SOURCE].illumination, &target.illumination];
         let [source, target] = look.lights(maps[0], maps[1], self.up);
         if self.prepared.get().is_none() {
@@ -374,7 +374,7 @@ impl Snapshot {
             let _ = self.prepared.set(prepared);
         }
         let prepared = self.prepared.get().context("a transfer is prepared")?;
-        Ok((prepared, self.transfer(prepared, &target)?))
+        Ok((prepared, self.transfer(prepared, &target, part)?))
     }
 
     fn prepare(&self, look: &Look, source: &Illumination) -> Result<PreparedTransfer> {
@@ -389,10 +389,15 @@ impl Snapshot {
         Ok(PreparedTransfer::new(cloud, &bake, source, settings)?)
     }
 
-    fn transfer(&self, prepared: &PreparedTransfer, target: &Illumination) -> Result<Relit> {
+    fn transfer(
+        &self,
+        prepared: &PreparedTransfer,
+        target: &Illumination,
+        part: Part,
+    ) -> Result<Relit> {
         let device = self.device.fastest();
         let mut transfer = device.transfer(prepared)?;
-        transfer.change_light(target)?;
+        transfer.change_light(target, part)?;
         transfer.result()
     }
 
@@ -415,7 +420,7 @@ impl Snapshot {
     fn lit(&self, look: &Look, view: View, target: &Arc<Light>) -> Result<Lit> {
         let source = &self.lights[SOURCE];
         let mut lit = if view.needs_relit() {
-            let (prepared, relit) = self.relit(look, target)?;
+            let (prepared, relit) = self.relit(look, target, view.part())?;
             Lit::of(view, relit, &self.cloud, &self.bake, prepared)
         } else {
             Lit::default()
@@ -424,7 +429,10 @@ impl Snapshot {
             let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
             let [source, target] = pinned.lights(maps[0], maps[1], self.up);
             let prepared = self.prepare(pinned, &source)?;
-            lit.before = Some((self.transfer(&prepared, &target)?, pinned.display));
+            lit.before = Some((
+                self.transfer(&prepared, &target, Part::Whole)?,
+                pinned.display,
+            ));
         }
         if let Some(ground) = &self.ground {
             let maps = [&source.illumination, &target.illumination];
@@ -599,7 +607,8 @@ impl Snapshot {
                 path.display()
             );
         }
-        let (_, relit) = self.relit(&self.look, &self.lights[TARGET])?;
+        let target = &self.lights[TARGET];
+        let (_, relit) = self.relit(&self.look, target, Part::Whole)?;
         handle_step(handle, 0, 1)?;
         write_relit_ply(&self.file, &relit.stored(&self.cloud), path)?;
         Ok(saved(&[path.to_owned()]))

@@ -258,12 +258,12 @@ const CHANNELS: [(&str, View, &str); 7] = [
     (
         "Diffuse",
         View::Diffuse,
-        "What does not depend on the view.",
+        "What is scattered: all that is not gloss. (Preset paper: what does not depend on the view.)",
     ),
     (
         "Specular",
         View::Specular,
-        "What depends on the view: highlights and reflections.",
+        "What is mirrored: highlights and reflections. (Preset paper: what depends on the view.)",
     ),
     (
         "Normals",

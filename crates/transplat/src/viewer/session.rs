@@ -1,5 +1,6 @@
 //! What is open, as what it is lit, and what follows from that: the pipeline's stages, each run when what it reads has changed.
 
+use std::cell::Cell;
 use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -15,7 +16,9 @@ use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
 use transplat_core::present::{self, Background, Doubt, View};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::{PreparedTransfer, Preset, Relit, TransferAsset, TransferSettings};
+use transplat_core::transfer::{
+    Part, PreparedTransfer, Preset, Relit, TransferAsset, TransferSettings,
+};
 use transplat_core::visibility::Bake;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Frame, Live, LiveTransfer, Passes};
@@ -96,8 +99,10 @@ pub enum Event {
         ground: Box<Ground>,
     },
     Doubts {
+        /// The asset, and which relight of it.
         key: (u64, u64),
         doubts: Vec<Option<Doubt>>,
+        readout: Option<Arc<Relit>>,
     },
     /// Files that were chosen to be opened.
     Files(Vec<PathBuf>),
@@ -124,7 +129,7 @@ pub enum SaveKind {
 pub struct Prepared {
     pub(super) key: PrepareKey,
     pub prepared: PreparedTransfer,
-    /// On the GPU, for presets that run there.
+    /// On the GPU. A driver that computes on the CPU does not get preset `best`, which is many times faster there without it.
     pub live: Option<LiveTransfer>,
     pub ms: f64,
 }
@@ -134,11 +139,10 @@ pub struct Prepared {
 pub(super) struct RelitKey {
     pub prepared: u64,
     pub target: Illumination,
-    /// Whether it is wanted in linear light, for the channels that show parts of it.
-    pub linear: bool,
+    pub part: Part,
 }
 
-/// A relit asset on its way to the screen.
+/// An asset that was relit on the CPU, on its way to the screen.
 pub struct RelitBy {
     pub(super) key: RelitKey,
     pub relit: Arc<Relit>,
@@ -226,8 +230,9 @@ pub struct Session {
     pub sides: [Arc<Light>; 2],
     pub bakes: HashMap<Preset, BakeState>,
     pub prepared: Option<PreparedTransfer>,
-    /// What was relit on the CPU.
-    pub relit: Option<Arc<Relit>>,
+    /// What was relit last for a readout, and of which asset and relight it is.
+    pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
+    pub(super) wants_readout: Cell<bool>,
     pub messages: Vec<Message>,
     pub shares: Option<Shares>,
     pub doubts: Arc<Vec<Option<Doubt>>>,
@@ -248,6 +253,7 @@ pub struct Session {
     pub(super) requested: Option<PrepareKey>,
     pub(super) relit_for: Option<RelitKey>,
     pub(super) relit_asked: Option<RelitKey>,
+    pub(super) relights_on_gpu: bool,
     pub(super) relit_version: u64,
     pub(super) prepared_version: u64,
     pub(super) doubts_for: Option<(u64, u64)>,
@@ -305,7 +311,8 @@ impl Session {
             sides: [even.clone(), even],
             bakes: HashMap::new(),
             prepared: None,
-            relit: None,
+            readout: None,
+            wants_readout: Cell::default(),
             messages: Vec::new(),
             shares: None,
             doubts: Arc::default(),
@@ -324,6 +331,7 @@ impl Session {
             requested: None,
             relit_for: None,
             relit_asked: None,
+            relights_on_gpu: true,
             relit_version: 0,
             prepared_version: 0,
             doubts_for: None,
@@ -452,6 +460,7 @@ impl Session {
             Event::Prepared(prepared) if prepared.key.asset == self.asset_id => {
                 self.stages.prepare += 1;
                 self.times.prepare = prepared.ms;
+                self.relights_on_gpu = prepared.live.is_some();
                 if let Some(live) = prepared.live {
                     self.live().set_transfer(live);
                 }
@@ -462,8 +471,11 @@ impl Session {
                 let tau = present::tau_colors(&relit.relit.tau);
                 self.live().set_relit(relit.resident, tau);
                 self.times.relight = Some(relit.ms);
-                self.relit = Some(relit.relit);
+                let is_whole = relit.key.part == Part::Whole;
                 self.relit_is(relit.key);
+                if is_whole {
+                    self.readout = Some(((self.asset_id, self.relit_version), relit.relit));
+                }
             }
             Event::Backdrop {
                 side,
@@ -482,7 +494,14 @@ impl Session {
                 self.ground = Some(*ground);
                 self.ground_for = Some(key);
             }
-            Event::Doubts { key, doubts } if key.0 == self.asset_id => self.show_doubts(doubts),
+            Event::Doubts {
+                key,
+                doubts,
+                readout,
+            } if key.0 == self.asset_id => {
+                self.readout = readout.map(|relit| (key, relit)).or(self.readout.take());
+                self.show_doubts(doubts);
+            }
             Event::Baked { .. }
             | Event::Prepared(_)
             | Event::Relit(_)
@@ -525,7 +544,7 @@ impl Session {
         self.prepared = None;
         // What is still on its way belongs to the last one.
         self.prepared_version += 1;
-        self.relit = None;
+        self.readout = None;
         self.relit_asked = None;
         self.pinned = None;
         self.against_pinned = false;
@@ -586,7 +605,9 @@ impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let cloud = &self.asset.as_ref()?.cloud;
-        if let Some(relit) = &self.relit {
+        if let Some(PreparedTransfer::Best(_)) = &self.prepared {
+            self.wants_readout.set(true);
+            let (_, relit) = self.readout.as_ref()?;
             let k = coefficient_count(cloud.sh_degree);
             let sh = relit.sh.get(i * k..(i + 1) * k)?;
             let linear = match relit.encoding {
@@ -635,10 +656,31 @@ impl Session {
             self.error("there is nothing relit to be pinned yet");
             return;
         }
-        self.pinned = Some(self.look.clone());
         self.against_pinned = true;
-        let display = self.look.display;
-        self.live().pin(display);
+        self.pin_what_is_shown(self.look.clone());
+    }
+
+    /// Keeps what a look shows relit, all parts of it.
+    fn pin_what_is_shown(&mut self, look: Look) {
+        let display = look.display;
+        self.pinned = Some(look);
+        let (Some(shown), Some(prepared), Some(asset)) =
+            (&self.relit_for, &self.prepared, &self.asset)
+        else {
+            return;
+        };
+        if shown.part == Part::Whole {
+            self.live().pin(display);
+            return;
+        }
+        match prepared.relight(&shown.target, Part::Whole) {
+            Ok(relit) => {
+                let k = coefficient_count(asset.cloud.sh_degree);
+                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
+                self.live().pin_relit(sh, display);
+            }
+            Err(error) => self.error(error.to_string()),
+        }
     }
 
     /// Exchanges the pinned settings with those of now.
@@ -646,9 +688,7 @@ impl Session {
         if let Some(pinned) = self.pinned.take() {
             let now = std::mem::replace(&mut self.look, pinned);
             // What is on the screen is what is pinned now.
-            let display = now.display;
-            self.live().pin(display);
-            self.pinned = Some(now);
+            self.pin_what_is_shown(now);
         }
     }
 

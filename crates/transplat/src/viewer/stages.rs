@@ -7,12 +7,12 @@ use transplat_core::environment::Illumination;
 use transplat_core::ground::{Ground, ground_plane};
 use transplat_core::present::{self, Background, Doubt, View};
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::best::BestTransfer;
-use transplat_core::transfer::{PreparedTransfer, Preset};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset};
 use transplat_core::visibility::{BakeSettings, occlusion};
 use transplat_gpu::live::LiveTransfer;
 use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
+use transplat_gpu::{Context, GpuError};
 
 use super::baking::{self, Baked};
 use super::jobs::{Handle, Kind};
@@ -168,13 +168,7 @@ impl Session {
             let made = transfer
                 .prepare(&cloud, &bake, key.bake, &key.source, &key.settings)
                 .map_err(anyhow::Error::from)
-                .and_then(|prepared| {
-                    let live = match &prepared {
-                        PreparedTransfer::Paper(paper) => Some(LiveTransfer::new(&context, paper)?),
-                        PreparedTransfer::Best(_) => None,
-                    };
-                    Ok((live, prepared))
-                });
+                .and_then(|prepared| Ok((on_gpu(&context, &prepared)?, prepared)));
             Some(match made {
                 Ok((live, prepared)) => Event::Prepared(Box::new(Prepared {
                     key,
@@ -194,41 +188,40 @@ impl Session {
             return;
         };
         let [_, target] = self.oriented_lights();
+        let (target, part) = match &prepared {
+            // Beyond the transfer's degree nothing is read, and all parts are in one result.
+            PreparedTransfer::Paper(paper) => {
+                let radiance = target.radiance.truncated(paper.light_degree);
+                let beams = None;
+                (Illumination { radiance, beams }, Part::Whole)
+            }
+            PreparedTransfer::Best(_) => (target, self.look.view.part()),
+        };
         let key = RelitKey {
             prepared: self.prepared_version,
             target,
-            linear: matches!(self.look.view, View::Diffuse | View::Specular),
+            part,
         };
-        match prepared {
-            PreparedTransfer::Paper(paper) => {
-                // Beyond the transfer's degree nothing is read, and its result is linear.
-                let target = Illumination {
-                    radiance: key.target.radiance.truncated(paper.light_degree),
-                    beams: None,
-                };
-                let linear = true;
-                let key = RelitKey {
-                    target,
-                    linear,
-                    ..key
-                };
-                if self.relit_for.as_ref() == Some(&key) {
-                    return;
-                }
-                let start = Instant::now();
-                self.live().relight(&paper.light(&key.target.radiance));
-                self.transfer_timer
-                    .measure(&self.context, start, self.jobs.context());
-                self.relit = None;
-                self.times.relight = None;
-                self.relit_is(key);
-            }
-            PreparedTransfer::Best(best) => self.start_relight(best, key),
+        if self.relit_for.as_ref() == Some(&key) {
+            return;
         }
+        if !self.relights_on_gpu {
+            self.start_relight(prepared, key);
+            return;
+        }
+        let start = Instant::now();
+        let relit = self.live().relight(&key.target, key.part);
+        if let Err(error) = relit {
+            self.error(error.to_string());
+        }
+        self.transfer_timer
+            .measure(&self.context, start, self.jobs.context());
+        self.times.relight = None;
+        self.relit_is(key);
     }
 
     /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
-    fn start_relight(&mut self, best: Arc<BestTransfer>, key: RelitKey) {
+    fn start_relight(&mut self, prepared: PreparedTransfer, key: RelitKey) {
         let Some(asset) = &self.asset else {
             return;
         };
@@ -239,14 +232,10 @@ impl Session {
         let (context, degree) = (self.context.clone(), asset.cloud.sh_degree);
         let work = move |_: &Handle<Event>| {
             let start = Instant::now();
-            let target = match key.target.for_best() {
-                Ok(target) => target,
+            let relit = match prepared.relight(&key.target, key.part) {
+                Ok(relit) => relit,
                 Err(error) => return Some(Event::Failed(error.to_string())),
             };
-            let mut relit = best.relight(target);
-            if key.linear {
-                relit = relit.linear(degree);
-            }
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let k = coefficient_count(degree);
             Some(Event::Relit(Box::new(RelitBy {
@@ -408,30 +397,40 @@ impl Session {
             return;
         };
         let key = (self.asset_id, self.relit_version);
-        let wanted = self.wants_doubts || self.show_marks || self.look.view == View::Doubts;
-        if !wanted || self.doubts_for == Some(key) || self.jobs.is_running(Kind::Doubts) {
+        let asked = self.wants_readout.take();
+        let readout = asked && self.readout.as_ref().is_none_or(|(of, _)| *of != key);
+        let doubts = self.wants_doubts || self.show_marks || self.look.view == View::Doubts;
+        let wanted = readout || (doubts && self.doubts_for != Some(key));
+        if !wanted || self.jobs.is_running(Kind::Doubts) {
             return;
         }
         let Some(shown) = self.relit_for.clone() else {
             return;
         };
-        let (cloud, bake, prepared) = (asset.cloud.clone(), bake.clone(), prepared.clone());
-        let relit = self.relit.clone();
         // What is shown may still be of the last preparation.
-        let is_best = matches!(prepared, PreparedTransfer::Best(_));
-        if shown.prepared != self.prepared_version || (is_best && relit.is_none()) {
+        if shown.prepared != self.prepared_version {
             return;
         }
+        let (cloud, bake, prepared) = (asset.cloud.clone(), bake.clone(), prepared.clone());
         self.doubts_for = Some(key);
+        // What was relit on the GPU is not here.
         let work = move |_: &Handle<Event>| {
-            // What was relit on the GPU is not here.
-            let relit =
-                match relit.map_or_else(|| prepared.relight(&shown.target).map(Arc::new), Ok) {
-                    Ok(relit) => relit,
-                    Err(error) => return Some(Event::Failed(error.to_string())),
-                };
-            let doubts = present::doubts(&cloud, &bake, &prepared, &relit.tau);
-            Some(Event::Doubts { key, doubts })
+            let made = if readout {
+                let relit = prepared.relight(&shown.target, Part::Whole);
+                relit.map(|r| (r.tau.clone(), Some(Arc::new(r))))
+            } else {
+                prepared.tau(&shown.target).map(|tau| (tau, None))
+            };
+            let (tau, readout) = match made {
+                Ok(made) => made,
+                Err(error) => return Some(Event::Failed(error.to_string())),
+            };
+            let doubts = present::doubts(&cloud, &bake, &prepared, &tau);
+            Some(Event::Doubts {
+                key,
+                doubts,
+                readout,
+            })
         };
         self.jobs.start(
             Kind::Doubts,
@@ -455,5 +454,20 @@ impl Session {
         self.live()
             .set_doubts(present::doubt_colors(&doubts), marks);
         self.doubts = Arc::new(doubts);
+    }
+}
+
+/// A transfer on the GPU, if that is where it runs: preset `best` is many times faster without a driver that computes on the CPU, and
+/// what is too large for the adapter is relit on the CPU as well.
+fn on_gpu(
+    context: &Arc<Context>,
+    prepared: &PreparedTransfer,
+) -> Result<Option<LiveTransfer>, GpuError> {
+    if context.is_software() && matches!(prepared, PreparedTransfer::Best(_)) {
+        return Ok(None);
+    }
+    match LiveTransfer::new(context, prepared) {
+        Err(GpuError::TooLarge { .. }) => Ok(None),
+        made => made.map(Some),
     }
 }

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::lobe::Ray;
-use super::{BestAsset, MAX_RELATIVE_LIGHT, Sides};
+use super::{BestAsset, BestLight, MAX_RELATIVE_LIGHT, Sides};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::evaluate_sh;
 use crate::transfer::{Terms, TransferSettings};
@@ -61,37 +61,44 @@ impl Sky {
 }
 
 impl BestAsset {
-    /// A light with its strength multiplied, as the surfels meet it. `fill` is what a channel gets of the light's mean that the source lacks.
-    pub(super) fn incident(
+    /// Takes a light in, its strength multiplied. `fill` is what a channel gets of the light's mean that the source lacks.
+    pub(super) fn light(
         &self,
         (radiance, beams): (&IncidentRadiance, &Beams),
         gain: f32,
         settings: &TransferSettings,
         fill: [f32; 3],
-    ) -> Incident {
+    ) -> BestLight {
         let terms = settings.terms;
         let beams = beams.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
         let (sky, suns) = if terms.sums && terms.suns {
-            (beams.gathered(&self.directions), &beams.suns[..])
+            (beams.gathered(&self.directions), beams.suns.clone())
         } else if terms.sums {
-            (
-                beams.with_suns_as_sky().gathered(&self.directions),
-                &[] as &[Beam],
-            )
+            let all = beams.with_suns_as_sky();
+            (all.gathered(&self.directions), Vec::new())
         } else {
             let light = radiance.truncated(settings.sh_degree).scaled(gain);
-            (self.series(&light), &[] as &[Beam])
+            (self.series(&light), Vec::new())
         };
         let (means, mean) = (beams.mean_irradiances(), beams.mean_irradiance());
-        let least = std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean);
+        BestLight {
+            sky,
+            suns,
+            least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
+        }
+    }
+
+    /// A light as the surfels meet it.
+    pub(super) fn incident(&self, light: BestLight, terms: Terms) -> Incident {
         let mut light = Incident {
-            sky: Sky::new(&sky),
-            suns: suns
+            sky: Sky::new(&light.sky),
+            suns: light
+                .suns
                 .iter()
                 .map(|s| (*s, self.seen_from(s, terms)))
                 .collect(),
             irradiance: Vec::new(),
-            least,
+            least: light.least,
             terms,
         };
         light.irradiance = (0..self.len())

@@ -5,7 +5,6 @@ use glam::{DMat3, DVec3, Vec3};
 use super::*;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::scenes;
-use crate::sh::{MAX_COEFFICIENTS, evaluate_basis};
 use crate::visibility::no_progress;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<BestAsset> {
@@ -20,7 +19,8 @@ fn prepared(asset: &Arc<BestAsset>, source: &Illumination) -> BestTransfer {
 
 impl BestTransfer {
     fn relight_by(&self, target: &Illumination) -> Relit {
-        self.relight(target.for_best().expect("with beams"))
+        let light = self.light(target.for_best().expect("with beams"));
+        self.relight(light, Part::Whole)
     }
 }
 
@@ -179,12 +179,10 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         cloud.encoding = Encoding::Linear;
         cloud.sh = vec![[0.0; 3]; cloud.len() * 16];
         let asset = asset_of(&cloud);
-        let light = asset.incident(
-            source.for_best().expect("with beams"),
-            1.0,
-            &TransferSettings::default(),
-            [0.0; 3],
-        );
+        let settings = TransferSettings::default();
+        let beams = source.for_best().expect("with beams");
+        let light = asset.light(beams, 1.0, &settings, [0.0; 3]);
+        let light = asset.incident(light, settings.terms);
         let mut rays = Vec::new();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
@@ -266,42 +264,39 @@ fn odd_assets_are_relit_to_numbers() {
     }
 }
 
-/// A sheet (two sides) over a ball on a plate (bounces, occlusion), all of which mirror a sun.
-fn everything(sun: DVec3) -> SurfelCloud {
-    let mut cloud = glossy();
-    let k = coefficient_count(cloud.sh_degree);
-    for i in 0..cloud.len() {
-        let n = cloud.stored_normal(i).as_dvec3();
-        let n = if n.dot(cloud.positions[i].as_dvec3()) < 0.0 {
-            -n
-        } else {
-            n
-        };
-        let toward = 2.0 * n * n.dot(sun) - sun;
-        let mut y = [0f32; MAX_COEFFICIENTS];
-        evaluate_basis((-toward).as_vec3().to_array(), cloud.sh_degree, &mut y);
-        for (f, y) in cloud.sh[i * k..].iter_mut().zip(&y[..k]).skip(1) {
-            *f = f.map(|f| 0.3 * f + 0.1 * y);
+#[test]
+fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
+    let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
+    let mut cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    // Linear colour, so that the parts add up; what the model misses is of neither.
+    cloud.encoding = Encoding::Linear;
+    let source = sky(sun, [1.0, 0.9, 0.8]);
+    let mut settings = TransferSettings::default();
+    settings.terms.residual = false;
+    let beams = source.for_best().expect("with beams");
+    let transfer = BestTransfer::new(&asset_of(&cloud), beams, &settings);
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
+    let light = transfer.light(target.for_best().expect("with beams"));
+    let [whole, matte, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
+        .map(|part| transfer.relight(light.clone(), part).sh);
+    let size = |f: &[[f32; 3]]| f.iter().flatten().fold(0f32, |a, b| a.max(b.abs()));
+    assert!(size(&matte) > 0.1 && size(&mirrored) > 0.1);
+    for ((w, a), b) in whole.iter().zip(&matte).zip(&mirrored) {
+        for c in 0..3 {
+            assert!((w[c] - a[c] - b[c]).abs() < 1e-5 * size(&whole));
         }
     }
-    let sheet = scenes::sheet(6);
-    for i in 0..sheet.len() {
-        cloud
-            .positions
-            .push(0.5 * sheet.positions[i] + 2.5 * Vec3::Z);
-        cloud.tangents.push(sheet.tangents[i]);
-        cloud.scales.push(0.5 * sheet.scales[i]);
-        cloud.opacities.push(sheet.opacities[i]);
-        let of_another = cloud.sh_of(7 * i).to_vec();
-        cloud.sh.extend(of_another);
+    // A surface without gloss mirrors nothing.
+    let k = coefficient_count(cloud.sh_degree);
+    for (gloss, f) in transfer.gloss.iter().zip(mirrored.chunks_exact(k)) {
+        assert!(!gloss.is_matte() || size(f) < 1e-6);
     }
-    cloud
 }
 
 #[test]
 fn production_follows_the_oracle() {
     let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
-    let cloud = everything(sun);
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
     let bake = Arc::new(Occlusion::bake(&cloud, &no_progress).expect("not cancelled"));
     assert!(bake.two_sided.iter().filter(|t| **t > 0.5).count() > 10);
     let source = sky(sun, [1.0, 0.9, 0.8]);

@@ -1,0 +1,96 @@
+//! An asset's discs in their boxes on the GPU, for `shared/trace.wgsl`.
+
+use transplat_core::visibility::trace::Tracer;
+use wgpu::BufferUsages;
+
+use crate::context::{Context, Result};
+use crate::layout::gpu_struct;
+
+gpu_struct! {
+    /// A box and what is in it.
+    struct TraceBox {
+        low: [f32; 3],
+        skip: u32,
+        high: [f32; 3],
+        discs: u32,
+    }
+}
+
+gpu_struct! {
+    /// A disc.
+    struct TraceDisc {
+        center: [f32; 3],
+        surfel: u32,
+        normal: [f32; 3],
+        unused_a: u32,
+        axis_a: [f32; 3],
+        unused_b: u32,
+        axis_b: [f32; 3],
+        unused_c: u32,
+    }
+}
+
+/// The boxes and discs of an asset.
+pub(crate) struct ResidentTracer {
+    pub boxes: wgpu::Buffer,
+    pub discs: wgpu::Buffer,
+    pub box_count: usize,
+}
+
+impl ResidentTracer {
+    pub fn new(context: &Context, tracer: &Tracer) -> Result<Self> {
+        let boxes: Vec<TraceBox> = tracer
+            .boxes_in_order()
+            .iter()
+            .map(|b| TraceBox {
+                low: b.min.to_array(),
+                skip: b.skip,
+                high: b.max.to_array(),
+                discs: b.first | b.count << 28,
+            })
+            .collect();
+        let discs: Vec<TraceDisc> = tracer
+            .discs
+            .iter()
+            .map(|d| TraceDisc {
+                center: d.center.to_array(),
+                surfel: d.surfel,
+                normal: d.normal.to_array(),
+                axis_a: d.inverse_axes[0].to_array(),
+                axis_b: d.inverse_axes[1].to_array(),
+                ..Default::default()
+            })
+            .collect();
+        context.check_fits("the surfels' discs", size_of_val(&discs[..]))?;
+        context.check_fits("the discs' boxes", size_of_val(&boxes[..]))?;
+        let box_count = boxes.len();
+        // None may be empty.
+        let or_one = |mut boxes: Vec<TraceBox>| {
+            boxes.resize(boxes.len().max(1), TraceBox::default());
+            boxes
+        };
+        let mut discs = discs;
+        discs.resize(discs.len().max(1), TraceDisc::default());
+        Ok(Self {
+            boxes: context.upload(&or_one(boxes), BufferUsages::STORAGE),
+            discs: context.upload(&discs, BufferUsages::STORAGE),
+            box_count,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn structs_match_the_shader() {
+        let source = crate::shader::bake_occlusion();
+        for (name, fields, size) in [
+            ("TraceBox", TraceBox::FIELDS, size_of::<TraceBox>()),
+            ("TraceDisc", TraceDisc::FIELDS, size_of::<TraceDisc>()),
+        ] {
+            crate::layout::check(&source, name, fields, size);
+        }
+    }
+}

@@ -1,0 +1,455 @@
+//! Preset `best`. CPU twin: [`BestTransfer::relight`].
+
+use std::sync::Arc;
+
+use transplat_core::color::Encoding;
+use transplat_core::environment::{Beam, MAX_SUNS};
+use transplat_core::sh::coefficient_count;
+use transplat_core::transfer::best::{BestLight, BestTransfer, TURNS};
+use transplat_core::transfer::{Part, Relit};
+use transplat_core::visibility::occlusion::{DIRECTIONS, WORDS, directions};
+use wgpu::BufferUsages;
+
+use crate::context::{ComputePass, Context, Result};
+use crate::layout::gpu_struct;
+use crate::shader;
+use crate::trace::ResidentTracer;
+use crate::{CHUNK, WORKGROUP};
+
+gpu_struct! {
+    /// Which surfels a chunk has.
+    struct BestChunk {
+        count: u32,
+        first: u32,
+        unused_a: u32,
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// What changes with the light.
+    struct BestSettings {
+        least: [f32; 3],
+        suns: u32,
+        start: [f32; 3],
+        box_count: u32,
+        matte: f32,
+        mirrored: f32,
+        residual: f32,
+        near: f32,
+        shadow: u32,
+        two_sided: u32,
+        unused_a: u32,
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// Light from one direction.
+    struct BestBeam {
+        direction: [f32; 3],
+        unused_a: u32,
+        energy: [f32; 3],
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// What the transfer needs of a surfel besides its colours.
+    struct BestSurfel {
+        normal: [f32; 3],
+        two_sided: f32,
+        position: [f32; 3],
+        bias: f32,
+        front_divisor: [f32; 3],
+        first_hit: u32,
+        back_divisor: [f32; 3],
+        end_hit: u32,
+        front_mean: [f32; 3],
+        width: u32,
+        back_mean: [f32; 3],
+        rises: u32,
+        reflectance: [f32; 3],
+        unused_a: u32,
+        encoded_mean: [f32; 3],
+        unused_b: u32,
+        open: [u32; 2 * WORDS],
+    }
+}
+
+impl From<&Beam> for BestBeam {
+    fn from(beam: &Beam) -> Self {
+        Self {
+            direction: beam.direction.to_array(),
+            energy: beam.energy,
+            ..Default::default()
+        }
+    }
+}
+
+struct Chunk {
+    count: usize,
+    see_suns: wgpu::BindGroup,
+    gather: wgpu::BindGroup,
+    /// From the first radiance to the second, and back.
+    bounce: [wgpu::BindGroup; 2],
+    finish: wgpu::BindGroup,
+    /// Where a surfel has two sides.
+    add_back: Option<wgpu::BindGroup>,
+    tau: wgpu::Buffer,
+    relit: wgpu::Buffer,
+}
+
+struct Passes {
+    see_suns: Arc<ComputePass>,
+    gather: Arc<ComputePass>,
+    bounce: Arc<ComputePass>,
+    finish: Arc<ComputePass>,
+    add_back: Arc<ComputePass>,
+}
+
+/// What all chunks share.
+struct Shared {
+    settings: wgpu::Buffer,
+    beams: wgpu::Buffer,
+    directions: wgpu::Buffer,
+    tables: wgpu::Buffer,
+    tracer: ResidentTracer,
+    /// What each surfel radiates on its two sides, before a bounce and after it.
+    radiance: [wgpu::Buffer; 2],
+}
+
+/// A prepared transfer on the GPU: a new light is one small upload and a few dispatches a chunk.
+pub struct GpuBest {
+    context: Arc<Context>,
+    prepared: Arc<BestTransfer>,
+    passes: Passes,
+    shared: Shared,
+    chunks: Vec<Chunk>,
+}
+
+impl GpuBest {
+    /// Uploads what does not change with the light.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, prepared: &Arc<BestTransfer>) -> Result<Self> {
+        let asset = &prepared.asset;
+        let n = asset.len();
+        context.check_fits("what the surfels radiate", 32 * n)?;
+        let source = shader::transfer_best(&asset.nodes, asset.encoding);
+        let pass = |entry| context.compute_pass(&source, entry);
+        let passes = Passes {
+            see_suns: pass("see_suns"),
+            gather: pass("gather"),
+            bounce: pass("bounce"),
+            finish: pass("finish"),
+            add_back: pass("add_back"),
+        };
+        let directions: Vec<[f32; 4]> = directions()
+            .iter()
+            .map(|d| d.extend(0.0).to_array())
+            .collect();
+        let tables = shader::tables(&asset.nodes).0;
+        let no_beams = [BestBeam::default(); MAX_SUNS + DIRECTIONS];
+        let shared = Shared {
+            settings: context.upload(&[BestSettings::default()], BufferUsages::UNIFORM),
+            beams: context.upload(&no_beams, BufferUsages::UNIFORM),
+            directions: context.upload(&directions, BufferUsages::UNIFORM),
+            tables: context.upload(&tables, BufferUsages::STORAGE),
+            tracer: ResidentTracer::new(context, &asset.occlusion.tracer)?,
+            radiance: [0, 1].map(|_| context.storage(32 * n)),
+        };
+        let chunks = (0..n)
+            .step_by(CHUNK)
+            .map(|first| {
+                let count = CHUNK.min(n - first);
+                upload_chunk(context, prepared, &passes, &shared, first, count)
+            })
+            .collect();
+        context.wait()?;
+        Ok(Self {
+            context: context.clone(),
+            prepared: prepared.clone(),
+            passes,
+            shared,
+            chunks,
+        })
+    }
+
+    /// Relights by another light, and waits until it is done; the result stays on the GPU.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn relight(&self, light: &BestLight, part: Part) -> Result<()> {
+        self.submit(light, part);
+        self.context.wait()
+    }
+
+    /// Relights without waiting: what is submitted afterwards sees the result.
+    pub fn submit(&self, light: &BestLight, part: Part) {
+        let terms = self.prepared.settings.terms;
+        let settings = BestSettings {
+            least: light.least,
+            suns: light.suns.len() as u32,
+            start: self.prepared.mean_ratio(light),
+            box_count: self.shared.tracer.box_count as u32,
+            matte: f32::from(part != Part::Specular),
+            mirrored: f32::from(part != Part::Diffuse),
+            residual: f32::from(part == Part::Whole && terms.residual),
+            near: f32::from(terms.bounce),
+            shadow: u32::from(terms.shadow),
+            two_sided: u32::from(terms.two_sided),
+            ..Default::default()
+        };
+        let mut beams = [BestBeam::default(); MAX_SUNS + DIRECTIONS];
+        let (suns, sky) = beams.split_at_mut(MAX_SUNS);
+        for (to, from) in suns.iter_mut().zip(&light.suns) {
+            *to = from.into();
+        }
+        for (to, from) in sky.iter_mut().zip(&light.sky) {
+            *to = from.into();
+        }
+        let queue = &self.context.queue;
+        queue.write_buffer(&self.shared.settings, 0, bytemuck::bytes_of(&settings));
+        queue.write_buffer(&self.shared.beams, 0, bytemuck::cast_slice(&beams));
+        if !light.suns.is_empty() {
+            self.run(&self.passes.see_suns, |c| Some(&c.see_suns));
+        }
+        self.run(&self.passes.gather, |c| Some(&c.gather));
+        for turn in 0..TURNS {
+            self.run(&self.passes.bounce, |c| Some(&c.bounce[turn % 2]));
+        }
+        self.run(&self.passes.finish, |c| Some(&c.finish));
+        if terms.two_sided && part != Part::Specular {
+            self.run(&self.passes.add_back, |c| c.add_back.as_ref());
+        }
+    }
+
+    /// A submission a chunk: drivers stop work that takes seconds.
+    fn run<'a>(
+        &'a self,
+        pass: &ComputePass,
+        group: impl Fn(&'a Chunk) -> Option<&'a wgpu::BindGroup>,
+    ) {
+        for chunk in &self.chunks {
+            if let Some(group) = group(chunk) {
+                let mut encoder = self.context.encoder();
+                pass.dispatch(&mut encoder, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
+                self.context.submit(encoder);
+            }
+        }
+    }
+
+    /// How the result is to be read.
+    pub fn encoding(&self) -> Encoding {
+        self.prepared.asset.encoding
+    }
+
+    /// The last result where it is: SH `[count][K][3]` of each chunk.
+    pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
+        self.chunks.iter().map(|c| c.relit.clone()).collect()
+    }
+
+    /// How much the matte light of each surfel's two sides changed: a vector a side, `[count][2]` of each chunk.
+    pub(crate) fn tau(&self) -> Vec<wgpu::Buffer> {
+        self.chunks.iter().map(|c| c.tau.clone()).collect()
+    }
+
+    /// The last result, as the CPU has it.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn read(&self) -> Result<Relit> {
+        let k = coefficient_count(self.prepared.asset.nodes.degree);
+        let (mut sh, mut tau) = (Vec::new(), Vec::new());
+        for chunk in &self.chunks {
+            let read: Vec<[f32; 3]> = self.context.read(&chunk.relit, chunk.count * k)?;
+            sh.extend(read);
+            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.tau, chunk.count)?;
+            tau.extend(read.iter().map(|[[r, g, b, _], _]| [*r, *g, *b]));
+        }
+        Ok(Relit {
+            sh,
+            encoding: self.encoding(),
+            tau,
+        })
+    }
+}
+
+/// Surfels of a chunk, and what they meet.
+fn surfels_of(p: &BestTransfer, first: usize, count: usize) -> (Vec<BestSurfel>, Vec<u32>) {
+    let occlusion = &p.asset.occlusion;
+    let terms = p.settings.terms;
+    let mut hits = Vec::new();
+    let surfels = (first..first + count)
+        .map(|i| {
+            let first_hit = hits.len() as u32;
+            if terms.shadow && terms.bounce {
+                hits.extend(occlusion.hits_of(i).iter().map(|h| h.0));
+            }
+            let surfel = &occlusion.tracer.surfels[i];
+            let ([front_divisor, back_divisor], [front_mean, back_mean]) =
+                (p.divisor[i], p.asset.means[i]);
+            let gloss = &p.gloss[i];
+            BestSurfel {
+                normal: occlusion.normals[i].to_array(),
+                two_sided: occlusion.two_sided[i],
+                position: surfel.position.to_array(),
+                bias: surfel.bias,
+                front_divisor,
+                first_hit,
+                back_divisor,
+                end_hit: hits.len() as u32,
+                front_mean,
+                width: if gloss.is_matte() { 0 } else { gloss.width },
+                back_mean,
+                rises: u32::from(gloss.rises),
+                reflectance: gloss.reflectance,
+                encoded_mean: p.encoded_mean[i],
+                open: if terms.shadow {
+                    bytemuck::cast(occlusion.open[i])
+                } else {
+                    [u32::MAX; 2 * WORDS]
+                },
+                ..Default::default()
+            }
+        })
+        .collect();
+    (surfels, hits)
+}
+
+fn upload_chunk(
+    context: &Context,
+    p: &BestTransfer,
+    passes: &Passes,
+    shared: &Shared,
+    first: usize,
+    count: usize,
+) -> Chunk {
+    let (k, q) = (
+        coefficient_count(p.asset.nodes.degree),
+        p.asset.nodes.count(),
+    );
+    let (surfels, hits) = surfels_of(p, first, count);
+    let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
+    let parameters = BestChunk {
+        count: count as u32,
+        first: first as u32,
+        ..Default::default()
+    };
+    let storage = BufferUsages::STORAGE;
+    let chunk = context.upload(&[parameters], BufferUsages::UNIFORM);
+    let surfels = context.upload(&surfels, storage);
+    let hits = context.upload(&hits, storage);
+    let matte = context.upload(&p.matte[first * q..][..count * q], storage);
+    let residual = context.upload(&p.residual[first * k..][..count * k], storage);
+    let (irradiance, tau) = (context.storage(32 * count), context.storage(32 * count));
+    let relit = context.storage(12 * count * k);
+    let Shared {
+        settings,
+        beams,
+        directions,
+        tables,
+        tracer,
+        radiance,
+    } = shared;
+    let bounce = |from: usize| {
+        let bindings = [
+            (0, &chunk),
+            (1, settings),
+            (3, directions),
+            (4, &surfels),
+            (5, &hits),
+            (8, &irradiance),
+            (9, &radiance[from]),
+            (10, &radiance[1 - from]),
+            (11, &tau),
+        ];
+        context.bind(&passes.bounce, &bindings)
+    };
+    let mut finish = vec![
+        (0, &chunk),
+        (1, settings),
+        (2, beams),
+        (3, directions),
+        (4, &surfels),
+        (5, &hits),
+        (9, &radiance[TURNS % 2]),
+        (11, &tau),
+        (12, &matte),
+        (13, &residual),
+        (14, &relit),
+    ];
+    if shader::fits_by_tables(k) {
+        finish.push((16, tables));
+    }
+    Chunk {
+        count,
+        see_suns: context.bind(
+            &passes.see_suns,
+            &[
+                (0, &chunk),
+                (1, settings),
+                (2, beams),
+                (4, &surfels),
+                (6, &tracer.boxes),
+                (7, &tracer.discs),
+                (8, &irradiance),
+            ],
+        ),
+        gather: context.bind(
+            &passes.gather,
+            &[
+                (0, &chunk),
+                (1, settings),
+                (2, beams),
+                (4, &surfels),
+                (8, &irradiance),
+                (10, &radiance[0]),
+            ],
+        ),
+        bounce: [bounce(0), bounce(1)],
+        finish: context.bind(&passes.finish, &finish),
+        add_back: has_two_sides.then(|| {
+            let stored = context.upload(&p.asset.sh[first * k..][..count * k], storage);
+            context.bind(
+                &passes.add_back,
+                &[
+                    (0, &chunk),
+                    (1, settings),
+                    (4, &surfels),
+                    (11, &tau),
+                    (14, &relit),
+                    (15, &stored),
+                    (16, tables),
+                ],
+            )
+        }),
+        tau,
+        relit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use transplat_core::transfer::best::Nodes;
+
+    #[test]
+    fn structs_match_the_shader() {
+        let source = shader::transfer_best(&Nodes::new(3), Encoding::Stored);
+        for (name, fields, size) in [
+            ("BestChunk", BestChunk::FIELDS, size_of::<BestChunk>()),
+            (
+                "BestSettings",
+                BestSettings::FIELDS,
+                size_of::<BestSettings>(),
+            ),
+            ("BestBeam", BestBeam::FIELDS, size_of::<BestBeam>()),
+            ("BestSurfel", BestSurfel::FIELDS, size_of::<BestSurfel>()),
+        ] {
+            crate::layout::check(&source, name, fields, size);
+        }
+    }
+}

@@ -1,0 +1,45 @@
+// Stage bake, preset best: what the rays of a patch of directions meet. CPU twin: transplat_core::visibility::occlusion.
+// One thread a surfel and patch. The constants in capitals and shared/trace.wgsl are written in front of this file.
+
+struct OcclusionParameters {
+    // Surfels of this dispatch.
+    count: u32,
+    box_count: u32,
+    unused_a: u32,
+    unused_b: u32,
+}
+
+struct OcclusionSurfel {
+    // Scaled for the rays, with the size that keeps them off the surface.
+    position: vec3f,
+    bias: f32,
+    normal: vec3f,
+    unused: u32,
+}
+
+@group(0) @binding(0) var<uniform> parameters: OcclusionParameters;
+// Of each patch of this dispatch, its first direction before the others.
+@group(0) @binding(1) var<uniform> directions: array<vec4f, RAYS>;
+@group(0) @binding(2) var<storage, read> surfels: array<OcclusionSurfel>;
+// The surfel that the first ray meets in the low 24 bits, and from bit 24 on which rays are open. [PATCH_BATCH][count]
+@group(0) @binding(5) var<storage, read_write> found: array<u32>;
+
+@compute @workgroup_size(WORKGROUP)
+fn trace_patches(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= parameters.count {
+        return;
+    }
+    let surfel = surfels[id.x];
+    var result = 0u;
+    for (var place = 0u; place < PER_PATCH; place++) {
+        let d = directions[PER_PATCH * id.y + place].xyz;
+        let origin = ray_origin(surfel.position, surfel.bias, surfel.normal, d);
+        let hit = trace(origin, d, NEAREST_SCALES * surfel.bias, place > 0u, parameters.box_count);
+        if hit == MISS {
+            result |= 1u << (24u + place);
+        } else if place == 0u {
+            result |= hit & 0xffffffu;
+        }
+    }
+    found[id.y * parameters.count + id.x] = result;
+}
