@@ -25,7 +25,7 @@ use crate::visibility::{BakeSurfel, smoothstep};
 use incident::{Incident, Planes, planes};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
-use lobe::{Fitted, Ray, find_gloss, mirrored};
+use lobe::{Fitted, Rays, find_gloss, mirrored};
 pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION};
 use nodes::Frame;
 pub use nodes::Nodes;
@@ -593,7 +593,7 @@ fn fill_of(light: &Beams) -> [f32; 3] {
 
 #[derive(Default)]
 struct Scratch {
-    rays: Vec<Ray>,
+    rays: Rays,
     /// `[3][Q]`
     values: Vec<f32>,
     glossy: Vec<[f32; 3]>,

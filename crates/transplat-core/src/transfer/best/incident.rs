@@ -2,11 +2,11 @@
 
 use std::f32::consts::PI;
 
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::lobe::Ray;
+use super::lobe::Rays;
 use super::{BestAsset, BestLight, MAX_RELATIVE_LIGHT, Sides};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::evaluate_sh;
@@ -183,13 +183,7 @@ impl BestAsset {
     }
 
     /// All that shines on the front of surfel `i`, a ray a patch: the open sky, and what is met where it is blocked; and the suns.
-    pub(super) fn rays_of(
-        &self,
-        i: usize,
-        light: &Incident,
-        radiance: &[Sides],
-        out: &mut Vec<Ray>,
-    ) {
+    pub(super) fn rays_of(&self, i: usize, light: &Incident, radiance: &[Sides], out: &mut Rays) {
         let n = self.occlusion.normals[i];
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
@@ -203,15 +197,13 @@ impl BestAsset {
             }
         }
         let open = self.open(i, light.terms);
-        out.resize(PATCHES, Ray::default());
-        let count = patches(n, open, &self.planes, &light.sky, &met, out);
-        out.truncate(count);
-        let above = |sun: &Beam| n.dot(sun.direction) > 0.0;
-        let shining = light
-            .suns
-            .iter()
-            .filter(|(sun, open)| open[i] && above(sun));
-        out.extend(shining.map(|(sun, _)| Ray::from(*sun)));
+        out.clear();
+        patches(n, open, &self.planes, &light.sky, &met, out);
+        for (k, (sun, open)) in light.suns.iter().enumerate() {
+            if open[i] && n.dot(sun.direction) > 0.0 {
+                out.set(PATCHES + k, sun);
+            }
+        }
     }
 }
 
@@ -252,7 +244,7 @@ fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> Sides {
     sums.map(|side| side.map(|lanes| lanes.iter().sum()))
 }
 
-/// What each patch on the front side holds, from where most of it comes; returns how many hold anything.
+/// What each patch on the front side holds, from where most of it comes.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn patches(
     n: Vec3,
@@ -260,9 +252,8 @@ fn patches(
     directions: &Planes,
     sky: &Sky,
     met: &PatchPlanes,
-    out: &mut [Ray],
-) -> usize {
-    let mut count = 0;
+    out: &mut Rays,
+) {
     for start in (0..PATCHES).step_by(LANES) {
         let met = [0, 1, 2].map(|c| lanes_of(&met[c], start));
         let mut sums = [[[0f32; LANES]; 3]; 2];
@@ -296,15 +287,13 @@ fn patches(
                 axis[i] *= over;
             }
         }
+        for c in 0..3 {
+            out.direction[c][start..start + LANES].copy_from_slice(&toward[c]);
+            out.energy[c][start..start + LANES].copy_from_slice(&shines[c]);
+        }
         for i in 0..LANES {
-            let energy = Vec3A::new(shines[0][i], shines[1][i], shines[2][i]);
-            out[count] = Ray {
-                direction: Vec3A::new(toward[0][i], toward[1][i], toward[2][i]),
-                energy,
-            };
-            // Without a branch: which patches are lit cannot be foretold.
-            count += usize::from(shines[0][i] + shines[1][i] + shines[2][i] > 0.0);
+            let holds = shines[0][i] + shines[1][i] + shines[2][i] > 0.0;
+            out.light(start + i, holds);
         }
     }
-    count
 }

@@ -5,7 +5,7 @@
 
 use std::f32::consts::PI;
 
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -33,29 +33,63 @@ pub const TRUSTED_CORRELATION: f32 = 0.03;
 /// mirrors that much, and a metal has no other colour.
 pub const METAL: [f32; 2] = [0.15, 0.3];
 
-/// What shines on a surfel from one direction: a [`Beam`] that is copied as two vectors.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Ray {
-    /// Unit vector towards the source.
-    pub direction: Vec3A,
-    /// Radiance times solid angle, linear RGB.
-    pub energy: Vec3A,
+/// What shines on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
+#[derive(Clone, Debug)]
+pub struct Rays {
+    /// Unit vectors towards the sources, an axis after the other.
+    pub direction: [[f32; Self::MOST]; 3],
+    /// Radiance times solid angle, a channel after the other.
+    pub energy: [[f32; Self::MOST]; 3],
+    lit: [u8; Self::MOST],
+    count: usize,
 }
 
-impl From<Beam> for Ray {
-    fn from(beam: Beam) -> Self {
+impl Rays {
+    /// As many as a byte can number.
+    pub const MOST: usize = 256;
+
+    /// Leaves no ray lit.
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Lights a ray, if it holds anything; without a branch, since that cannot be foretold. A ray is lit once at most.
+    #[inline(always)]
+    pub fn light(&mut self, ray: usize, holds: bool) {
+        self.lit[self.count % Self::MOST] = ray as u8;
+        self.count += usize::from(holds);
+    }
+
+    /// Sets a ray and lights it.
+    pub fn set(&mut self, ray: usize, beam: &Beam) {
+        for c in 0..3 {
+            self.direction[c][ray] = beam.direction[c];
+            self.energy[c][ray] = beam.energy[c];
+        }
+        self.light(ray, true);
+    }
+
+    fn lit(&self) -> &[u8] {
+        &self.lit[..self.count.min(Self::MOST)]
+    }
+}
+
+impl Default for Rays {
+    fn default() -> Self {
         Self {
-            direction: beam.direction.into(),
-            energy: beam.energy.into(),
+            direction: [[0.0; Self::MOST]; 3],
+            energy: [[0.0; Self::MOST]; 3],
+            lit: [0; Self::MOST],
+            count: 0,
         }
     }
 }
 
 /// Nodes that are worked on at once: all of them up to degree 3.
-const BLOCK: usize = 32;
+pub(super) const BLOCK: usize = 32;
 
 /// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
-pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &[Ray], out: &mut [f32]) {
+pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &Rays, out: &mut [f32]) {
     for start in (0..nodes.count()).step_by(BLOCK) {
         // Unrolled for each width: six times as fast as a loop.
         match width {
@@ -73,7 +107,7 @@ fn sum_lobes<const WIDTH: u32>(
     nodes: &Nodes,
     start: usize,
     frame: Frame,
-    rays: &[Ray],
+    rays: &Rays,
     out: &mut [f32],
 ) {
     let q = nodes.count();
@@ -81,7 +115,7 @@ fn sum_lobes<const WIDTH: u32>(
     // Half of the mirrored view, so that half of `1 + cos` is one sum.
     let mut half = [[0f32; BLOCK]; 3];
     for axis in 0..3 {
-        half[axis][..count].copy_from_slice(&nodes.half_mirrored[axis][start..][..count]);
+        half[axis].copy_from_slice(&nodes.half_mirrored[axis][start..start + BLOCK]);
     }
     let m = frame.mirror;
     for i in 0..BLOCK {
@@ -93,10 +127,11 @@ fn sum_lobes<const WIDTH: u32>(
     // Far from its axis a lobe is nothing; numbers too small for f32's range would only be slow.
     let least = 1e-20f32.powf(0.5f32.powi(WIDTH as i32));
     let mut sum = [[0f32; BLOCK]; 3];
-    for ray in rays {
-        let (d, e) = (ray.direction, ray.energy);
+    for ray in rays.lit() {
+        let at = |planes: &[[f32; Rays::MOST]; 3]| [0, 1, 2].map(|c| planes[c][usize::from(*ray)]);
+        let (d, e) = (at(&rays.direction), at(&rays.energy));
         for i in 0..BLOCK {
-            let near = 0.5 + half[0][i] * d.x + half[1][i] * d.y + half[2][i] * d.z;
+            let near = 0.5 + half[0][i] * d[0] + half[1][i] * d[1] + half[2][i] * d[2];
             let mut lobe = if near > least { near } else { least };
             for _ in 0..WIDTH {
                 lobe *= lobe;
@@ -165,10 +200,7 @@ pub struct Fitted<'a> {
 /// channel, pooled over its neighbours and drawn to the mean of the channels.
 ///
 /// `rays_of(i, out)` collects what shines on surfel `i`.
-pub fn find_gloss(
-    input: &Fitted<'_>,
-    rays_of: &(dyn Fn(usize, &mut Vec<Ray>) + Sync),
-) -> Vec<Gloss> {
+pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync)) -> Vec<Gloss> {
     let n = input.means.len();
     if input.nodes.degree == 0 || n == 0 {
         return vec![Gloss::default(); n];
@@ -176,7 +208,7 @@ pub fn find_gloss(
     let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (0..n)
         .into_par_iter()
         .map_init(
-            || (Vec::new(), vec![0f32; 3 * input.nodes.count()]),
+            || (Rays::default(), vec![0f32; 3 * input.nodes.count()]),
             |(rays, values), i| {
                 rays_of(i, rays);
                 let frame = Frame::new(input.normals[i]);

@@ -8,6 +8,7 @@ use std::f64::consts::PI;
 use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 
+use super::lobe::BLOCK;
 use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gauss_legendre};
 
 /// What the fit adds to each coefficient above the DC, as a share of the constant function's weight: it settles what the visible
@@ -28,7 +29,7 @@ pub struct Nodes {
     pub degree: usize,
     /// Directions to the camera in the surfel's frame, z up. `[Q]`
     pub to_camera: Vec<Vec3>,
-    /// Half of each, mirrored about the normal, an axis after the other. `[3][Q]`
+    /// Half of each, mirrored about the normal, an axis after the other; filled up to whole blocks. `[3][Q and more]`
     pub half_mirrored: [Vec<f32>; 3],
     /// Cosine-weighted quadrature over the hemisphere, sums to 1. `[Q]`
     pub weights: Vec<f32>,
@@ -89,6 +90,7 @@ impl Nodes {
                     .sum::<f64>();
             }
         }
+        let filling = q.next_multiple_of(BLOCK) - q;
         let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
         let project = |basis: &[f64]| -> Vec<f32> {
             (0..q * k)
@@ -108,7 +110,8 @@ impl Nodes {
                 .collect(),
             half_mirrored: std::array::from_fn(|axis| {
                 let sign = if axis == 2 { 0.5 } else { -0.5 };
-                to_camera.iter().map(|v| (sign * v[axis]) as f32).collect()
+                let half = to_camera.iter().map(|v| (sign * v[axis]) as f32);
+                half.chain(std::iter::repeat_n(0.0, filling)).collect()
             }),
             project: [project(&front), project(&back)],
             evaluate: transposed(&front, q),
