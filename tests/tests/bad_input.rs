@@ -278,11 +278,11 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
             &[&out, "--preset", "paper", "--without", "suns"],
         ]
         .concat(),
-        "preset paper has no such term",
+        "preset paper has no term",
     );
     check(
         &[&relight[..], &[&out, "--without", "specular"]].concat(),
-        "preset best has no such term",
+        "preset best has no term",
     );
     check(
         &[&relight[..], &[&out, "--bake", &of_paper]].concat(),

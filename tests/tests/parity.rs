@@ -127,12 +127,8 @@ fn transfer() {
                 sh_degree: light_degree,
                 ..TransferSettings::of(Preset::Paper)
             };
-            match off {
-                "shadow" => settings.terms.shadow = false,
-                "specular" => settings.terms.specular = false,
-                "reflection" => settings.terms.reflection = false,
-                "attenuation" => settings.terms.attenuation = false,
-                _ => {}
+            if !off.is_empty() {
+                settings = settings.without(off).expect("a term of the preset");
             }
             let prepared =
                 PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");

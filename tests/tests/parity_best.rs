@@ -10,7 +10,7 @@ use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::{BestAsset, BestTransfer};
-use transplat_core::transfer::{Part, Relit, TransferSettings};
+use transplat_core::transfer::{Part, Preset, Relit, Terms, TransferSettings};
 use transplat_core::visibility::no_progress;
 use transplat_core::visibility::occlusion::{DIRECTIONS, Found, Occlusion};
 use transplat_core::visibility::trace::Tracer;
@@ -106,18 +106,11 @@ fn transfer_without_each_term() {
     let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 1);
     let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
     let mut seen = Vec::new();
-    for off in 0..8 {
+    let terms = Terms::of_preset(Preset::Best).map(|t| t.name);
+    for off in terms.chain([""]) {
         let mut settings = TransferSettings::default();
-        let terms = &mut settings.terms;
-        match off {
-            1 => terms.shadow = false,
-            2 => terms.sums = false,
-            3 => terms.suns = false,
-            4 => terms.bounce = false,
-            5 => terms.two_sided = false,
-            6 => terms.lobe = false,
-            7 => terms.residual = false,
-            _ => {}
+        if !off.is_empty() {
+            settings = settings.without(off).expect("a term of the preset");
         }
         let prepared = prepare(&cloud, &settings);
         let target = prepared.light(light.for_best().expect("with beams"));
@@ -128,7 +121,7 @@ fn transfer_without_each_term() {
             .expect("the driver works");
         let got = on_gpu.read().expect("the driver works");
         let [median, most] = differences(&cpu, &got, 4);
-        println!("best without {off}: median {median:.1e}, 99 % {most:.1e}");
+        println!("best without {off:?}: median {median:.1e}, 99 % {most:.1e}");
         assert!(
             median < 1e-5 && most < 1e-4,
             "without {off}: {median} {most}"

@@ -412,7 +412,8 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
         transfer.epsilon = Some(epsilon as f32);
     }
     for name in &light.without {
-        switch_off(transfer, name)?;
+        let without = transfer.clone().without(name);
+        *transfer = without.with_context(|| format!("--without {name}"))?;
     }
     if let Some(source) = &light.source {
         look.source.file = Some(source.clone());
@@ -432,20 +433,6 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
     look.match_strength |= light.match_strength;
     look.validate()?;
     Ok(look)
-}
-
-fn switch_off(transfer: &mut TransferSettings, name: &str) -> Result<()> {
-    let preset = transfer.preset;
-    let Some(term) = Terms::of_preset(preset).find(|t| t.name == name) else {
-        let there: Vec<&str> = Terms::of_preset(preset).map(|t| t.name).collect();
-        bail!(
-            "--without {name}: preset {} has no such term; it has {}",
-            preset.name(),
-            there.join(", ")
-        );
-    };
-    *(term.of)(&mut transfer.terms) = false;
-    Ok(())
 }
 
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.

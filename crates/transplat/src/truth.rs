@@ -14,7 +14,9 @@ use serde::Deserialize;
 /// One object with its truth.
 #[derive(Clone, Debug)]
 pub struct TruthObject {
+    /// With its set's, where two sets have one of that name.
     pub name: String,
+    set: String,
     pub asset: PathBuf,
     pub cameras: PathBuf,
     pub source: TruthLight,
@@ -62,7 +64,14 @@ impl TruthObject {
         let mut all = Vec::new();
         for (set, objects) in &manifest.sets {
             for (name, object) in &objects.objects {
-                all.push(Self::of(folder, &folder.join(set), name, object)?);
+                all.push(Self::of(folder, set, name, object)?);
+            }
+        }
+        // Where two sets have an object of one name, the set's belongs to it.
+        let names: Vec<String> = all.iter().map(|o: &Self| o.name.clone()).collect();
+        for object in &mut all {
+            if names.iter().filter(|n| **n == object.name).count() > 1 {
+                object.name = format!("{}_{}", object.set, object.name);
             }
         }
         if all.is_empty() {
@@ -71,7 +80,8 @@ impl TruthObject {
         Ok(all)
     }
 
-    fn of(folder: &Path, set: &Path, name: &str, object: &Object) -> Result<Self> {
+    fn of(folder: &Path, set_name: &str, name: &str, object: &Object) -> Result<Self> {
+        let set = folder.join(set_name);
         let light = |name: &str| -> Result<TruthLight> {
             let named = |extension: &str| folder.join("envs").join(format!("{name}.{extension}"));
             let path = ["hdr", "exr"].map(named).into_iter().find(|p| p.is_file());
@@ -103,6 +113,7 @@ impl TruthObject {
         }
         Ok(Self {
             name: name.to_owned(),
+            set: set_name.to_owned(),
             asset: ply,
             cameras,
             source: light(&object.source_env)?,

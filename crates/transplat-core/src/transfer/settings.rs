@@ -90,62 +90,32 @@ pub struct Term {
     pub of: fn(&mut Terms) -> &mut bool,
 }
 
+impl Term {
+    const fn new(
+        name: &'static str,
+        presets: &'static [Preset],
+        of: fn(&mut Terms) -> &mut bool,
+    ) -> Self {
+        Self { name, presets, of }
+    }
+}
+
 impl Terms {
     /// All of them.
     pub const ALL: [Term; 10] = {
         const PAPER: &[Preset] = &[Preset::Paper];
         const BEST: &[Preset] = &[Preset::Best];
         [
-            Term {
-                name: "shadow",
-                presets: &Preset::ALL,
-                of: |t| &mut t.shadow,
-            },
-            Term {
-                name: "specular",
-                presets: PAPER,
-                of: |t| &mut t.specular,
-            },
-            Term {
-                name: "reflection",
-                presets: PAPER,
-                of: |t| &mut t.reflection,
-            },
-            Term {
-                name: "attenuation",
-                presets: PAPER,
-                of: |t| &mut t.attenuation,
-            },
-            Term {
-                name: "sums",
-                presets: BEST,
-                of: |t| &mut t.sums,
-            },
-            Term {
-                name: "suns",
-                presets: BEST,
-                of: |t| &mut t.suns,
-            },
-            Term {
-                name: "bounce",
-                presets: BEST,
-                of: |t| &mut t.bounce,
-            },
-            Term {
-                name: "two-sided",
-                presets: BEST,
-                of: |t| &mut t.two_sided,
-            },
-            Term {
-                name: "lobe",
-                presets: BEST,
-                of: |t| &mut t.lobe,
-            },
-            Term {
-                name: "residual",
-                presets: BEST,
-                of: |t| &mut t.residual,
-            },
+            Term::new("shadow", &Preset::ALL, |t| &mut t.shadow),
+            Term::new("specular", PAPER, |t| &mut t.specular),
+            Term::new("reflection", PAPER, |t| &mut t.reflection),
+            Term::new("attenuation", PAPER, |t| &mut t.attenuation),
+            Term::new("sums", BEST, |t| &mut t.sums),
+            Term::new("suns", BEST, |t| &mut t.suns),
+            Term::new("bounce", BEST, |t| &mut t.bounce),
+            Term::new("two-sided", BEST, |t| &mut t.two_sided),
+            Term::new("lobe", BEST, |t| &mut t.lobe),
+            Term::new("residual", BEST, |t| &mut t.residual),
         ]
     };
 
@@ -191,6 +161,23 @@ impl TransferSettings {
             preset,
             ..Self::default()
         }
+    }
+
+    /// The same with one of the preset's terms switched off.
+    ///
+    /// # Errors
+    /// The preset has no such term; says which it has.
+    pub fn without(mut self, name: &str) -> Result<Self> {
+        let Some(term) = Terms::of_preset(self.preset).find(|t| t.name == name) else {
+            let there: Vec<&str> = Terms::of_preset(self.preset).map(|t| t.name).collect();
+            return Err(Error::Mismatch(format!(
+                "preset {} has no term {name}; it has {}",
+                self.preset.name(),
+                there.join(", ")
+            )));
+        };
+        *(term.of)(&mut self.terms) = false;
+        Ok(self)
     }
 
     /// The epsilon that counts.

@@ -1,6 +1,9 @@
 //! `transplat report`: presets and single terms against path-traced truth.
 
-use std::fmt::Write as _;
+mod tables;
+mod variants;
+
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -9,21 +12,24 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use transplat_core::camera::{Camera, NEAR};
 use transplat_core::environment::Illumination;
-use transplat_core::export::{PngBits, write_png};
+use transplat_core::export::{PngBits, write_atomically, write_png};
 use transplat_core::load::{load_asset, load_cameras, load_environment, load_picture};
 use transplat_core::present::PLAIN;
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
 use transplat_core::visibility::{Bake, BakeSettings, no_progress};
 
 use crate::cli::ReportArgs;
 use crate::commands::refuse_overwriting;
 use crate::device::{Device, Paint, Painter};
 use crate::metrics::Picture;
-use crate::report::{Report, milliseconds};
+use crate::report::Report;
 use crate::scene::progress_bar;
 use crate::truth::{TruthLight, TruthObject};
+
+use tables::{RoundTrip, Row, csv, markdown};
+use variants::Variant;
 
 /// Changes of light whose median time is told.
 const REPEATS: usize = 3;
@@ -52,18 +58,22 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     report.set("adapter", device.name());
     let variants = Variant::all(args.quick);
     let bar = progress_bar("comparing with the truth", &report);
-    let mut rows = Vec::new();
+    let (mut rows, mut round_trips) = (Vec::new(), Vec::new());
     for (i, object) in objects.iter().enumerate() {
         bar.set_position((1000 * i / objects.len()) as u64);
         let scene = TruthScene::load(object, &device)
             .with_context(|| format!("the object {}", object.name))?;
         for variant in &variants {
-            rows.extend(scene.score(variant, &device, &pictures)?);
+            let prepared = scene.prepare(variant)?;
+            rows.extend(scene.score(variant, prepared.as_ref(), &device, &pictures)?);
+            if let Some(prepared) = prepared.filter(|_| variant.off.is_none()) {
+                round_trips.push(scene.round_trip(variant, &prepared, &device)?);
+            }
         }
     }
     bar.finish_and_clear();
     write(&table, &csv(&rows))?;
-    let text = markdown(&rows, &variants);
+    let text = markdown(&rows, &round_trips, &variants);
     write(&summary, &text)?;
     report.set(
         "pairs",
@@ -79,73 +89,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
 }
 
 fn write(path: &Path, text: &str) -> Result<()> {
-    std::fs::write(path, text).with_context(|| path.display().to_string())
-}
-
-/// What is compared: the capture as it is, or a preset with terms switched off.
-#[derive(Clone, Debug, PartialEq)]
-struct Variant {
-    settings: Option<TransferSettings>,
-    off: Vec<&'static str>,
-}
-
-impl Variant {
-    /// The presets; unless that is enough, also with each of their terms off.
-    fn all(quick: bool) -> Vec<Self> {
-        let mut all = Vec::new();
-        for preset in Preset::ALL {
-            let whole = TransferSettings::of(preset);
-            all.push(Self {
-                settings: Some(whole.clone()),
-                off: Vec::new(),
-            });
-            for term in Terms::of_preset(preset).filter(|_| !quick) {
-                let mut settings = whole.clone();
-                *(term.of)(&mut settings.terms) = false;
-                all.push(Self {
-                    settings: Some(settings),
-                    off: vec![term.name],
-                });
-            }
-        }
-        all.push(Self {
-            settings: None,
-            off: Vec::new(),
-        });
-        all
-    }
-
-    fn preset(&self) -> &'static str {
-        self.settings
-            .as_ref()
-            .map_or("nothing", |s| s.preset.name())
-    }
-
-    fn name(&self) -> String {
-        match &self.off[..] {
-            [] => self.preset().to_owned(),
-            off => format!("{} without {}", self.preset(), off.join(", ")),
-        }
-    }
-
-    /// Whether it is what the program does of itself.
-    fn is_default(&self) -> bool {
-        self.settings == Some(TransferSettings::default())
-    }
-}
-
-/// One line of the table.
-#[derive(Clone, Debug)]
-struct Row {
-    object: String,
-    source: String,
-    target: String,
-    variant: Variant,
-    psnr: f64,
-    psnr_mask: f64,
-    ssim: f64,
-    perceptual: f64,
-    transfer_ms: Option<f64>,
+    Ok(write_atomically(path, |out| {
+        out.write_all(text.as_bytes())
+    })?)
 }
 
 /// The truth under one light.
@@ -214,20 +160,48 @@ impl<'a> TruthScene<'a> {
         })
     }
 
-    /// Relights by all targets and compares; of what the program does of itself it writes the pictures, too.
-    fn score(&self, variant: &Variant, device: &Device, folder: &Path) -> Result<Vec<Row>> {
-        let prepared = match &variant.settings {
-            Some(settings) => {
-                let of_preset = self.bakes.iter().find(|b| b.preset() == settings.preset);
-                let bake = of_preset.context("a bake for each preset")?;
-                let prepared = PreparedTransfer::new(&self.cloud, bake, &self.source, settings)?;
-                Some(prepared)
-            }
-            None => None,
+    fn prepare(&self, variant: &Variant) -> Result<Option<PreparedTransfer>> {
+        let Some(settings) = &variant.settings else {
+            return Ok(None);
         };
+        let of_preset = self.bakes.iter().find(|b| b.preset() == settings.preset);
+        let bake = of_preset.context("a bake for each preset")?;
+        let prepared = PreparedTransfer::new(&self.cloud, bake, &self.source, settings)?;
+        Ok(Some(prepared))
+    }
+
+    /// Relights by the light of the capture, which should return it.
+    fn round_trip(
+        &self,
+        variant: &Variant,
+        prepared: &PreparedTransfer,
+        device: &Device,
+    ) -> Result<RoundTrip> {
+        let (relit, _) = relight(device, prepared, &self.source)?;
+        let (captured, back) = (self.pictures(None)?, self.pictures(Some(&relit))?);
+        let scores: Vec<f64> = captured
+            .iter()
+            .zip(&back)
+            .map(|(a, b)| b.psnr(a, None))
+            .collect::<Result<_>>()?;
+        Ok(RoundTrip {
+            object: self.object.name.clone(),
+            preset: variant.preset(),
+            psnr: scores.iter().sum::<f64>() / scores.len() as f64,
+        })
+    }
+
+    /// Relights by all targets and compares; of what the program does of itself it writes the pictures, too.
+    fn score(
+        &self,
+        variant: &Variant,
+        prepared: Option<&PreparedTransfer>,
+        device: &Device,
+        folder: &Path,
+    ) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
         for target in &self.targets {
-            let (relit, ms) = match &prepared {
+            let (relit, ms) = match prepared {
                 Some(prepared) => {
                     let (relit, ms) = relight(device, prepared, &target.illumination)?;
                     (Some(relit), Some(ms))
@@ -369,98 +343,4 @@ fn write_side_by_side(path: &Path, truth: &[Picture], ours: &[Picture]) -> Resul
     }
     let rows = height * truth.len();
     Ok(write_png(path, 3 * width, rows, &pixels, PngBits::Eight)?)
-}
-
-fn csv(rows: &[Row]) -> String {
-    let mut out = String::from(
-        "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms\n",
-    );
-    for r in rows {
-        let ms = r.transfer_ms.map_or(String::new(), |ms| format!("{ms:.2}"));
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            out,
-            "{},{},{},{},{},{:.3},{:.3},{:.5},{:.2},{ms}",
-            r.object,
-            r.source,
-            r.target,
-            r.variant.preset(),
-            r.variant.off.join(" "),
-            r.psnr,
-            r.psnr_mask,
-            r.ssim,
-            r.perceptual,
-        );
-    }
-    out
-}
-
-/// What each term carries, and each pair of the presets.
-fn markdown(rows: &[Row], variants: &[Variant]) -> String {
-    let of = |variant: &Variant| -> Vec<&Row> {
-        rows.iter().filter(|r| r.variant == *variant).collect()
-    };
-    let mean = |rows: &[&Row], value: &dyn Fn(&Row) -> f64| {
-        rows.iter().map(|r| value(r)).sum::<f64>() / rows.len().max(1) as f64
-    };
-    let mut out = String::from(
-        "| transfer | PSNR | to its preset | worst pair | PSNR in the mask | SSIM | SSIMULACRA2 | new light |\n|---|---|---|---|---|---|---|---|\n",
-    );
-    for variant in variants {
-        let these = of(variant);
-        let whole = variants
-            .iter()
-            .find(|v| v.off.is_empty() && v.preset() == variant.preset());
-        let whole = whole.map_or(Vec::new(), of);
-        let gains = || these.iter().zip(&whole).map(|(a, b)| a.psnr - b.psnr);
-        let worst = gains().fold(f64::INFINITY, f64::min);
-        let (gain, worst) = if variant.off.is_empty() {
-            (String::new(), String::new())
-        } else {
-            let gain = gains().sum::<f64>() / these.len().max(1) as f64;
-            (format!("{gain:+.2}"), format!("{worst:+.2}"))
-        };
-        let times: Vec<f64> = these.iter().filter_map(|r| r.transfer_ms).collect();
-        let time = if times.is_empty() {
-            String::new()
-        } else {
-            milliseconds(times.iter().sum::<f64>() / times.len() as f64)
-        };
-        let _ = writeln!(
-            out,
-            "| {} | {:.2} | {gain} | {worst} | {:.2} | {:.4} | {:.1} | {time} |",
-            variant.name(),
-            mean(&these, &|r| r.psnr),
-            mean(&these, &|r| r.psnr_mask),
-            mean(&these, &|r| r.ssim),
-            mean(&these, &|r| r.perceptual),
-        );
-    }
-    let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_empty()).collect();
-    let names: Vec<String> = wholes.iter().map(|v| v.name()).collect();
-    let _ = writeln!(
-        out,
-        "\n| object | target | {} |\n|---|---|{}",
-        names.join(" | "),
-        "---|".repeat(names.len())
-    );
-    for first in of(wholes[0]) {
-        let scores: Vec<String> = wholes
-            .iter()
-            .filter_map(|v| {
-                let same = |r: &&Row| {
-                    r.variant == **v && r.object == first.object && r.target == first.target
-                };
-                rows.iter().find(same).map(|r| format!("{:.2}", r.psnr))
-            })
-            .collect();
-        let _ = writeln!(
-            out,
-            "| {} | {} | {} |",
-            first.object,
-            first.target,
-            scores.join(" | ")
-        );
-    }
-    out
 }

@@ -60,12 +60,8 @@ fn production_follows_the_oracle_with_every_term_on_and_off() {
         let (source, target) = (light(1, light_degree), light(2, light_degree));
         for off in ["", "shadow", "specular", "reflection", "attenuation"] {
             let mut settings = settings(light_degree);
-            match off {
-                "shadow" => settings.terms.shadow = false,
-                "specular" => settings.terms.specular = false,
-                "reflection" => settings.terms.reflection = false,
-                "attenuation" => settings.terms.attenuation = false,
-                _ => {}
+            if !off.is_empty() {
+                settings = settings.without(off).expect("a term of the preset");
             }
             let prepared =
                 PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");

@@ -1,0 +1,165 @@
+//! The report's tables.
+
+use std::fmt::Write;
+
+use super::variants::Variant;
+use crate::report::milliseconds;
+
+/// One pair of source and target, relit by one variant.
+#[derive(Clone, Debug)]
+pub struct Row {
+    pub object: String,
+    pub source: String,
+    pub target: String,
+    pub variant: Variant,
+    pub psnr: f64,
+    /// Over the pixels that the object covers.
+    pub psnr_mask: f64,
+    pub ssim: f64,
+    pub perceptual: f64,
+    pub transfer_ms: Option<f64>,
+}
+
+/// How well a preset returns an object that is relit by its own light.
+pub struct RoundTrip {
+    pub object: String,
+    pub preset: &'static str,
+    /// Against the capture.
+    pub psnr: f64,
+}
+
+/// All rows, for programs.
+pub fn csv(rows: &[Row]) -> String {
+    let mut out = String::from(
+        "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms\n",
+    );
+    for r in rows {
+        let ms = r.transfer_ms.map_or(String::new(), |ms| format!("{ms:.2}"));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{},{:.3},{:.3},{:.5},{:.2},{ms}",
+            quoted(&r.object),
+            quoted(&r.source),
+            quoted(&r.target),
+            r.variant.preset(),
+            r.variant.off.unwrap_or_default(),
+            r.psnr,
+            r.psnr_mask,
+            r.ssim,
+            r.perceptual,
+        );
+    }
+    out
+}
+
+/// A name as a field of a CSV (RFC 4180).
+fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
+}
+
+/// What each term carries, each pair of the presets, and the round trips.
+pub fn markdown(rows: &[Row], round_trips: &[RoundTrip], variants: &[Variant]) -> String {
+    let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_none()).collect();
+    [
+        terms(rows, variants),
+        pairs(rows, &wholes),
+        returned(round_trips),
+    ]
+    .join("\n")
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
+    sum / f64::from(count.max(1))
+}
+
+fn terms(rows: &[Row], variants: &[Variant]) -> String {
+    let of = |variant: &Variant| -> Vec<&Row> {
+        rows.iter().filter(|r| r.variant == *variant).collect()
+    };
+    let mut out = String::from(
+        "| transfer | PSNR | to its preset | worst pair | PSNR in the mask | SSIM | SSIMULACRA2 | new light |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for variant in variants {
+        let these = of(variant);
+        let whole = variants
+            .iter()
+            .find(|v| v.off.is_none() && v.preset() == variant.preset())
+            .filter(|_| variant.off.is_some());
+        let (gain, worst) = match whole.map(of) {
+            None => (String::new(), String::new()),
+            Some(whole) => {
+                let gains = || these.iter().zip(&whole).map(|(a, b)| a.psnr - b.psnr);
+                let worst = gains().fold(f64::INFINITY, f64::min);
+                (format!("{:+.2}", mean(gains())), format!("{worst:+.2}"))
+            }
+        };
+        let times = || these.iter().filter_map(|r| r.transfer_ms);
+        let time = if times().count() == 0 {
+            String::new()
+        } else {
+            milliseconds(mean(times()))
+        };
+        let _ = writeln!(
+            out,
+            "| {} | {:.2} | {gain} | {worst} | {:.2} | {:.4} | {:.1} | {time} |",
+            variant.name(),
+            mean(these.iter().map(|r| r.psnr)),
+            mean(these.iter().map(|r| r.psnr_mask)),
+            mean(these.iter().map(|r| r.ssim)),
+            mean(these.iter().map(|r| r.perceptual)),
+        );
+    }
+    out
+}
+
+fn pairs(rows: &[Row], wholes: &[&Variant]) -> String {
+    let names: Vec<String> = wholes.iter().map(|v| v.name()).collect();
+    let mut out = format!(
+        "| object | target | {} |\n|---|---|{}\n",
+        names.join(" | "),
+        "---|".repeat(names.len())
+    );
+    for first in rows.iter().filter(|r| r.variant == *wholes[0]) {
+        let same = |r: &&Row| r.object == first.object && r.target == first.target;
+        let scores: Vec<String> = wholes
+            .iter()
+            .filter_map(|v| rows.iter().filter(same).find(|r| r.variant == **v))
+            .map(|r| format!("{:.2}", r.psnr))
+            .collect();
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} |",
+            first.object,
+            first.target,
+            scores.join(" | ")
+        );
+    }
+    out
+}
+
+fn returned(round_trips: &[RoundTrip]) -> String {
+    let mut out = String::from(
+        "Relit by the light of the capture, against the capture:\n\n| object | preset | PSNR |\n|---|---|---|\n",
+    );
+    for r in round_trips {
+        let _ = writeln!(out, "| {} | {} | {:.1} |", r.object, r.preset, r.psnr);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_with_commas_and_quotes_stay_one_field() {
+        assert_eq!(quoted("plain"), "plain");
+        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
+    }
+}
