@@ -80,7 +80,7 @@ fn transfer() {
         let k = coefficient_count(degree);
         let whole = TransferSettings::default();
         let prepared = prepare(&cloud, &whole);
-        assert!(prepared.glossy_surfels() > 100 || degree == 0);
+        assert!(prepared.glossy_surfels > 100 || degree == 0);
         let on_gpu = GpuBest::new(&gpu, &prepared).expect("the driver works");
         let target = prepared.light(light.for_best().expect("with beams"));
         // Parts before the whole, to see that nothing is left of the light before.

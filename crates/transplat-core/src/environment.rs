@@ -13,7 +13,7 @@ use crate::sh::{
     MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
 };
 
-pub use beams::{Beam, Beams, MAX_SUNS, SUN_RADIUS, SUN_SHARE};
+pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
 
 /// No light is brighter; sums of pixels stay finite.
 const MAX_RADIANCE: f32 = 1e15;

@@ -159,6 +159,22 @@ impl Scene {
         })
     }
 
+    /// Settings of the other preset that were asked for all the same.
+    fn tell_what_best_ignores(&self, report: &mut Report) {
+        let (look, plain) = (&self.look, Look::default());
+        if look.transfer.preset != Preset::Best {
+            return;
+        }
+        let why = "preset best sums over directions of its own";
+        if look.transfer.sh_degree != plain.transfer.sh_degree && look.transfer.terms.sums {
+            report.skip("the light's SH degree", why);
+        }
+        // The shadow on the ground is baked with them.
+        if look.directions != plain.directions && !look.shadow_catcher {
+            report.skip("the number of directions", why);
+        }
+    }
+
     /// Prepares the transfer from the source light.
     pub fn prepare(
         &self,
@@ -180,7 +196,9 @@ impl Scene {
             ));
         }
         report.set("dark_share", prepared.dark_share());
-        for (what, why) in left_out(&prepared, settings, &self.cloud) {
+        self.tell_what_best_ignores(report);
+        let color = (self.cloud.sh_degree, self.cloud.has_view_dependence());
+        for (what, why) in left_out(&prepared, settings, color) {
             report.skip(&what, &why);
         }
         Ok(prepared)
@@ -244,11 +262,12 @@ impl Scene {
     }
 }
 
-/// What of the transfer a scene and its settings do not need, and why.
+/// What of the transfer a scene and its settings do not need, and why; of the asset's colour it takes the degree, and whether it depends
+/// on the view.
 pub fn left_out(
     prepared: &PreparedTransfer,
     settings: &TransferSettings,
-    cloud: &SurfelCloud,
+    (degree_of_asset, has_view_dependence): (usize, bool),
 ) -> Vec<(String, String)> {
     let mut terms = settings.terms;
     let mut out: Vec<(String, String)> = Terms::of_preset(settings.preset)
@@ -259,7 +278,7 @@ pub fn left_out(
     match prepared {
         PreparedTransfer::Paper(paper) => {
             let degree = paper.specular_degree;
-            if degree > 0 && degree < cloud.sh_degree {
+            if degree > 0 && degree < degree_of_asset {
                 add(
                     format!("SH bands above {degree} of the asset"),
                     "the source light has nothing there (see SH degree)",
@@ -268,7 +287,7 @@ pub fn left_out(
             if degree == 0 && terms.specular {
                 let why = if settings.sh_degree == 0 {
                     "the light has degree 0"
-                } else if !cloud.has_view_dependence() {
+                } else if !has_view_dependence {
                     "the asset's colour does not depend on the view"
                 } else {
                     "the source light is even: it tells nothing of gloss"
@@ -277,8 +296,8 @@ pub fn left_out(
             }
         }
         PreparedTransfer::Best(best) => {
-            if terms.lobe && best.glossy_surfels() == 0 {
-                let why = if cloud.has_view_dependence() {
+            if terms.lobe && best.glossy_surfels == 0 {
+                let why = if has_view_dependence {
                     "the asset's colour shows no gloss"
                 } else {
                     "the asset's colour does not depend on the view"

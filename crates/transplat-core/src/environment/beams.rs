@@ -168,6 +168,49 @@ impl Beams {
     }
 }
 
+/// A light as a picture of what sums over directions know of it: even around each direction, with its suns as discs.
+#[derive(Clone, Debug)]
+pub struct Mosaic {
+    axes: [Vec<f32>; 3],
+    /// Of each direction's surroundings.
+    radiance: Vec<[f32; 3]>,
+    /// Direction and radiance.
+    suns: Vec<(Vec3, [f32; 3])>,
+}
+
+/// Cosine of the radius of a sun's disc in a [`Mosaic`], so large that a small picture shows it: 2 degrees.
+const SHOWN_SUN: f32 = 0.999_39;
+
+impl Mosaic {
+    /// The mosaic of a light on some directions, which share the sphere evenly.
+    pub fn new(beams: &Beams, lattice: &[Vec3]) -> Self {
+        let over = |beam: &Beam, solid_angle: f64| beam.energy.map(|e| e / solid_angle as f32);
+        let each = 4.0 * PI / lattice.len() as f64;
+        let disc = 2.0 * PI * f64::from(1.0 - SHOWN_SUN);
+        let sky = beams.gathered(lattice);
+        Self {
+            axes: std::array::from_fn(|c| lattice.iter().map(|d| d[c]).collect()),
+            radiance: sky.iter().map(|b| over(b, each)).collect(),
+            suns: beams
+                .suns
+                .iter()
+                .map(|b| (b.direction, over(b, disc)))
+                .collect(),
+        }
+    }
+
+    /// Radiance from a direction.
+    pub fn radiance(&self, d: Vec3) -> [f32; 3] {
+        let mut sum = self.radiance[nearest(d, &self.axes)];
+        for (toward, radiance) in &self.suns {
+            if toward.dot(d) > SHOWN_SUN {
+                sum = std::array::from_fn(|c| sum[c] + radiance[c]);
+            }
+        }
+        sum
+    }
+}
+
 /// Index of the direction nearest to `d`, an axis after the other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn nearest(d: Vec3, [x, y, z]: &[Vec<f32>; 3]) -> usize {
@@ -359,7 +402,7 @@ impl<'a> Pixels<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sh::lattice;
+    use crate::sh::{fibonacci_sphere, lattice};
 
     /// A grey sky of radiance 0.2 with a sun of radiance 1000, 2 degrees wide.
     fn sunny(width: usize) -> EnvironmentMap {
@@ -425,6 +468,28 @@ mod tests {
         let near = |b: &Beam| b.direction.dot(plain.suns[0].direction) > 0.9999;
         assert!(dotted.suns.iter().any(near), "{:?}", dotted.suns);
         assert!(dotted.suns.len() <= 2);
+    }
+
+    #[test]
+    fn a_mosaic_holds_the_lights_energy_and_shows_its_sun() {
+        let map = sunny(512);
+        let beams = Beams::of(&map);
+        let directions: Vec<Vec3> = fibonacci_sphere(384)
+            .iter()
+            .map(|d| DVec3::from_array(*d).as_vec3())
+            .collect();
+        let mosaic = Mosaic::new(&beams, &directions);
+        let many = fibonacci_sphere(200_000);
+        let mean = many
+            .iter()
+            .map(|d| f64::from(mosaic.radiance(DVec3::from_array(*d).as_vec3())[1]))
+            .sum::<f64>()
+            / many.len() as f64;
+        // The mean irradiance over all normals is pi times the mean radiance.
+        let exact = f64::from(beams.mean_irradiances()[1]) / PI;
+        assert!((mean - exact).abs() < 0.03 * exact, "{mean} {exact}");
+        let sun = beams.suns[0].direction;
+        assert!(mosaic.radiance(sun)[1] > 10.0 * mosaic.radiance(-sun)[1]);
     }
 
     #[test]

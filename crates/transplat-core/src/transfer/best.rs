@@ -108,6 +108,8 @@ pub struct BestTransfer {
     fill: [f32; 3],
     /// What each surfel mirrors. `[n]`
     pub gloss: Vec<Gloss>,
+    /// How many surfels show any gloss.
+    pub glossy_surfels: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     pub divisor: Vec<Sides>,
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
@@ -251,24 +253,18 @@ fn neighbors(surfels: &[BakeSurfel], normals: &[Vec3]) -> Vec<u32> {
         .collect()
 }
 
-/// A surfel's colour split into what gloss explains, what is matte, and what neither shows.
-struct Explained {
-    matte: Vec<[f32; 3]>,
-    residual: Vec<[f32; 3]>,
-    encoded_mean: [f32; 3],
-}
-
 impl BestAsset {
+    /// Splits a surfel's colour: what gloss explains goes from `matte`, its colour at the nodes `[Q]`, and what the model shows from
+    /// `residual`, its stored colour `[K]`. Returns the model's mean encoded colour.
     fn explain(
         &self,
         i: usize,
-        gloss: &Gloss,
-        light: &Incident,
+        (gloss, light): (&Gloss, &Incident),
         scratch: &mut Scratch,
-    ) -> Explained {
+        matte: &mut [[f32; 3]],
+        residual: &mut [[f32; 3]],
+    ) -> [f32; 3] {
         let nodes = &self.nodes;
-        let (q, k) = (nodes.count(), coefficient_count(nodes.degree));
-        let mut matte = self.colors[i * q..][..q].to_vec();
         self.reflect(i, gloss, light, &self.means, scratch);
         if !scratch.glossy.is_empty() {
             let seen = nodes.values(&nodes.refit, &scratch.glossy);
@@ -276,17 +272,13 @@ impl BestAsset {
                 *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
             }
         }
-        self.store(&matte, [1.0; 3], scratch);
-        let mut residual = nodes.function(&nodes.fit, &scratch.stored);
-        Frame::new(self.occlusion.normals[i]).apply_sh(nodes.degree, &mut residual);
-        for (r, s) in residual.iter_mut().zip(&self.sh[i * k..]) {
-            *r = std::array::from_fn(|c| s[c] - r[c]);
+        self.store(matte, [1.0; 3], scratch);
+        let mut shown = nodes.function(&nodes.fit, &scratch.stored);
+        Frame::new(self.occlusion.normals[i]).apply_sh(nodes.degree, &mut shown);
+        for (r, s) in residual.iter_mut().zip(shown) {
+            *r = std::array::from_fn(|c| r[c] - s[c]);
         }
-        Explained {
-            encoded_mean: self.encoded_mean(&scratch.stored),
-            matte,
-            residual,
-        }
+        self.encoded_mean(&scratch.stored)
     }
 
     /// What surfel `i` mirrors towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
@@ -374,10 +366,15 @@ impl BestTransfer {
         } else {
             vec![Gloss::default(); asset.len()]
         };
-        let parts: Vec<Explained> = (0..asset.len())
-            .into_par_iter()
-            .map_init(Scratch::default, |scratch, i| {
-                asset.explain(i, &gloss[i], &light, scratch)
+        let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
+        let mut matte = asset.colors.clone();
+        let mut residual = asset.sh.clone();
+        let encoded_mean = matte
+            .par_chunks_exact_mut(q)
+            .zip(residual.par_chunks_exact_mut(k))
+            .enumerate()
+            .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
+                asset.explain(i, (&gloss[i], &light), scratch, matte, residual)
             })
             .collect();
         Self {
@@ -387,14 +384,12 @@ impl BestTransfer {
             source_was_black,
             least: light.least,
             fill,
+            glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
             gloss,
             divisor,
-            encoded_mean: parts.iter().map(|p| p.encoded_mean).collect(),
-            residual: parts
-                .iter()
-                .flat_map(|p| p.residual.iter().copied())
-                .collect(),
-            matte: parts.into_iter().flat_map(|p| p.matte).collect(),
+            matte,
+            residual,
+            encoded_mean,
         }
     }
 
@@ -440,11 +435,6 @@ impl BestTransfer {
             encoding: asset.encoding,
             tau: tau.into_iter().map(|t| t[0]).collect(),
         }
-    }
-
-    /// How many surfels show any gloss.
-    pub fn glossy_surfels(&self) -> usize {
-        self.gloss.iter().filter(|g| !g.is_matte()).count()
     }
 
     /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.

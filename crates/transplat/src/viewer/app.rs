@@ -448,7 +448,8 @@ impl Viewer {
             add("projection of the source", "its light is even".into());
         }
         if let Some(prepared) = &session.prepared {
-            for (what, why) in scene::left_out(prepared, &session.look.transfer, &asset.cloud) {
+            let color = (asset.cloud.sh_degree, asset.has_view_dependence);
+            for (what, why) in scene::left_out(prepared, &session.look.transfer, color) {
                 add(&what, why);
             }
         }

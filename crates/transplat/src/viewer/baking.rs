@@ -82,7 +82,7 @@ pub fn bake(
         let loaded = load_bake(file, wanted.cloud);
         match loaded.and_then(|b| b.of_preset(wanted.preset).cloned()) {
             Ok(bake) => return Ok(read(bake, file)),
-            Err(error) => complaint = Some(format!("{}: {error}; baking anew", file.display())),
+            Err(error) => complaint = Some(format!("{error}; baking anew")),
         }
     }
     for file in &files {

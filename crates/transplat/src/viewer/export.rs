@@ -162,6 +162,8 @@ impl Task {
 struct Snapshot {
     /// Of the look's source: no target changes it.
     prepared: OnceCell<PreparedTransfer>,
+    /// What the pinned look shows: its lights are its own.
+    pinned_relit: OnceCell<Relit>,
     /// Blurred maps by light.
     maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
@@ -174,6 +176,8 @@ struct Snapshot {
     radius: f32,
     /// Of the look's preset.
     bake: Arc<Bake>,
+    /// Whole ones of any preset.
+    bakes: Vec<Arc<Bake>>,
     ground: Option<Ground>,
     lights: [Arc<Light>; 2],
     shelf: Vec<Arc<Light>>,
@@ -215,6 +219,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     }
     let snapshot = Snapshot {
         prepared: OnceCell::new(),
+        pinned_relit: OnceCell::new(),
         maps: RefCell::default(),
         device: session.background.clone(),
         cloud: asset.cloud.clone(),
@@ -224,6 +229,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         up: session.up(),
         radius: asset.bounds.radius,
         bake: bake.clone(),
+        bakes: session.whole_bakes().cloned().collect(),
         ground: session.ground(),
         lights: session.sides.clone(),
         shelf: shelf
@@ -383,6 +389,9 @@ impl Snapshot {
             return Ok(PreparedTransfer::new(cloud, &self.bake, source, settings)?);
         }
         // A pinned look may be of the other preset.
+        if let Some(bake) = self.bakes.iter().find(|b| b.preset() == settings.preset) {
+            return Ok(PreparedTransfer::new(cloud, bake, source, settings)?);
+        }
         let directions = look.directions;
         let bake_settings = BakeSettings { directions };
         let bake = Bake::new(cloud, settings.preset, &bake_settings, &no_progress)?;
@@ -426,13 +435,18 @@ impl Snapshot {
             Lit::default()
         };
         if let (Some((pinned, lights)), true) = (&self.pinned, view.has_two_sides()) {
-            let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
-            let [source, target] = pinned.lights(maps[0], maps[1], self.up);
-            let prepared = self.prepare(pinned, &source)?;
-            lit.before = Some((
-                self.transfer(&prepared, &target, Part::Whole)?,
-                pinned.display,
-            ));
+            if self.pinned_relit.get().is_none() {
+                let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
+                let [source, target] = pinned.lights(maps[0], maps[1], self.up);
+                let prepared = self.prepare(pinned, &source)?;
+                let relit = self.transfer(&prepared, &target, Part::Whole)?;
+                let _ = self.pinned_relit.set(relit);
+            }
+            let relit = self
+                .pinned_relit
+                .get()
+                .context("the pinned look is relit")?;
+            lit.before = Some((relit.clone(), pinned.display));
         }
         if let Some(ground) = &self.ground {
             let maps = [&source.illumination, &target.illumination];

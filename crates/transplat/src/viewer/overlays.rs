@@ -174,7 +174,8 @@ impl Viewer {
             let shown = &frame.presentation.lights[side];
             let key = ProbeKey {
                 light: session.sides[side].id,
-                oriented: lights[side].radiance.clone(),
+                oriented: lights[side].clone(),
+                transfer: session.look.transfer.clone(),
                 map_from_asset: settings.map_from_asset(session.up()),
                 gain: shown.gain,
                 display: session.look.display,
@@ -217,7 +218,7 @@ impl Viewer {
                         }
                         ui.vertical(|ui| {
                             ui.spacing_mut().item_spacing.y = 2.0;
-                            for texture in [&probe.map, &probe.sh] {
+                            for texture in [&probe.map, &probe.seen] {
                                 let image = egui::Image::new(texture)
                                     .fit_to_exact_size(egui::vec2(44.0, 22.0));
                                 ui.add(image);

@@ -1,13 +1,16 @@
-//! What the method sees of the lights: a grey and a mirror ball under each, and each environment beside its SH projection.
+//! What the method sees of the lights: a grey and a mirror ball under each, and each environment beside what the transfer takes of it.
 
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
 use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 use transplat_core::color::Display;
-use transplat_core::environment::{EnvironmentMap, IncidentRadiance};
+use transplat_core::environment::{EnvironmentMap, Illumination, IncidentRadiance, Mosaic};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
+use transplat_core::transfer::{Preset, TransferSettings};
+use transplat_core::visibility::occlusion::directions;
 
 use super::lights::Light;
+use super::session::OrientedLight;
 
 /// Pixels across a ball.
 const BALL: usize = 64;
@@ -22,7 +25,8 @@ const MAP_WIDTH: usize = 128;
 #[derive(Clone, PartialEq)]
 pub struct Key {
     pub light: u64,
-    pub oriented: IncidentRadiance,
+    pub oriented: OrientedLight,
+    pub transfer: TransferSettings,
     pub map_from_asset: DMat3,
     pub gain: [f32; 3],
     pub display: Display,
@@ -36,7 +40,7 @@ pub struct Probe {
     pub grey: TextureHandle,
     pub mirror: TextureHandle,
     pub map: TextureHandle,
-    pub sh: TextureHandle,
+    pub seen: TextureHandle,
 }
 
 impl Probe {
@@ -57,11 +61,12 @@ impl Probe {
             let radiance = light.small.sample(turn * d);
             std::array::from_fn(|c| radiance[c] * key.gain[c])
         };
-        let irradiance = convolved(&key.oriented);
+        let radiance = &key.oriented.light.radiance;
+        let irradiance = convolved(radiance);
         let asset_from_view = key.view.transpose();
         let grey = ball(|normal, _| {
             let n = (asset_from_view * normal).to_array();
-            let e = evaluate_sh(&irradiance, key.oriented.degree, n);
+            let e = evaluate_sh(&irradiance, radiance.degree, n);
             encode(e.map(|e| GREY / std::f32::consts::PI * e.max(0.0)))
         });
         let mirror = ball(|normal, towards| {
@@ -77,11 +82,12 @@ impl Probe {
             encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
         });
         let asset_from_map = turn.transpose();
-        let sh = picture([MAP_WIDTH, height], |x, y| {
-            let d = (asset_from_map * map_direction(x, y)).to_array();
-            let radiance = evaluate_sh(&key.oriented.coefficients, key.oriented.degree, d);
-            encode(radiance.map(|v| v.max(0.0)))
-        });
+        let seen = {
+            let taken = taken_in(&key.oriented.light, &key.transfer);
+            picture([MAP_WIDTH, height], |x, y| {
+                encode(taken(asset_from_map * map_direction(x, y)))
+            })
+        };
         let load = |part: &str, image: ColorImage| {
             context.load_texture(
                 format!("{name} {part}"),
@@ -94,8 +100,33 @@ impl Probe {
             grey: load("grey", grey),
             mirror: load("mirror", mirror),
             map: load("map", map),
-            sh: load("sh", sh),
+            seen: load("seen", seen),
         });
+    }
+}
+
+/// Radiance from a direction as far as the transfer knows it.
+fn taken_in<'a>(
+    light: &'a Illumination,
+    transfer: &TransferSettings,
+) -> Box<dyn Fn(Vec3) -> [f32; 3] + Sync + 'a> {
+    let terms = transfer.terms;
+    match &light.beams {
+        Some(beams) if transfer.preset == Preset::Best && terms.sums => {
+            let mosaic = if terms.suns {
+                Mosaic::new(beams, &directions())
+            } else {
+                Mosaic::new(&beams.with_suns_as_sky(), &directions())
+            };
+            Box::new(move |d| mosaic.radiance(d))
+        }
+        _ => {
+            let series = light.radiance.truncated(transfer.sh_degree);
+            Box::new(move |d| {
+                let radiance = evaluate_sh(&series.coefficients, series.degree, d.to_array());
+                radiance.map(|v| v.max(0.0))
+            })
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What is open, as what it is lit, and what follows from that: the pipeline's stages, each run when what it reads has changed.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -125,6 +125,29 @@ pub enum SaveKind {
     Folder,
 }
 
+/// A light as the asset sees it; two are the same where nothing was changed in between.
+#[derive(Clone)]
+pub struct OrientedLight {
+    pub light: Arc<Illumination>,
+    version: u64,
+}
+
+impl PartialEq for OrientedLight {
+    fn eq(&self, other: &Self) -> bool {
+        self.version == other.version
+    }
+}
+
+/// What the lights were made from: maps, settings, whether they are matched, and the asset's up axis.
+type MadeFrom = ([u64; 2], [LightSettings; 2], bool, UpAxis);
+
+/// The lights as the asset sees them, kept since they are asked for several times a frame.
+#[derive(Default)]
+struct OrientedLights {
+    kept: Option<(MadeFrom, [OrientedLight; 2])>,
+    last_version: u64,
+}
+
 /// A prepared transfer on its way to the screen.
 pub struct Prepared {
     pub(super) key: PrepareKey,
@@ -138,7 +161,7 @@ pub struct Prepared {
 #[derive(Clone, PartialEq)]
 pub(super) struct RelitKey {
     pub prepared: u64,
-    pub target: Illumination,
+    pub target: OrientedLight,
     pub part: Part,
 }
 
@@ -168,7 +191,7 @@ pub struct BakeState {
 pub(super) struct PrepareKey {
     pub asset: u64,
     pub bake: u64,
-    pub source: Illumination,
+    pub source: OrientedLight,
     pub settings: TransferSettings,
 }
 
@@ -250,6 +273,7 @@ pub struct Session {
     pub(super) transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
     pub(super) asset_id: u64,
     pub(super) bake_version: u64,
+    oriented: RefCell<OrientedLights>,
     pub(super) requested: Option<PrepareKey>,
     pub(super) relit_for: Option<RelitKey>,
     pub(super) relit_asked: Option<RelitKey>,
@@ -328,6 +352,7 @@ impl Session {
             transfer_asset: None,
             asset_id: 0,
             bake_version: 0,
+            oriented: RefCell::default(),
             requested: None,
             relit_for: None,
             relit_asked: None,
@@ -580,9 +605,49 @@ impl Session {
         self.asset = Some(asset);
     }
 
+    /// Source and target as the asset sees them.
+    pub fn oriented_lights(&self) -> [OrientedLight; 2] {
+        let from = (
+            self.sides.each_ref().map(|s| s.id),
+            [self.look.source.clone(), self.look.target.clone()],
+            self.look.match_strength,
+            self.up(),
+        );
+        let mut oriented = self.oriented.borrow_mut();
+        if let Some((made_from, lights)) = &oriented.kept
+            && *made_from == from
+        {
+            return lights.clone();
+        }
+        let [source, target] = self.sides.each_ref().map(|s| &s.illumination);
+        let made = self.look.lights(source, target, self.up()).map(Arc::new);
+        let mut last_version = oriented.last_version;
+        let lights = [SOURCE, TARGET].map(|side| match &oriented.kept {
+            Some((_, before)) if *before[side].light == *made[side] => before[side].clone(),
+            _ => {
+                last_version += 1;
+                OrientedLight {
+                    light: made[side].clone(),
+                    version: last_version,
+                }
+            }
+        });
+        *oriented = OrientedLights {
+            kept: Some((from, lights.clone())),
+            last_version,
+        };
+        lights
+    }
+
     /// The bake of the preset that is set, and how far it is.
     pub fn baked(&self) -> Option<&BakeState> {
         self.bakes.get(&self.look.transfer.preset)
+    }
+
+    /// Bakes that are done, of any preset.
+    pub fn whole_bakes(&self) -> impl Iterator<Item = &Arc<Bake>> {
+        let whole = self.bakes.values().filter(|b| b.share == 1.0);
+        whole.filter_map(|b| b.bake.as_ref())
     }
 
     /// How much of that is done, 0 to 1.
@@ -622,7 +687,7 @@ impl Session {
         if i >= paper.surfels {
             return None;
         }
-        let light = paper.light(&self.oriented_lights()[TARGET].radiance);
+        let light = paper.light(&self.oriented_lights()[TARGET].light.radiance);
         let relit = paper.relight_one(&light, i);
         let (dc, relit_dc) = (paper.dc[i], relit[0]);
         let ratio = |c: usize| {
@@ -673,7 +738,7 @@ impl Session {
             self.live().pin(display);
             return;
         }
-        match prepared.relight(&shown.target, Part::Whole) {
+        match prepared.relight(&shown.target.light, Part::Whole) {
             Ok(relit) => {
                 let k = coefficient_count(asset.cloud.sh_degree);
                 let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);

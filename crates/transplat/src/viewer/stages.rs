@@ -1,10 +1,11 @@
 //! The pipeline's stages as the viewer runs them: each when what it reads has changed, long ones as jobs.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use transplat_core::environment::Illumination;
 use transplat_core::ground::{Ground, ground_plane};
+use transplat_core::load::inspect_bake;
 use transplat_core::present::{self, Background, Doubt, View};
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset};
@@ -93,7 +94,10 @@ impl Session {
             asset.path.clone(),
             asset.cloud.clone(),
         );
-        let saved = self.bake.take();
+        // One of the other preset is kept until that is set.
+        let is_other =
+            |file: &PathBuf| inspect_bake(file).is_ok_and(|header| header.preset != preset);
+        let saved = self.bake.take_if(|file| !is_other(file));
         let label = format!("baking the visibility of {}", asset.name());
         let id = self.asset_id;
         let work = move |handle: &Handle<Event>| {
@@ -132,12 +136,6 @@ impl Session {
         }
     }
 
-    /// Source and target as the asset sees them.
-    pub fn oriented_lights(&self) -> [Illumination; 2] {
-        let [source, target] = self.sides.each_ref().map(|s| &s.illumination);
-        self.look.lights(source, target, self.up())
-    }
-
     pub(super) fn start_prepare(&mut self) {
         let (Some(asset), Some(transfer), Some(state)) =
             (&self.asset, self.transfer_asset.clone(), self.baked())
@@ -166,7 +164,7 @@ impl Session {
             let start = Instant::now();
             let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
             let made = transfer
-                .prepare(&cloud, &bake, key.bake, &key.source, &key.settings)
+                .prepare(&cloud, &bake, key.bake, &key.source.light, &key.settings)
                 .map_err(anyhow::Error::from)
                 .and_then(|prepared| Ok((on_gpu(&context, &prepared)?, prepared)));
             Some(match made {
@@ -188,14 +186,10 @@ impl Session {
             return;
         };
         let [_, target] = self.oriented_lights();
-        let (target, part) = match &prepared {
-            // Beyond the transfer's degree nothing is read, and all parts are in one result.
-            PreparedTransfer::Paper(paper) => {
-                let radiance = target.radiance.truncated(paper.light_degree);
-                let beams = None;
-                (Illumination { radiance, beams }, Part::Whole)
-            }
-            PreparedTransfer::Best(_) => (target, self.look.view.part()),
+        let part = match &prepared {
+            // All parts are in one result.
+            PreparedTransfer::Paper(_) => Part::Whole,
+            PreparedTransfer::Best(_) => self.look.view.part(),
         };
         let key = RelitKey {
             prepared: self.prepared_version,
@@ -210,7 +204,7 @@ impl Session {
             return;
         }
         let start = Instant::now();
-        let relit = self.live().relight(&key.target, key.part);
+        let relit = self.live().relight(&key.target.light, key.part);
         if let Err(error) = relit {
             self.error(error.to_string());
         }
@@ -232,7 +226,7 @@ impl Session {
         let (context, degree) = (self.context.clone(), asset.cloud.sh_degree);
         let work = move |_: &Handle<Event>| {
             let start = Instant::now();
-            let relit = match prepared.relight(&key.target, key.part) {
+            let relit = match prepared.relight(&key.target.light, key.part) {
                 Ok(relit) => relit,
                 Err(error) => return Some(Event::Failed(error.to_string())),
             };
@@ -255,7 +249,7 @@ impl Session {
             .prepared
             .as_ref()
             .map_or(1.0, PreparedTransfer::light_gain);
-        let stops = (key.target.mean_irradiance() * gain).log2();
+        let stops = (key.target.light.mean_irradiance() * gain).log2();
         let named = [&self.look.source.file, &self.look.target.file];
         let known = named
             .iter()
@@ -416,10 +410,10 @@ impl Session {
         // What was relit on the GPU is not here.
         let work = move |_: &Handle<Event>| {
             let made = if readout {
-                let relit = prepared.relight(&shown.target, Part::Whole);
+                let relit = prepared.relight(&shown.target.light, Part::Whole);
                 relit.map(|r| (r.tau.clone(), Some(Arc::new(r))))
             } else {
-                prepared.tau(&shown.target).map(|tau| (tau, None))
+                prepared.tau(&shown.target.light).map(|tau| (tau, None))
             };
             let (tau, readout) = match made {
                 Ok(made) => made,

@@ -302,7 +302,7 @@ fn production_follows_the_oracle() {
     let source = sky(sun, [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
     let transfer = prepared(&Arc::new(BestAsset::new(&cloud, bake.clone())), &source);
-    let glossy = transfer.glossy_surfels();
+    let glossy = transfer.glossy_surfels;
     assert!(glossy > 100, "{glossy} of {}", cloud.len());
     let relit = transfer.relight_by(&target);
     let [source, target] = [&source, &target].map(|l| l.for_best().expect("with beams").1);
