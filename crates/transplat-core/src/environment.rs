@@ -1,6 +1,7 @@
 //! Stage *project environment*: a light as an equirectangular map, and as SH coefficients of its incident radiance.
 
 mod beams;
+mod illumination;
 
 use std::f64::consts::PI;
 
@@ -8,12 +9,12 @@ use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 
 use crate::color::luminance;
-use crate::error::{Error, Result};
 use crate::sh::{
     MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
 };
 
 pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
+pub use illumination::Illumination;
 
 /// No light is brighter; sums of pixels stay finite.
 const MAX_RADIANCE: f32 = 1e15;
@@ -347,82 +348,7 @@ impl IncidentRadiance {
     }
 }
 
-/// A light in the forms in which the presets need it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Illumination {
-    /// As an SH series.
-    pub radiance: IncidentRadiance,
-    /// As beams, for the preset `best`; where nobody needs them they are left out.
-    pub beams: Option<Beams>,
-}
-
-impl Illumination {
-    /// Radiance 1 from everywhere.
-    pub fn even(degree: usize) -> Self {
-        Self {
-            radiance: IncidentRadiance::even(degree),
-            beams: Some(Beams::even()),
-        }
-    }
-
-    /// Of a map, its SH series to a degree.
-    pub fn of(map: &EnvironmentMap, degree: usize) -> Self {
-        Self {
-            radiance: project_environment(map, degree),
-            beams: Some(Beams::of(map)),
-        }
-    }
-
-    /// What preset `best` needs of it.
-    ///
-    /// # Errors
-    /// The light was read without.
-    pub fn for_best(&self) -> Result<(&IncidentRadiance, &Beams)> {
-        let missing = || Error::Mismatch("the light was not read for preset best".into());
-        Ok((&self.radiance, self.beams.as_ref().ok_or_else(missing)?))
-    }
-
-    /// The light turned by `rotation` (world to world).
-    pub fn rotated(&self, rotation: DMat3) -> Self {
-        Self {
-            radiance: self.radiance.rotated(rotation),
-            beams: self.beams.as_ref().map(|b| b.rotated(rotation)),
-        }
-    }
-
-    /// The light mirrored left to right in its own map: `f(x, -y, z)`.
-    pub fn mirrored(&self) -> Self {
-        Self {
-            radiance: self.radiance.mirrored(),
-            beams: self.beams.as_ref().map(Beams::mirrored),
-        }
-    }
-
-    /// The light with each channel multiplied.
-    pub fn tinted(&self, gain: [f32; 3]) -> Self {
-        Self {
-            radiance: self.radiance.tinted(gain),
-            beams: self.beams.as_ref().map(|b| b.tinted(gain)),
-        }
-    }
-
-    /// The light with its strength multiplied.
-    pub fn scaled(&self, gain: f32) -> Self {
-        self.tinted([gain; 3])
-    }
-
-    /// [`IncidentRadiance::mean_irradiance`].
-    pub fn mean_irradiance(&self) -> f32 {
-        self.radiance.mean_irradiance()
-    }
-
-    /// Whether the light is black.
-    pub fn is_black(&self) -> bool {
-        self.radiance.is_black()
-    }
-}
-
-/// Projects a map on the basis: every pixel's centre with its exact solid angle (METHOD: a sun is a few pixels wide, point samples miss it).
+/// Projects a map on the basis: every pixel's centre with its exact solid angle: a sun is a few pixels wide, and point samples miss it.
 ///
 /// A row is first reduced to its Fourier sums over azimuth, of which all its coefficients are made. Sums are kept in f64.
 pub fn project_environment(map: &EnvironmentMap, degree: usize) -> IncidentRadiance {
