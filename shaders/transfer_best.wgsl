@@ -1,8 +1,8 @@
 // Stage transfer, preset best. CPU twin: transplat_core::transfer::best.
 // Entry points in their order: see_suns (where there are any), gather, bounce (TURNS times), finish, add_back (where a surfel has two
 // sides). One thread a surfel of a chunk; what others radiate is read from all chunks.
-// In front of this file the host writes the constants in capitals and, straight out for the asset's degree: the mirror of the
-// SH function in `s`, and clear_lobes, add_ray and add_node_*, which keep the mirrored light at the nodes in private variables.
+// In front of this file the host writes the constants in capitals and, straight out for the asset's degree: mirror_all, which mirrors
+// the SH function in `s`; clear_lobes and add_ray, which keep the mirrored light at the nodes in private variables; fit_nodes and write.
 
 struct BestChunk {
     count: u32,

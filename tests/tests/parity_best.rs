@@ -50,6 +50,7 @@ fn prepare(cloud: &SurfelCloud, settings: &TransferSettings) -> Arc<BestTransfer
 
 /// Median, and what 99 % of the surfels stay below, of the largest difference of a surfel relative to the brightest colour.
 fn differences(cpu: &Relit, gpu: &Relit, k: usize) -> [f32; 2] {
+    assert_eq!(cpu.sh.len(), gpu.sh.len());
     let size = cpu.sh.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
     let mut all: Vec<f32> = cpu
         .sh
@@ -133,6 +134,23 @@ fn transfer_without_each_term() {
 }
 
 #[test]
+fn chunks_see_each_other() {
+    let gpu = gpu();
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
+    let prepared = prepare(&cloud, &TransferSettings::default());
+    let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
+    let target = prepared.light(light.for_best().expect("with beams"));
+    let cpu = prepared.relight(target.clone(), Part::Whole);
+    // The last chunk is a short one.
+    let on_gpu = GpuBest::in_chunks(&gpu, &prepared, 192).expect("the driver works");
+    on_gpu
+        .relight(&target, Part::Whole)
+        .expect("the driver works");
+    let [median, most] = differences(&cpu, &on_gpu.read().expect("the driver works"), 9);
+    assert!(median < 1e-5 && most < 1e-4, "{median} {most}");
+}
+
+#[test]
 fn no_surfel_at_all_and_a_single_one() {
     let gpu = gpu();
     let light = sky(sun(), [1.0; 3]);
@@ -149,7 +167,10 @@ fn no_surfel_at_all_and_a_single_one() {
             .expect("the driver works");
         let got = on_gpu.read().expect("the driver works");
         assert_eq!(got.tau.len(), n);
-        assert!(got.sh.iter().flatten().all(|v| v.is_finite()));
+        let cpu = prepared.relight(target, Part::Whole);
+        for (g, c) in got.sh.iter().flatten().zip(cpu.sh.iter().flatten()) {
+            assert!((g - c).abs() < 1e-5 * (1.0 + c.abs()), "{g} {c}");
+        }
     }
 }
 

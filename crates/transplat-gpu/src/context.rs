@@ -93,7 +93,7 @@ pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
             "no graphics driver was found; install one (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers)".into()
         } else {
             format!(
-                "{} cannot run compute shaders with eight storage buffers of 128 MiB and blend float pictures; a newer driver may",
+                "{} cannot run compute shaders with six storage buffers of 128 MiB and blend float pictures; a newer driver may",
                 names.join(", ")
             )
         })
@@ -253,6 +253,18 @@ impl Context {
     /// The longest edge of a texture.
     pub(crate) fn max_texture(&self) -> usize {
         self.limits.max_texture_dimension_2d as usize
+    }
+
+    /// Checks that a pass may bind so many storage buffers.
+    pub(crate) fn check_bindings(&self, what: &'static str, needed: u32) -> Result<()> {
+        let available = self.limits.max_storage_buffers_per_shader_stage;
+        if needed > available {
+            return Err(GpuError::Driver(format!(
+                "{what} needs {needed} storage buffers and {} offers {available}",
+                self.name()
+            )));
+        }
+        Ok(())
     }
 
     /// Checks that a storage buffer fits into one binding.
@@ -467,7 +479,7 @@ fn is_capable(adapter: &wgpu::Adapter) -> bool {
         .flags
         .contains(wgpu::DownlevelFlags::VERTEX_STORAGE);
     reads_storage_in_vertices
-        && limits.max_storage_buffers_per_shader_stage >= 8
+        && limits.max_storage_buffers_per_shader_stage >= 6
         && limits.max_uniform_buffer_binding_size >= 64 << 10
         && limits.max_compute_invocations_per_workgroup >= 64
         && limits.max_storage_buffer_binding_size >= 128 << 20

@@ -95,7 +95,13 @@ impl Device {
             return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
         };
         let tracer = Arc::new(Tracer::new(cloud));
-        let rays = GpuTracer::new(context, &tracer)?;
+        let rays = match GpuTracer::new(context, &tracer) {
+            // On the CPU, as drawing does.
+            Err(_) if !context.is_lost() => {
+                return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
+            }
+            made => made?,
+        };
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
             Ok(rays.trace(patches, found, progress)?)
         };
@@ -117,8 +123,11 @@ impl Device {
             },
             (Self::Cpu, PreparedTransfer::Best(best)) => Transfer::BestOnCpu(best, None),
             (Self::Gpu(context), PreparedTransfer::Best(best)) => {
-                let transfer = Box::new(GpuBest::new(context, &best)?);
-                Transfer::BestOnGpu(best, transfer)
+                match GpuBest::new(context, &best) {
+                    // What the adapter has no room for is relit on the CPU.
+                    Err(_) if !context.is_lost() => Transfer::BestOnCpu(best, None),
+                    made => Transfer::BestOnGpu(best, Box::new(made?)),
+                }
             }
         })
     }

@@ -613,6 +613,13 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     d.viewer().session.look.background = Background::Color([0.0; 3]);
     let swapped = d.picture();
     assert!(alike(&left, &swapped) > 50.0, "{}", alike(&left, &swapped));
+    // Pinned while a channel is shown, it is the whole colour all the same.
+    d.viewer().session.look.view = View::Diffuse;
+    d.picture();
+    d.viewer().session.pin();
+    d.viewer().session.look.view = View::Split;
+    let whole = d.picture();
+    assert!(alike(&left, &whole) > 50.0, "{}", alike(&left, &whole));
 }
 
 #[test]

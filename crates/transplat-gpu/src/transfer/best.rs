@@ -108,6 +108,12 @@ struct Passes {
     add_back: Arc<ComputePass>,
 }
 
+/// Bytes that every adapter binds.
+const EVERY_BINDING: usize = 128 << 20;
+
+/// Storage buffers of the pass that has the most of them.
+const MOST_BUFFERS: u32 = 8;
+
 /// What all chunks share.
 struct Shared {
     settings: wgpu::Buffer,
@@ -134,8 +140,23 @@ impl GpuBest {
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, prepared: &Arc<BestTransfer>) -> Result<Self> {
+        Self::in_chunks(context, prepared, CHUNK)
+    }
+
+    /// The same in chunks of that many surfels at most.
+    ///
+    /// # Errors
+    /// As [`GpuBest::new`].
+    pub fn in_chunks(
+        context: &Arc<Context>,
+        prepared: &Arc<BestTransfer>,
+        chunk: usize,
+    ) -> Result<Self> {
         let asset = &prepared.asset;
         let n = asset.len();
+        context.check_bindings("preset best", MOST_BUFFERS)?;
+        // Of high degrees, the colours at the nodes would outgrow what every adapter binds.
+        let chunk = chunk.min(EVERY_BINDING / (12 * asset.nodes.count()));
         context.check_fits("what the surfels radiate", 32 * n)?;
         let source = shader::transfer_best(&asset.nodes, asset.encoding);
         let pass = |entry| context.compute_pass(&source, entry);
@@ -161,9 +182,9 @@ impl GpuBest {
             radiance: [0, 1].map(|_| context.storage(32 * n)),
         };
         let chunks = (0..n)
-            .step_by(CHUNK)
+            .step_by(chunk)
             .map(|first| {
-                let count = CHUNK.min(n - first);
+                let count = chunk.min(n - first);
                 upload_chunk(context, prepared, &passes, &shared, first, count)
             })
             .collect();

@@ -26,7 +26,7 @@ use super::lights::{Light, load_map};
 use super::navigation::wrap;
 use super::session::{Event, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
-use crate::device::Painter;
+use crate::device::{Painter, Transfer};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 
 /// Format of saved pictures.
@@ -162,6 +162,8 @@ impl Task {
 struct Snapshot {
     /// Of the look's source: no target changes it.
     prepared: OnceCell<PreparedTransfer>,
+    /// That on its device.
+    transfer: RefCell<Option<Transfer>>,
     /// What the pinned look shows: its lights are its own.
     pinned_relit: OnceCell<Relit>,
     /// Blurred maps by light.
@@ -219,6 +221,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     }
     let snapshot = Snapshot {
         prepared: OnceCell::new(),
+        transfer: RefCell::default(),
         pinned_relit: OnceCell::new(),
         maps: RefCell::default(),
         device: session.background.clone(),
@@ -380,7 +383,14 @@ impl Snapshot {
             let _ = self.prepared.set(prepared);
         }
         let prepared = self.prepared.get().context("a transfer is prepared")?;
-        Ok((prepared, self.transfer(prepared, &target, part)?))
+        // A turntable of the light has many targets and one source.
+        let mut transfer = self.transfer.borrow_mut();
+        let transfer = match &mut *transfer {
+            Some(kept) => kept,
+            none => none.insert(self.device.fastest().transfer(prepared)?),
+        };
+        transfer.change_light(&target, part)?;
+        Ok((prepared, transfer.result()?))
     }
 
     fn prepare(&self, look: &Look, source: &Illumination) -> Result<PreparedTransfer> {
@@ -396,18 +406,6 @@ impl Snapshot {
         let bake_settings = BakeSettings { directions };
         let bake = Bake::new(cloud, settings.preset, &bake_settings, &no_progress)?;
         Ok(PreparedTransfer::new(cloud, &bake, source, settings)?)
-    }
-
-    fn transfer(
-        &self,
-        prepared: &PreparedTransfer,
-        target: &Illumination,
-        part: Part,
-    ) -> Result<Relit> {
-        let device = self.device.fastest();
-        let mut transfer = device.transfer(prepared)?;
-        transfer.change_light(target, part)?;
-        transfer.result()
     }
 
     /// A light's map as it is seen behind the object.
@@ -439,8 +437,9 @@ impl Snapshot {
                 let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
                 let [source, target] = pinned.lights(maps[0], maps[1], self.up);
                 let prepared = self.prepare(pinned, &source)?;
-                let relit = self.transfer(&prepared, &target, Part::Whole)?;
-                let _ = self.pinned_relit.set(relit);
+                let mut transfer = self.device.fastest().transfer(&prepared)?;
+                transfer.change_light(&target, Part::Whole)?;
+                let _ = self.pinned_relit.set(transfer.result()?);
             }
             let relit = self
                 .pinned_relit

@@ -55,6 +55,15 @@ impl Probe {
         if probe.as_ref().is_some_and(|p| p.key == key) {
             return;
         }
+        // The maps do not turn with the camera.
+        let maps = probe.as_ref().filter(|p| {
+            let turned = Key {
+                view: key.view,
+                ..p.key.clone()
+            };
+            turned == key
+        });
+        let maps = maps.map(|p| (p.map.clone(), p.seen.clone()));
         let encode = |radiance: [f32; 3]| color(key.display.encode(radiance));
         let turn = key.map_from_asset.as_mat3();
         let seen = |d: Vec3| -> [f32; 3] {
@@ -74,20 +83,6 @@ impl Probe {
             let reflected = away - 2.0 * away.dot(normal) * normal;
             encode(seen(asset_from_view * reflected))
         });
-        // The maps as they lie in their file, one beside the other: what is lost is seen at once.
-        let height = MAP_WIDTH / 2;
-        let map = picture([MAP_WIDTH, height], |x, y| {
-            let d = map_direction(x, y);
-            let radiance = light.small.sample(d);
-            encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
-        });
-        let asset_from_map = turn.transpose();
-        let seen = {
-            let taken = taken_in(&key.oriented.light, &key.transfer);
-            picture([MAP_WIDTH, height], |x, y| {
-                encode(taken(asset_from_map * map_direction(x, y)))
-            })
-        };
         let load = |part: &str, image: ColorImage| {
             context.load_texture(
                 format!("{name} {part}"),
@@ -95,12 +90,28 @@ impl Probe {
                 egui::TextureOptions::LINEAR,
             )
         };
+        // The maps as they lie in their file, one beside the other: what is lost is seen at once.
+        let draw_maps = || {
+            let size = [MAP_WIDTH, MAP_WIDTH / 2];
+            let map = picture(size, |x, y| {
+                let radiance = light.small.sample(map_direction(x, y));
+                encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
+            });
+            let asset_from_map = turn.transpose();
+            let taken = taken_in(&key.oriented.light, &key.transfer);
+            let seen = picture(size, |x, y| {
+                encode(taken(asset_from_map * map_direction(x, y)))
+            });
+            (load("map", map), load("seen", seen))
+        };
+        let (map, seen) = maps.unwrap_or_else(draw_maps);
+        let (grey, mirror) = (load("grey", grey), load("mirror", mirror));
         *probe = Some(Self {
             key,
-            grey: load("grey", grey),
-            mirror: load("mirror", mirror),
-            map: load("map", map),
-            seen: load("seen", seen),
+            grey,
+            mirror,
+            map,
+            seen,
         });
     }
 }

@@ -1,6 +1,6 @@
 //! What is open, as what it is lit, and what follows from that: the pipeline's stages, each run when what it reads has changed.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use eframe::egui;
 use transplat_core::camera::Camera;
+use transplat_core::color::Display;
 use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::{GROUND_REACH, Ground};
@@ -255,7 +256,8 @@ pub struct Session {
     pub prepared: Option<PreparedTransfer>,
     /// What was relit last for a readout, and of which asset and relight it is.
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
-    pub(super) wants_readout: Cell<bool>,
+    /// Whether a surfel is inspected, and nothing is being dragged.
+    pub wants_readout: bool,
     pub messages: Vec<Message>,
     pub shares: Option<Shares>,
     pub doubts: Arc<Vec<Option<Doubt>>>,
@@ -336,7 +338,7 @@ impl Session {
             bakes: HashMap::new(),
             prepared: None,
             readout: None,
-            wants_readout: Cell::default(),
+            wants_readout: false,
             messages: Vec::new(),
             shares: None,
             doubts: Arc::default(),
@@ -409,8 +411,6 @@ impl Session {
         let file = self.asset.as_ref().map(|a| a.file_up);
         self.look.up.or(file).unwrap_or_default()
     }
-
-    // ---- opening ----
 
     // ---- what follows from what ----
 
@@ -524,7 +524,9 @@ impl Session {
                 doubts,
                 readout,
             } if key.0 == self.asset_id => {
-                self.readout = readout.map(|relit| (key, relit)).or(self.readout.take());
+                if let Some(relit) = readout.filter(|_| key.1 == self.relit_version) {
+                    self.readout = Some((key, relit));
+                }
                 self.show_doubts(doubts);
             }
             Event::Baked { .. }
@@ -571,6 +573,10 @@ impl Session {
         self.prepared_version += 1;
         self.readout = None;
         self.relit_asked = None;
+        // A bake that was named belongs to the asset that came with it.
+        if self.asset_id > 1 {
+            self.bake = None;
+        }
         self.pinned = None;
         self.against_pinned = false;
         self.shares = None;
@@ -671,8 +677,11 @@ impl Session {
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let cloud = &self.asset.as_ref()?.cloud;
         if let Some(PreparedTransfer::Best(_)) = &self.prepared {
-            self.wants_readout.set(true);
-            let (_, relit) = self.readout.as_ref()?;
+            // None while a newer one is on its way.
+            let (of, relit) = self.readout.as_ref()?;
+            if *of != (self.asset_id, self.relit_version) {
+                return None;
+            }
             let k = coefficient_count(cloud.sh_degree);
             let sh = relit.sh.get(i * k..(i + 1) * k)?;
             let linear = match relit.encoding {
@@ -721,40 +730,53 @@ impl Session {
             self.error("there is nothing relit to be pinned yet");
             return;
         }
-        self.against_pinned = true;
-        self.pin_what_is_shown(self.look.clone());
-    }
-
-    /// Keeps what a look shows relit, all parts of it.
-    fn pin_what_is_shown(&mut self, look: Look) {
-        let display = look.display;
-        self.pinned = Some(look);
-        let (Some(shown), Some(prepared), Some(asset)) =
-            (&self.relit_for, &self.prepared, &self.asset)
-        else {
-            return;
-        };
-        if shown.part == Part::Whole {
-            self.live().pin(display);
-            return;
-        }
-        match prepared.relight(&shown.target.light, Part::Whole) {
-            Ok(relit) => {
-                let k = coefficient_count(asset.cloud.sh_degree);
-                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
-                self.live().pin_relit(sh, display);
-            }
-            Err(error) => self.error(error.to_string()),
+        if self.pin_what_is_shown(self.look.display) {
+            self.pinned = Some(self.look.clone());
+            self.against_pinned = true;
         }
     }
 
     /// Exchanges the pinned settings with those of now.
     pub fn swap_pinned(&mut self) {
-        if let Some(pinned) = self.pinned.take() {
-            let now = std::mem::replace(&mut self.look, pinned);
-            // What is on the screen is what is pinned now.
-            self.pin_what_is_shown(now);
+        // What is on the screen is what is pinned now.
+        if self.pinned.is_some() && self.pin_what_is_shown(self.look.display) {
+            let now = self.look.clone();
+            if let Some(pinned) = self.pinned.replace(now) {
+                self.look = pinned;
+            }
         }
+    }
+
+    /// Keeps what is shown relit, all parts of it.
+    fn pin_what_is_shown(&mut self, display: Display) -> bool {
+        let (Some(shown), Some(prepared), Some(asset)) =
+            (&self.relit_for, &self.prepared, &self.asset)
+        else {
+            return false;
+        };
+        if shown.part == Part::Whole {
+            self.live().pin(display);
+            return true;
+        }
+        let pinned = if self.relights_on_gpu {
+            let mut live = self.live();
+            let whole = live.relight(&shown.target.light, Part::Whole);
+            whole.and_then(|()| {
+                live.pin(display);
+                live.relight(&shown.target.light, shown.part)
+            })
+        } else {
+            let whole = prepared.relight(&shown.target.light, Part::Whole);
+            whole.map(|relit| {
+                let k = coefficient_count(asset.cloud.sh_degree);
+                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
+                self.live().pin_relit(sh, display);
+            })
+        };
+        if let Err(error) = &pinned {
+            self.error(error.to_string());
+        }
+        pinned.is_ok()
     }
 
     /// What a viewport of a size shows with the settings as they are.

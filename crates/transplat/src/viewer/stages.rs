@@ -391,8 +391,7 @@ impl Session {
             return;
         };
         let key = (self.asset_id, self.relit_version);
-        let asked = self.wants_readout.take();
-        let readout = asked && self.readout.as_ref().is_none_or(|(of, _)| *of != key);
+        let readout = self.wants_readout && self.readout.as_ref().is_none_or(|(of, _)| *of != key);
         let doubts = self.wants_doubts || self.show_marks || self.look.view == View::Doubts;
         let wanted = readout || (doubts && self.doubts_for != Some(key));
         if !wanted || self.jobs.is_running(Kind::Doubts) {
@@ -452,7 +451,7 @@ impl Session {
 }
 
 /// A transfer on the GPU, if that is where it runs: preset `best` is many times faster without a driver that computes on the CPU, and
-/// what is too large for the adapter is relit on the CPU as well.
+/// what the adapter has no room for is relit on the CPU as well.
 fn on_gpu(
     context: &Arc<Context>,
     prepared: &PreparedTransfer,
@@ -461,7 +460,7 @@ fn on_gpu(
         return Ok(None);
     }
     match LiveTransfer::new(context, prepared) {
-        Err(GpuError::TooLarge { .. }) => Ok(None),
+        Err(_) if !context.is_lost() => Ok(None),
         made => made.map(Some),
     }
 }

@@ -293,7 +293,7 @@ fn patches(
         }
         for i in 0..LANES {
             let holds = shines[0][i] + shines[1][i] + shines[2][i] > 0.0;
-            out.light(start + i, holds);
+            out.list_if(holds, start + i);
         }
     }
 }

@@ -53,20 +53,20 @@ impl Rays {
         self.count = 0;
     }
 
-    /// Lights a ray, if it holds anything; without a branch, since that cannot be foretold. A ray is lit once at most.
+    /// Lists a ray as lit, if it holds anything; without a branch, since that cannot be foretold. Each ray once at most.
     #[inline(always)]
-    pub fn light(&mut self, ray: usize, holds: bool) {
+    pub fn list_if(&mut self, holds: bool, ray: usize) {
         self.lit[self.count % Self::MOST] = ray as u8;
         self.count += usize::from(holds);
     }
 
-    /// Sets a ray and lights it.
+    /// Sets a ray and lists it.
     pub fn set(&mut self, ray: usize, beam: &Beam) {
         for c in 0..3 {
             self.direction[c][ray] = beam.direction[c];
             self.energy[c][ray] = beam.energy[c];
         }
-        self.light(ray, true);
+        self.list_if(true, ray);
     }
 
     fn lit(&self) -> &[u8] {

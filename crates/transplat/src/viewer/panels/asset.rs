@@ -141,6 +141,8 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
 
 fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let mut close = false;
+    let dragging = ui.input(|i| i.pointer.any_down());
+    viewer.session.wants_readout = viewer.viewport.inspected.is_some() && !dragging;
     let session = &viewer.session;
     let (Some(i), Some(asset)) = (viewer.viewport.inspected, &session.asset) else {
         ui.weak("Click the object to inspect a surfel.");
