@@ -618,6 +618,7 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     d.picture();
     d.viewer().session.pin();
     d.viewer().session.look.view = View::Split;
+    d.viewer().session.look.wipe = 1.0;
     let whole = d.picture();
     assert!(alike(&left, &whole) > 50.0, "{}", alike(&left, &whole));
 }
