@@ -50,7 +50,7 @@ struct Node {
     count: u32,
 }
 
-/// The box of a [`Node`] in an order that needs no stack: whatever meets the box goes on with the next one, and whatever does not, with
+/// A box of the hierarchy in an order that needs no stack: whatever meets the box goes on with the next one, and whatever does not, with
 /// number `skip`.
 #[derive(Clone, Copy, Debug)]
 pub struct BoxInOrder {
