@@ -108,9 +108,10 @@ impl Device {
         Occlusion::bake_by(cloud, &tracer, stages, by, progress, preview)
     }
 
-    pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<Transfer> {
+    /// Ready to relight; what the adapter has no room for is relit on the CPU, and the message says so.
+    pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<(Transfer, Option<String>)> {
         let part = Part::Whole;
-        Ok(match (self, prepared.clone()) {
+        let transfer = match (self, prepared.clone()) {
             (Self::Cpu, PreparedTransfer::Paper(paper)) => Transfer::PaperOnCpu {
                 relit: vec![[0.0; 3]; paper.surfels * paper.coefficients()],
                 paper,
@@ -124,12 +125,15 @@ impl Device {
             (Self::Cpu, PreparedTransfer::Best(best)) => Transfer::BestOnCpu(best, None),
             (Self::Gpu(context), PreparedTransfer::Best(best)) => {
                 match GpuBest::new(context, &best) {
-                    // What the adapter has no room for is relit on the CPU.
-                    Err(_) if !context.is_lost() => Transfer::BestOnCpu(best, None),
+                    Err(error) if !context.is_lost() => {
+                        let why = format!("relighting on the CPU: {error}");
+                        return Ok((Transfer::BestOnCpu(best, None), Some(why)));
+                    }
                     made => Transfer::BestOnGpu(best, Box::new(made?)),
                 }
             }
-        })
+        };
+        Ok((transfer, None))
     }
 
     /// Ready to draw an asset; one too large for the GPU is drawn on the CPU, and the message says so.

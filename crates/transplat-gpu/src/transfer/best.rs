@@ -360,13 +360,51 @@ fn upload_chunk(
         ..Default::default()
     };
     let storage = BufferUsages::STORAGE;
-    let chunk = context.upload(&[parameters], BufferUsages::UNIFORM);
-    let surfels = context.upload(&surfels, storage);
-    let hits = context.upload(&hits, storage);
-    let matte = context.upload(&p.matte[first * q..][..count * q], storage);
-    let residual = context.upload(&p.residual[first * k..][..count * k], storage);
-    let (irradiance, tau) = (context.storage(32 * count), context.storage(32 * count));
-    let relit = context.storage(12 * count * k);
+    let buffers = Buffers {
+        chunk: context.upload(&[parameters], BufferUsages::UNIFORM),
+        surfels: context.upload(&surfels, storage),
+        hits: context.upload(&hits, storage),
+        matte: context.upload(&p.matte[first * q..][..count * q], storage),
+        residual: context.upload(&p.residual[first * k..][..count * k], storage),
+        stored: has_two_sides
+            .then(|| context.upload(&p.asset.sh[first * k..][..count * k], storage)),
+        irradiance: context.storage(32 * count),
+        tau: context.storage(32 * count),
+        relit: context.storage(12 * count * k),
+    };
+    bind(
+        context,
+        passes,
+        shared,
+        buffers,
+        count,
+        shader::fits_by_tables(k),
+    )
+}
+
+/// A chunk's own buffers.
+struct Buffers {
+    chunk: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+    hits: wgpu::Buffer,
+    matte: wgpu::Buffer,
+    residual: wgpu::Buffer,
+    /// What the asset stores, where a surfel has two sides.
+    stored: Option<wgpu::Buffer>,
+    irradiance: wgpu::Buffer,
+    tau: wgpu::Buffer,
+    relit: wgpu::Buffer,
+}
+
+/// The passes' bindings for a chunk.
+fn bind(
+    context: &Context,
+    passes: &Passes,
+    shared: &Shared,
+    buffers: Buffers,
+    count: usize,
+    fits_by_tables: bool,
+) -> Chunk {
     let Shared {
         settings,
         beams,
@@ -375,6 +413,17 @@ fn upload_chunk(
         tracer,
         radiance,
     } = shared;
+    let Buffers {
+        chunk,
+        surfels,
+        hits,
+        matte,
+        residual,
+        stored,
+        irradiance,
+        tau,
+        relit,
+    } = buffers;
     let bounce = |from: usize| {
         let bindings = [
             (0, &chunk),
@@ -402,7 +451,7 @@ fn upload_chunk(
         (13, &residual),
         (14, &relit),
     ];
-    if shader::fits_by_tables(k) {
+    if fits_by_tables {
         finish.push((16, tables));
     }
     Chunk {
@@ -432,8 +481,7 @@ fn upload_chunk(
         ),
         bounce: [bounce(0), bounce(1)],
         finish: context.bind(&passes.finish, &finish),
-        add_back: has_two_sides.then(|| {
-            let stored = context.upload(&p.asset.sh[first * k..][..count * k], storage);
+        add_back: stored.map(|stored| {
             context.bind(
                 &passes.add_back,
                 &[

@@ -45,7 +45,10 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let bake = scene.bake(args.light.bake.as_deref(), &mut report)?;
     let source = lights.oriented(&scene, &lights.targets[0])[0].clone();
     let prepared = scene.prepare(&bake, &source, &mut report)?;
-    let mut transfer = scene.device.transfer(&prepared)?;
+    let (mut transfer, warning) = scene.device.transfer(&prepared)?;
+    if let Some(warning) = warning {
+        report.warn(warning);
+    }
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&scene, target);
         let wanted = (&light, Part::Whole);

@@ -300,7 +300,10 @@ impl Shots<'_> {
         let scene = self.scene;
         let source = lights.oriented(scene, &lights.targets[0])[0].clone();
         let prepared = scene.prepare(bake, &source, report)?;
-        let mut transfer = scene.device.transfer(&prepared)?;
+        let (mut transfer, warning) = scene.device.transfer(&prepared)?;
+        if let Some(warning) = warning {
+            report.warn(warning);
+        }
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(scene, target);

@@ -308,7 +308,7 @@ fn relight(
     prepared: &PreparedTransfer,
     light: &Illumination,
 ) -> Result<(Relit, f64)> {
-    let mut transfer = device.transfer(prepared)?;
+    let mut transfer = device.transfer(prepared)?.0;
     let mut times = Vec::new();
     for _ in 0..REPEATS {
         let start = Instant::now();

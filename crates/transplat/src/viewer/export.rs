@@ -18,7 +18,7 @@ use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
-use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_core::visibility::{Bake, BakeSettings};
 
 use super::adapter::BackgroundDevice;
 use super::jobs::{Handle, Kind};
@@ -287,6 +287,9 @@ impl Snapshot {
             let report = |_| handle.progress(0.0);
             self.ground = Some(Ground::bake(&self.cloud, self.up, &settings, &report)?);
         }
+        if let Some(bake) = self.missing_bake(handle)? {
+            self.bakes.push(bake);
+        }
         match task {
             Task::Screenshot(Some(path)) => {
                 let raster = self.picture(self.look.view, &self.lights[TARGET])?;
@@ -333,6 +336,24 @@ impl Snapshot {
             Task::Turntable => self.turntable(handle),
             Task::Splat(_) => bail!("not a picture"),
         }
+    }
+
+    /// The bake of a pinned look whose preset has none yet.
+    fn missing_bake(&self, handle: &Handle<Event>) -> Result<Option<Arc<Bake>>> {
+        let Some((look, _)) = &self.pinned else {
+            return Ok(None);
+        };
+        let preset = look.transfer.preset;
+        let mut there = self.bakes.iter().chain([&self.bake]);
+        if there.any(|bake| bake.preset() == preset) {
+            return Ok(None);
+        }
+        let settings = BakeSettings {
+            directions: look.directions,
+        };
+        let report = |done| handle.progress(done);
+        let bake = Bake::new(&self.cloud, preset, &settings, &report)?;
+        Ok(Some(Arc::new(bake)))
     }
 
     fn need_shelf(&self) -> Result<()> {
@@ -387,7 +408,7 @@ impl Snapshot {
         let mut transfer = self.transfer.borrow_mut();
         let transfer = match &mut *transfer {
             Some(kept) => kept,
-            none => none.insert(self.device.fastest().transfer(prepared)?),
+            none => none.insert(self.device.fastest().transfer(prepared)?.0),
         };
         transfer.change_light(&target, part)?;
         Ok((prepared, transfer.result()?))
@@ -402,10 +423,7 @@ impl Snapshot {
         if let Some(bake) = self.bakes.iter().find(|b| b.preset() == settings.preset) {
             return Ok(PreparedTransfer::new(cloud, bake, source, settings)?);
         }
-        let directions = look.directions;
-        let bake_settings = BakeSettings { directions };
-        let bake = Bake::new(cloud, settings.preset, &bake_settings, &no_progress)?;
-        Ok(PreparedTransfer::new(cloud, &bake, source, settings)?)
+        bail!("the pinned look's preset is not baked")
     }
 
     /// A light's map as it is seen behind the object.
@@ -437,7 +455,7 @@ impl Snapshot {
                 let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
                 let [source, target] = pinned.lights(maps[0], maps[1], self.up);
                 let prepared = self.prepare(pinned, &source)?;
-                let mut transfer = self.device.fastest().transfer(&prepared)?;
+                let mut transfer = self.device.fastest().transfer(&prepared)?.0;
                 transfer.change_light(&target, Part::Whole)?;
                 let _ = self.pinned_relit.set(transfer.result()?);
             }

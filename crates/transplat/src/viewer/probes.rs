@@ -10,7 +10,7 @@ use transplat_core::transfer::{Preset, TransferSettings};
 use transplat_core::visibility::occlusion::directions;
 
 use super::lights::Light;
-use super::session::OrientedLight;
+use super::oriented::OrientedLight;
 
 /// Pixels across a ball.
 const BALL: usize = 64;

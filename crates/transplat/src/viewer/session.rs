@@ -8,7 +8,6 @@ use std::time::Instant;
 
 use eframe::egui;
 use transplat_core::camera::Camera;
-use transplat_core::color::Display;
 use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::{GROUND_REACH, Ground};
@@ -32,6 +31,7 @@ use super::jobs::{Jobs, Kind};
 use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
+use super::oriented::{OrientedLight, OrientedLights};
 use crate::picture::half;
 
 /// An asset as it is open.
@@ -124,29 +124,6 @@ pub enum SaveKind {
     Splat,
     Screenshot,
     Folder,
-}
-
-/// A light as the asset sees it; two are the same where nothing was changed in between.
-#[derive(Clone)]
-pub struct OrientedLight {
-    pub light: Arc<Illumination>,
-    version: u64,
-}
-
-impl PartialEq for OrientedLight {
-    fn eq(&self, other: &Self) -> bool {
-        self.version == other.version
-    }
-}
-
-/// What the lights were made from: maps, settings, whether they are matched, and the asset's up axis.
-type MadeFrom = ([u64; 2], [LightSettings; 2], bool, UpAxis);
-
-/// The lights as the asset sees them, kept since they are asked for several times a frame.
-#[derive(Default)]
-struct OrientedLights {
-    kept: Option<(MadeFrom, [OrientedLight; 2])>,
-    last_version: u64,
 }
 
 /// A prepared transfer on its way to the screen.
@@ -280,6 +257,7 @@ pub struct Session {
     pub(super) relit_for: Option<RelitKey>,
     pub(super) relit_asked: Option<RelitKey>,
     pub(super) relights_on_gpu: bool,
+    /// Differs between all relights of whole assets: a part of one is no other.
     pub(super) relit_version: u64,
     pub(super) prepared_version: u64,
     pub(super) doubts_for: Option<(u64, u64)>,
@@ -613,36 +591,8 @@ impl Session {
 
     /// Source and target as the asset sees them.
     pub fn oriented_lights(&self) -> [OrientedLight; 2] {
-        let from = (
-            self.sides.each_ref().map(|s| s.id),
-            [self.look.source.clone(), self.look.target.clone()],
-            self.look.match_strength,
-            self.up(),
-        );
-        let mut oriented = self.oriented.borrow_mut();
-        if let Some((made_from, lights)) = &oriented.kept
-            && *made_from == from
-        {
-            return lights.clone();
-        }
-        let [source, target] = self.sides.each_ref().map(|s| &s.illumination);
-        let made = self.look.lights(source, target, self.up()).map(Arc::new);
-        let mut last_version = oriented.last_version;
-        let lights = [SOURCE, TARGET].map(|side| match &oriented.kept {
-            Some((_, before)) if *before[side].light == *made[side] => before[side].clone(),
-            _ => {
-                last_version += 1;
-                OrientedLight {
-                    light: made[side].clone(),
-                    version: last_version,
-                }
-            }
-        });
-        *oriented = OrientedLights {
-            kept: Some((from, lights.clone())),
-            last_version,
-        };
-        lights
+        let sides = self.sides.each_ref().map(|side| &**side);
+        self.oriented.borrow_mut().of(sides, &self.look, self.up())
     }
 
     /// The bake of the preset that is set, and how far it is.
@@ -722,61 +672,6 @@ impl Session {
         if self.maps.len() > 3 {
             self.maps.remove(0);
         }
-    }
-
-    /// Keeps the settings as they are, to compare others with them.
-    pub fn pin(&mut self) {
-        if !self.live().has_relit() {
-            self.error("there is nothing relit to be pinned yet");
-            return;
-        }
-        if self.pin_what_is_shown(self.look.display) {
-            self.pinned = Some(self.look.clone());
-            self.against_pinned = true;
-        }
-    }
-
-    /// Exchanges the pinned settings with those of now.
-    pub fn swap_pinned(&mut self) {
-        // What is on the screen is what is pinned now.
-        if self.pinned.is_some() && self.pin_what_is_shown(self.look.display) {
-            let now = self.look.clone();
-            if let Some(pinned) = self.pinned.replace(now) {
-                self.look = pinned;
-            }
-        }
-    }
-
-    /// Keeps what is shown relit, all parts of it.
-    fn pin_what_is_shown(&mut self, display: Display) -> bool {
-        let (Some(shown), Some(prepared), Some(asset)) =
-            (&self.relit_for, &self.prepared, &self.asset)
-        else {
-            return false;
-        };
-        if shown.part == Part::Whole {
-            self.live().pin(display);
-            return true;
-        }
-        let pinned = if self.relights_on_gpu {
-            let mut live = self.live();
-            let whole = live.relight(&shown.target.light, Part::Whole);
-            whole.and_then(|()| {
-                live.pin(display);
-                live.relight(&shown.target.light, shown.part)
-            })
-        } else {
-            let whole = prepared.relight(&shown.target.light, Part::Whole);
-            whole.map(|relit| {
-                let k = coefficient_count(asset.cloud.sh_degree);
-                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
-                self.live().pin_relit(sh, display);
-            })
-        };
-        if let Err(error) = &pinned {
-            self.error(error.to_string());
-        }
-        pinned.is_ok()
     }
 
     /// What a viewport of a size shows with the settings as they are.

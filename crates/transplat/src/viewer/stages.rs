@@ -256,8 +256,11 @@ impl Session {
             .zip(&self.sides)
             .all(|(file, side)| file.as_ref().is_none_or(|f| *f == side.path));
         self.stops_over_source = (stops.is_finite() && known).then_some(stops);
+        let is_other = |last: &RelitKey| last.prepared != key.prepared || last.target != key.target;
+        if self.relit_for.as_ref().is_none_or(is_other) {
+            self.relit_version += 1;
+        }
         self.relit_for = Some(key);
-        self.relit_version += 1;
     }
 
     pub(super) fn update_hidden(&mut self) {

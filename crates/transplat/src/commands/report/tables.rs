@@ -62,6 +62,11 @@ fn quoted(name: &str) -> String {
     }
 }
 
+/// A name as a cell of a table.
+fn cell(name: &str) -> String {
+    name.replace('|', "\\|").replace(['\n', '\r'], " ")
+}
+
 /// What each term carries, each pair of the presets, and the round trips.
 pub fn markdown(rows: &[Row], round_trips: &[RoundTrip], variants: &[Variant]) -> String {
     let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_none()).collect();
@@ -135,8 +140,8 @@ fn pairs(rows: &[Row], wholes: &[&Variant]) -> String {
         let _ = writeln!(
             out,
             "| {} | {} | {} |",
-            first.object,
-            first.target,
+            cell(&first.object),
+            cell(&first.target),
             scores.join(" | ")
         );
     }
@@ -148,7 +153,13 @@ fn returned(round_trips: &[RoundTrip]) -> String {
         "Relit by the light of the capture, against the capture:\n\n| object | preset | PSNR |\n|---|---|---|\n",
     );
     for r in round_trips {
-        let _ = writeln!(out, "| {} | {} | {:.1} |", r.object, r.preset, r.psnr);
+        let _ = writeln!(
+            out,
+            "| {} | {} | {:.1} |",
+            cell(&r.object),
+            r.preset,
+            r.psnr
+        );
     }
     out
 }

@@ -1,0 +1,65 @@
+//! A look that others are compared with, beside what it shows relit.
+
+use transplat_core::color::Display;
+use transplat_core::sh::coefficient_count;
+use transplat_core::transfer::Part;
+use transplat_gpu::rasterize::ResidentSh;
+
+use super::session::Session;
+
+impl Session {
+    /// Keeps the settings as they are, to compare others with them.
+    pub fn pin(&mut self) {
+        if !self.live().has_relit() {
+            self.error("there is nothing relit to be pinned yet");
+            return;
+        }
+        if self.pin_what_is_shown(self.look.display) {
+            self.pinned = Some(self.look.clone());
+            self.against_pinned = true;
+        }
+    }
+
+    /// Exchanges the pinned settings with those of now.
+    pub fn swap_pinned(&mut self) {
+        // What is on the screen is what is pinned now.
+        if self.pinned.is_some() && self.pin_what_is_shown(self.look.display) {
+            let now = self.look.clone();
+            if let Some(pinned) = self.pinned.replace(now) {
+                self.look = pinned;
+            }
+        }
+    }
+
+    /// Keeps what is shown relit, all parts of it.
+    fn pin_what_is_shown(&mut self, display: Display) -> bool {
+        let (Some(shown), Some(prepared), Some(asset)) =
+            (&self.relit_for, &self.prepared, &self.asset)
+        else {
+            return false;
+        };
+        if shown.part == Part::Whole {
+            self.live().pin(display);
+            return true;
+        }
+        let pinned = if self.relights_on_gpu {
+            let mut live = self.live();
+            let whole = live.relight(&shown.target.light, Part::Whole);
+            whole.and_then(|()| {
+                live.pin(display);
+                live.relight(&shown.target.light, shown.part)
+            })
+        } else {
+            let whole = prepared.relight(&shown.target.light, Part::Whole);
+            whole.map(|relit| {
+                let k = coefficient_count(asset.cloud.sh_degree);
+                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
+                self.live().pin_relit(sh, display);
+            })
+        };
+        if let Err(error) = &pinned {
+            self.error(error.to_string());
+        }
+        pinned.is_ok()
+    }
+}
