@@ -38,7 +38,8 @@ struct PresentParameters {
     false_color: u32,
 }
 
-@group(0) @binding(0) var<uniform> parameters: PresentParameters;
+// In storage for the reason that rasterize_shade.wgsl gives.
+@group(0) @binding(0) var<storage, read> parameters: PresentParameters;
 @group(0) @binding(1) var before_color: texture_2d<f32>;
 @group(0) @binding(2) var after_color: texture_2d<f32>;
 @group(0) @binding(3) var after_depth: texture_2d<f32>;

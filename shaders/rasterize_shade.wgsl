@@ -19,7 +19,8 @@ struct ShadeParameters {
     end_coefficient: u32,
 }
 
-@group(0) @binding(0) var<uniform> parameters: ShadeParameters;
+// In storage: lavapipe compiles a uniform that decides on the flow into the pass, anew at each dispatch, and never frees that.
+@group(0) @binding(0) var<storage, read> parameters: ShadeParameters;
 @group(0) @binding(1) var<storage, read> positions: array<vec4f>;
 // [count][K][3]
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
@@ -36,9 +37,11 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     var basis = sh_basis(d);
     var value = vec3f(0.0);
     let start = id.x * K * 3u;
-    for (var k = parameters.first_coefficient; k < parameters.end_coefficient; k++) {
+    // Bounds that are constants unroll; software drivers index `basis` slowly otherwise.
+    for (var k = 0u; k < K; k++) {
         let at = start + 3u * k;
-        value += basis[k] * vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
+        let takes_part = k >= parameters.first_coefficient && k < parameters.end_coefficient;
+        value += select(0.0, basis[k], takes_part) * vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
     }
     if parameters.encoding != ENCODING_LINEAR {
         value += STORED_OFFSET;

@@ -270,7 +270,7 @@ impl PresentPass {
                         binding: 0,
                         visibility: fragment,
                         ty: wgpu::BindingType::Buffer {
-                            ty: wgpu::BufferBindingType::Uniform,
+                            ty: wgpu::BufferBindingType::Storage { read_only: true },
                             has_dynamic_offset: false,
                             min_binding_size: None,
                         },
@@ -320,7 +320,7 @@ impl PresentPass {
         ground: [Option<&GroundLit>; 2],
         screen: &wgpu::TextureView,
     ) {
-        let parameters = context.upload(&[presentation.parameters()], BufferUsages::UNIFORM);
+        let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
         let views = [
             view(&sides[0].color),

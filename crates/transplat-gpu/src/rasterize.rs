@@ -462,7 +462,7 @@ impl GpuRasterizer {
             first_coefficient: coefficients.start as u32,
             end_coefficient: coefficients.end as u32,
         };
-        self.context.upload(&[parameters], BufferUsages::UNIFORM)
+        self.context.upload(&[parameters], BufferUsages::STORAGE)
     }
 
     /// Blends the surfels of a part of the picture, which begins at `origin` and is of the target's size.
