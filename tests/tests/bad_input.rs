@@ -305,6 +305,27 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         &[
             "render",
             &good_ply,
+            "--turntable",
+            "1",
+            "-o",
+            &folder.name("a.jpg"),
+        ],
+        "a picture is .png or .exr",
+    );
+    let two = ["--source", "even", "--target", "even", "--target"];
+    check(
+        &[
+            &["relight", &good_ply],
+            &two[..],
+            &[&asset("city.hdr"), "-o", &out],
+        ]
+        .concat(),
+        "give a folder",
+    );
+    check(
+        &[
+            "render",
+            &good_ply,
             "--cameras",
             &good_ply,
             "--device",

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use transplat_core::export::{check_output, write_relit_ply};
 use transplat_core::transfer::Part;
 
@@ -31,6 +31,13 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             args.output.clone()
         }
     };
+    let is_named_as_file = args.output.extension().is_some_and(|e| e == "ply");
+    if many && is_named_as_file && !args.output.is_dir() {
+        bail!(
+            "{}: more than one splat may be written; give a folder",
+            args.output.display()
+        );
+    }
     let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
     let inputs = args.light.inputs(&look, &named).chain([&*asset]);
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;

@@ -210,6 +210,11 @@ fn cameras(
     Ok(turntable(cloud, count, fov_x, size, near))
 }
 
+/// Files that are not written; a folder would hardly be called so.
+const OTHER_PICTURES: [&str; 9] = [
+    "jpg", "jpeg", "tif", "tiff", "bmp", "gif", "webp", "tga", "hdr",
+];
+
 /// Where pictures go.
 struct Output<'a> {
     path: &'a Path,
@@ -229,6 +234,13 @@ impl<'a> Output<'a> {
                     _ => None,
                 });
         let is_file = named.is_some() && !path.is_dir();
+        let is_other = path.extension().is_some_and(|e| {
+            let extension = e.to_string_lossy().to_lowercase();
+            OTHER_PICTURES.contains(&&*extension)
+        });
+        if is_other && !path.is_dir() {
+            bail!("{}: a picture is .png or .exr", path.display());
+        }
         if is_file && frames * targets.max(1) > 1 {
             bail!(
                 "{}: {} pictures do not fit into one file; give a folder",

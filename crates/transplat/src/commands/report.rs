@@ -61,6 +61,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let (mut rows, mut round_trips) = (Vec::new(), Vec::new());
     for (i, object) in objects.iter().enumerate() {
         bar.set_position((1000 * i / objects.len()) as u64);
+        if bar.is_hidden() && !report.is_quiet() {
+            eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
+        }
         let scene = TruthScene::load(object, &device)
             .with_context(|| format!("the object {}", object.name))?;
         for variant in &variants {

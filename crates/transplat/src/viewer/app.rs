@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self, Key, Ui};
 use transplat_core::load::{FileKind, file_kind, load_look};
-use transplat_core::look::{EVEN, Look};
+use transplat_core::look::{EVEN, Look, is_even};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -151,6 +151,11 @@ impl Viewer {
         self.settings_for_once = opening.settings.is_some();
         if let Some(settings) = opening.settings {
             look = settings(look);
+        }
+        for light in [&mut look.source, &mut look.target] {
+            if let Some(file) = light.file.as_mut().filter(|f| !is_even(f)) {
+                *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
+            }
         }
         self.session.bake = opening.bake;
         if look.target.file.is_none() {

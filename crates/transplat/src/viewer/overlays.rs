@@ -7,6 +7,7 @@ use eframe::egui::{self, Color32, Key, Ui};
 use transplat_core::present::View;
 
 use super::app::Viewer;
+use super::jobs::Kind;
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
@@ -31,7 +32,10 @@ impl Viewer {
             ui.label(format!("transfer {}", milliseconds(session.transfer_ms())))
                 .on_hover_text("The last change of light, from the click to its end.");
             ui.separator();
-            let bake = if session.bake_share() < 1.0 {
+            let running = session.jobs.running().iter().find(|j| j.kind == Kind::Bake);
+            let bake = if let Some(job) = running {
+                format!("bake {:.0} %", 100.0 * job.progress())
+            } else if session.bake_share() < 1.0 {
                 format!("bake {:.0} %", 100.0 * session.bake_share())
             } else {
                 format!("bake {}", milliseconds(session.baked().map_or(0.0, |b| b.ms)))
@@ -70,7 +74,8 @@ impl Viewer {
         let rect = self.viewport.rect;
         let area = egui::Area::new(egui::Id::unique("jobs"))
             .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
-            .order(egui::Order::Foreground);
+            // Windows can be brought before it.
+            .order(egui::Order::Middle);
         let now = Instant::now();
         self.session
             .messages
@@ -253,7 +258,8 @@ impl Viewer {
                         });
                     });
             });
-        self.show_help = open;
+        let escape = context.input(|i| i.key_pressed(Key::Escape));
+        self.show_help = open && !escape;
         let mut open = self.show_about;
         egui::Window::new("About")
             .default_pos(corner)
@@ -263,18 +269,19 @@ impl Viewer {
                 ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
                 ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
             });
-        self.show_about = open;
+        self.show_about = open && !escape;
     }
 
     pub(super) fn path_window(&mut self, context: &egui::Context) {
         let Some(mut field) = self.path_field.take() else {
             return;
         };
-        let mut open = true;
+        let (mut open, mut is_shown) = (true, true);
         let mut act: Option<fn(&mut Self, PathBuf)> = None;
         egui::Window::new("By path")
-            .default_pos(self.viewport.rect.left_top() + egui::vec2(40.0, 60.0))
-            .open(&mut open)
+            .pivot(egui::Align2::CENTER_CENTER)
+            .default_pos(self.viewport.rect.center())
+            .open(&mut is_shown)
             .resizable(false)
             .show(context, |ui| {
                 if let Some(note) = field.note {
@@ -283,9 +290,11 @@ impl Viewer {
                 let label = ui.label("A file or folder to open, or the name of a file to write:");
                 let edit = egui::TextEdit::singleline(&mut field.text).desired_width(420.0);
                 let response = ui.add(edit).labelled_by(label.id);
-                if std::mem::take(&mut field.is_new) {
+                let asked_again = ui.input(|i| i.modifiers.command && i.key_pressed(Key::O));
+                if std::mem::take(&mut field.is_new) || asked_again {
                     response.request_focus();
                 }
+                open &= !ui.input(|i| i.key_pressed(Key::Escape));
                 if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
                     act = Some(|v, path| v.open(&path));
                 }
@@ -298,7 +307,7 @@ impl Viewer {
             Some(act) if !field.text.trim().is_empty() => {
                 act(self, PathBuf::from(field.text.trim()));
             }
-            _ if open => self.path_field = Some(field),
+            _ if open && is_shown => self.path_field = Some(field),
             _ => {}
         }
     }

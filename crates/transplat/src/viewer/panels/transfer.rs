@@ -24,7 +24,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     let preset = transfer.preset;
-    if preset == Preset::Paper || !transfer.terms.sums {
+    // What has no effect now keeps its place, so that nothing moves under the mouse.
+    let by_series = preset == Preset::Paper || !transfer.terms.sums;
+    ui.add_enabled_ui(by_series, |ui| {
         Control {
             label: "SH degree",
             unit: "",
@@ -35,7 +37,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             logarithmic: false,
         }
         .show(ui, &mut transfer.sh_degree);
-    }
+    });
     let mut epsilon = transfer.epsilon();
     Control {
         label: "Epsilon",
