@@ -34,6 +34,7 @@ pub mod camera;
 pub mod color;
 pub mod environment;
 mod error;
+pub mod estimate;
 pub mod export;
 pub mod ground;
 pub mod load;

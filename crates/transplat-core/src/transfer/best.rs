@@ -128,27 +128,16 @@ impl BestAsset {
         let directions = directions();
         let k = coefficient_count(cloud.sh_degree);
         let q = nodes.count();
-        type Seen = (Vec<[f32; 3]>, Sides);
-        let per_surfel: Vec<Seen> = cloud
+        let per_surfel: Vec<(Vec<[f32; 3]>, Sides)> = cloud
             .sh
             .par_chunks_exact(k)
             .zip(&occlusion.normals)
-            .map(|(sh, n)| {
-                let mut f = sh.to_vec();
-                Frame::new(*n).apply_sh(cloud.sh_degree, &mut f);
-                let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
-                    let mut values = nodes.values(e, &f);
-                    encoding.decode_all(bytemuck::cast_slice_mut(&mut values));
-                    values
-                });
-                let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
-                (front, means)
-            })
+            .map(|(sh, n)| seen_at(&nodes, cloud, sh, *n))
             .collect();
         let mut colors = Vec::with_capacity(cloud.len() * q);
         let mut means = Vec::with_capacity(cloud.len());
-        for (c, m) in per_surfel {
-            colors.extend(c);
+        for (front, m) in per_surfel {
+            colors.extend(front);
             means.push(m);
         }
         Self {
@@ -182,6 +171,34 @@ impl BestAsset {
             .map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
             .collect()
     }
+}
+
+/// Mean linear colour of the front and the back of each surfel: the exitance under the light of the capture, over pi. `[n]`
+pub(crate) fn exitance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides> {
+    let nodes = Nodes::new(cloud.sh_degree);
+    let k = coefficient_count(cloud.sh_degree);
+    let each = cloud.sh.par_chunks_exact(k).zip(normals);
+    each.map(|(sh, n)| seen_at(&nodes, cloud, sh, *n).1)
+        .collect()
+}
+
+/// Linear colour of a surfel at the front's nodes, `[Q]`, and the means of both sides.
+fn seen_at(
+    nodes: &Nodes,
+    cloud: &SurfelCloud,
+    sh: &[[f32; 3]],
+    normal: Vec3,
+) -> (Vec<[f32; 3]>, Sides) {
+    let mut f = sh.to_vec();
+    Frame::new(normal).apply_sh(cloud.sh_degree, &mut f);
+    let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
+        let mut values = nodes.values(e, &f);
+        let numbers = bytemuck::cast_slice_mut(&mut values);
+        cloud.encoding.decode_all(numbers);
+        values
+    });
+    let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
+    (front, means)
 }
 
 fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {

@@ -1,0 +1,240 @@
+//! Stage *estimate light*: the light that an asset was captured under, from the asset alone. `docs/method.md` derives it.
+//!
+//! Neighbours tend to be of the same stuff, and what they differ in is the light on them. The light is the one under which the albedos of
+//! neighbours are most alike. Its logarithm is an SH series, so it is never negative, and the more even light is the more probable
+//! one beforehand: what the object does not tell stays even. How strong the light was, and its tint, no object tells: its mean is taken
+//! to be grey, and the whitest albedo to be a plausible one.
+
+mod clusters;
+mod fit;
+mod sun;
+#[cfg(test)]
+mod tests;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::environment::EnvironmentMap;
+use crate::sh::{SQRT_4PI, evaluate_sh};
+use crate::surfels::SurfelCloud;
+use crate::transfer::best::exitance;
+use crate::visibility::occlusion::Occlusion;
+use clusters::Clusters;
+use fit::{Fit, Fitted, Light};
+
+/// SH degree of the logarithm of the light.
+pub const DEGREE: usize = 6;
+
+/// The albedo that the whitest surfels are taken to have.
+pub const WHITEST_ALBEDO: f64 = 0.65;
+
+/// Share of the surfels whose albedo is below that.
+pub(crate) const WHITEST: f64 = 0.95;
+
+/// Light from everywhere, as a share of the mean, that no surfel is without: what rays and bounces miss.
+pub(crate) const EPSILON: f64 = 0.006;
+
+/// From this confidence on, the estimate is better than even light.
+pub const GOOD_CONFIDENCE: f32 = 0.5;
+
+/// Clusters that are needed to tell anything.
+const FEWEST_CLUSTERS: usize = 8;
+
+/// Length of the mean normal above which everything faces one way.
+const ONE_WAY: f32 = 0.97;
+
+/// Unevenness of the light on the object, in logarithms, below which the capture's light was even.
+const EVEN: f64 = 0.15;
+
+/// Rows of the estimate's map.
+const MAP_ROWS: usize = 256;
+
+/// Radius at which a sun is drawn into the map, in degrees: three pixels.
+const SUN_RADIUS: f64 = 2.0;
+
+/// A light that was estimated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EstimatedLight {
+    /// SH coefficients of the natural logarithm of the radiance, to degree [`DEGREE`]. `[K][3]`
+    pub log_radiance: Vec<[f32; 3]>,
+    /// Direction of a sun and its irradiance on a surface that faces it, where there was one to be found.
+    pub sun: Option<([f32; 3], [f32; 3])>,
+}
+
+/// Why an estimate is not to be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Doubt {
+    /// Too few surfels see the light.
+    TooLittle,
+    /// The object is black.
+    Black,
+    /// All of it faces one way.
+    OneWay,
+    /// The light was about even, as far as the object tells.
+    EvenLight,
+    /// Neighbours differ more than any light explains.
+    Noise,
+}
+
+impl Doubt {
+    /// For the user.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::TooLittle => "too few surfels see the light",
+            Self::Black => "the object is black",
+            Self::OneWay => "the whole object faces one way",
+            Self::EvenLight => {
+                "the light of the capture was about even, as far as the object tells"
+            }
+            Self::Noise => {
+                "neighbouring surfels differ more than any light explains (paint, noise, or normals that are none)"
+            }
+        }
+    }
+}
+
+/// What an asset tells of the light it was captured under.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The most probable light; even where nothing is told.
+    pub light: EstimatedLight,
+    /// Share of what neighbours differ in that the light explains and that is no chance, 0 to 1.
+    pub confidence: f32,
+    /// Why the confidence is not [`GOOD_CONFIDENCE`], where it is not.
+    pub doubt: Option<Doubt>,
+}
+
+impl Estimate {
+    /// Whether the estimate is better than even light.
+    pub fn is_good(&self) -> bool {
+        self.doubt.is_none()
+    }
+
+    fn none(doubt: Doubt) -> Self {
+        Self {
+            light: EstimatedLight {
+                log_radiance: vec![[0.0; 3]; fit::SKY + 1],
+                sun: None,
+            },
+            confidence: 0.0,
+            doubt: Some(doubt),
+        }
+    }
+}
+
+/// Estimates the light that `cloud` was captured under; `occlusion` is the cloud's bake for the preset `best`.
+pub fn estimate_light(cloud: &SurfelCloud, occlusion: &Occlusion) -> Estimate {
+    let radiance = exitance(cloud, &occlusion.normals);
+    let clusters = Clusters::new(cloud, occlusion, &radiance);
+    if clusters.len() < FEWEST_CLUSTERS || clusters.pairs.is_empty() {
+        let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
+        let is_black = !has_light && !cloud.is_empty();
+        return Estimate::none(if is_black {
+            Doubt::Black
+        } else {
+            Doubt::TooLittle
+        });
+    }
+    let fit = Fit::new(&clusters);
+    let sky = fit.run(Light::even());
+    let fitted = sun::add_sun(&fit, &sky, occlusion).unwrap_or(sky);
+    judge(&fit, fitted)
+}
+
+fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
+    let clusters = fit.clusters;
+    let even = fit.explain(&Light::even());
+    let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
+        let each = clusters.mass.iter().enumerate();
+        each.map(|(i, m)| m * value(i)).sum()
+    };
+    let unevenness: f64 = (0..3)
+        .map(|c| {
+            let log = |i: usize| fitted.explained.log_irradiance[i][c] - even.log_irradiance[i][c];
+            let middle = mean(&log);
+            mean(&|i| (log(i) - middle).powi(2))
+        })
+        .sum::<f64>()
+        / 3.0;
+    let told = (unevenness - fitted.open).max(0.0);
+    let confidence = told / (unevenness + fitted.noise);
+    if !confidence.is_finite() {
+        return Estimate::none(Doubt::Noise);
+    }
+    let each = clusters.normals.iter().zip(&clusters.mass);
+    let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
+    let doubt = if facing.length() > ONE_WAY {
+        Some(Doubt::OneWay)
+    } else if confidence as f32 >= GOOD_CONFIDENCE {
+        None
+    } else if fitted.noise.sqrt() < EVEN && told.sqrt() < EVEN {
+        Some(Doubt::EvenLight)
+    } else {
+        Some(Doubt::Noise)
+    };
+    Estimate {
+        light: EstimatedLight::new(&fitted),
+        confidence: if doubt == Some(Doubt::OneWay) {
+            0.0
+        } else {
+            confidence as f32
+        },
+        doubt,
+    }
+}
+
+impl EstimatedLight {
+    fn new(fitted: &Fitted) -> Self {
+        let (light, explained) = (&fitted.light, &fitted.explained);
+        let scale: [f64; 3] =
+            std::array::from_fn(|c| explained.exposure / explained.mean_radiance[c]);
+        let constant = scale.map(|s| (s.ln() * SQRT_4PI) as f32);
+        let bands =
+            (0..fit::SKY).map(|k| std::array::from_fn(|c| (light.sky[c][k] * SQRT_4PI) as f32));
+        Self {
+            log_radiance: [constant].into_iter().chain(bands).collect(),
+            sun: light.sun.as_ref().map(|sun| {
+                let energy = std::array::from_fn(|c| (scale[c] * sun.log_energy[c].exp()) as f32);
+                (sun.direction.to_array(), energy)
+            }),
+        }
+    }
+
+    /// Radiance of the sky, without the sun.
+    pub fn sky_radiance(&self, d: Vec3) -> [f32; 3] {
+        evaluate_sh(&self.log_radiance, DEGREE, d.to_array()).map(f32::exp)
+    }
+
+    /// As a map that any program can open. The sun is a small disc in it.
+    pub fn map(&self) -> EnvironmentMap {
+        let (width, height) = (2 * MAP_ROWS, MAP_ROWS);
+        let blank = EnvironmentMap::new(width, height, vec![[0.0; 3]; width * height]);
+        let direction = |i: usize| {
+            let [x, y, z] = blank.direction(i % width, i / width);
+            glam::DVec3::new(x, y, z).as_vec3()
+        };
+        let mut pixels: Vec<[f32; 3]> = (0..width * height)
+            .into_par_iter()
+            .map(|i| self.sky_radiance(direction(i)))
+            .collect();
+        if let Some((toward, energy)) = self.sun {
+            let toward = Vec3::from_array(toward);
+            let edge = SUN_RADIUS.to_radians().cos() as f32;
+            let disc: Vec<usize> = (0..pixels.len())
+                .filter(|i| direction(*i).dot(toward) > edge)
+                .collect();
+            let solid_angle: f64 = disc
+                .iter()
+                .map(|i| blank.pixel_solid_angle(i / width))
+                .sum();
+            for i in disc {
+                for c in 0..3 {
+                    pixels[i][c] += energy[c] / solid_angle as f32;
+                }
+            }
+        }
+        EnvironmentMap::new(width, height, pixels)
+    }
+}

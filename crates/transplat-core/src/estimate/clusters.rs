@@ -1,0 +1,302 @@
+//! Surfels that lie together and face one way, averaged: single ones are too noisy.
+
+use std::collections::HashMap;
+use std::num::NonZeroUsize;
+
+use bytemuck::Zeroable;
+use glam::Vec3;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use crate::surfels::SurfelCloud;
+use crate::transfer::best::Sides;
+use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES};
+
+/// Surfels of a cluster at least, where it is not the only one.
+const FEWEST: usize = 4;
+
+/// Surfels a cluster on average, where there are not too many clusters.
+const PER_CLUSTER: usize = 14;
+
+/// Clusters at most: more cost time and tell nothing new.
+const MOST: usize = 4000;
+
+/// Surfels that see less of the light than this share hardly tell of it.
+const LEAST_OPENNESS: f32 = 0.02;
+
+/// Neighbours that a cluster is compared with.
+const NEIGHBORS: usize = 24;
+
+/// Difference in chroma at which two clusters are probably not of the same stuff.
+const CHROMA: f64 = 0.06;
+
+/// A channel below this share of the mean is too dark to be compared.
+const DARK: f64 = 0.01;
+
+/// No cluster.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Means over each cluster. `[c]`
+pub(super) struct Clusters {
+    /// Radiance, the mean over the view.
+    pub radiance: Vec<[f64; 3]>,
+    /// Irradiance that radiance 1 from around each of the bake's directions makes. `[c][DIRECTIONS]`
+    pub seen: Vec<f32>,
+    /// Irradiance from the surfels that block the light.
+    pub bounced: Vec<[f64; 3]>,
+    pub normals: Vec<Vec3>,
+    /// Share of all area, weighted by opacity.
+    pub mass: Vec<f64>,
+    /// Of each surfel the cluster it is in, or [`NONE`]. `[n]`
+    pub of: Vec<u32>,
+    /// Of each surfel the share of its cluster. `[n]`
+    pub share: Vec<f32>,
+    /// What is compared with what.
+    pub pairs: Vec<Pair>,
+}
+
+/// Two clusters that may be of the same stuff.
+#[derive(Clone, Copy)]
+pub(super) struct Pair {
+    pub of: [u32; 2],
+    /// How much each channel counts.
+    pub weight: [f64; 3],
+}
+
+impl Clusters {
+    /// Number of clusters.
+    pub fn len(&self) -> usize {
+        self.mass.len()
+    }
+
+    /// `radiance`: mean colour of both sides, `[n]`.
+    pub fn new(cloud: &SurfelCloud, occlusion: &Occlusion, radiance: &[Sides]) -> Self {
+        let directions = crate::visibility::occlusion::directions();
+        let surfels = &occlusion.tracer.surfels;
+        let seen: Vec<Option<Seen>> = (0..cloud.len())
+            .into_par_iter()
+            .map(|i| {
+                let area = cloud.scales[i].element_product();
+                let weight = f64::from(cloud.opacities[i] * area);
+                let is_sound = surfels[i].position.is_finite()
+                    && occlusion.normals[i].is_finite()
+                    && radiance[i][0].iter().all(|v| v.is_finite())
+                    && weight.is_finite()
+                    && weight > 0.0;
+                let seen = is_sound.then(|| Seen {
+                    position: surfels[i].position,
+                    normal: occlusion.normals[i],
+                    weight,
+                });
+                seen.filter(|s| openness(s.normal, i, occlusion, &directions) > LEAST_OPENNESS)
+            })
+            .collect();
+        let (of, count) = assign(&seen);
+        let mut clusters = Self {
+            radiance: vec![[0.0; 3]; count],
+            seen: vec![0.0; count * DIRECTIONS],
+            bounced: vec![[0.0; 3]; count],
+            normals: vec![Vec3::zeroed(); count],
+            mass: vec![0.0; count],
+            share: vec![0.0; of.len()],
+            of,
+            pairs: Vec::new(),
+        };
+        for (k, s) in clusters.of.iter().zip(&seen) {
+            if let (true, Some(s)) = (*k != NONE, s) {
+                clusters.mass[*k as usize] += s.weight;
+            }
+        }
+        let members = clusters.members(&seen);
+        let positions = clusters.average(&members, occlusion, radiance, &directions);
+        let total: f64 = clusters.mass.iter().sum();
+        for m in &mut clusters.mass {
+            *m /= total;
+        }
+        clusters.pairs = clusters.compared(&positions);
+        clusters
+    }
+
+    /// Surfels of each cluster with their shares, noted in `share` too.
+    fn members(&mut self, seen: &[Option<Seen>]) -> Vec<Vec<(u32, f32)>> {
+        let mut members = vec![Vec::new(); self.len()];
+        for (i, s) in seen.iter().enumerate() {
+            let k = self.of[i];
+            if let (true, Some(s)) = (k != NONE, s) {
+                let share = (s.weight / self.mass[k as usize]) as f32;
+                self.share[i] = share;
+                members[k as usize].push((i as u32, share));
+            }
+        }
+        members
+    }
+
+    /// Fills the means in, and returns each cluster's position.
+    fn average(
+        &mut self,
+        members: &[Vec<(u32, f32)>],
+        occlusion: &Occlusion,
+        radiance: &[Sides],
+        directions: &[Vec3],
+    ) -> Vec<[f32; 3]> {
+        let omega = 4.0 * std::f32::consts::PI;
+        let means = members
+            .par_iter()
+            .zip(self.seen.par_chunks_exact_mut(DIRECTIONS))
+            .map(|(members, seen)| {
+                let (mut mean, mut normal, mut position) = ([[0f64; 3]; 2], Vec3::ZERO, Vec3::ZERO);
+                for (i, share) in members {
+                    let (i, w) = (*i as usize, f64::from(*share));
+                    let n = occlusion.normals[i];
+                    normal += *share * n;
+                    position += *share * occlusion.tracer.surfels[i].position;
+                    for (j, d) in directions.iter().enumerate() {
+                        if occlusion.is_open(i, j) {
+                            seen[j] += share * n.dot(*d).max(0.0) * (omega / DIRECTIONS as f32);
+                        }
+                    }
+                    for c in 0..3 {
+                        mean[0][c] += w * f64::from(radiance[i][0][c]);
+                    }
+                    for hit in occlusion.hits_of(i) {
+                        let cosine = n.dot(directions[hit.patch()]).max(0.0);
+                        let b = radiance[hit.surfel()][usize::from(hit.is_back())];
+                        let scale = w * f64::from(cosine * omega / PATCHES as f32);
+                        for c in 0..3 {
+                            let b = f64::from(b[c]);
+                            mean[1][c] += scale * if b.is_finite() { b } else { 0.0 };
+                        }
+                    }
+                }
+                (mean, normal, position.to_array())
+            });
+        let mut positions = Vec::with_capacity(members.len());
+        for (k, (mean, normal, position)) in means.collect::<Vec<_>>().into_iter().enumerate() {
+            [self.radiance[k], self.bounced[k]] = mean;
+            self.normals[k] = normal;
+            positions.push(position);
+        }
+        positions
+    }
+
+    /// The nearest clusters of similar chroma.
+    fn compared(&self, positions: &[[f32; 3]]) -> Vec<Pair> {
+        let count = NonZeroUsize::new(NEIGHBORS.min(self.len().saturating_sub(1)) + 1);
+        let (Some(count), Ok(tree)) = (
+            count.filter(|c| c.get() > 1),
+            ImmutableKdTree::<f32, 3>::new_from_slice(positions),
+        ) else {
+            return Vec::new();
+        };
+        let mean = self.mean_radiance();
+        let chroma = |k: usize| {
+            let b = self.radiance[k];
+            b.map(|v| v / b.iter().sum::<f64>().max(1e-30))
+        };
+        let bright = |k: usize, c: usize| {
+            let (b, dark) = (self.radiance[k][c].max(0.0), DARK * mean);
+            b * b / (b * b + dark * dark).max(1e-300)
+        };
+        let mut pairs: Vec<Pair> = (0..self.len())
+            .into_par_iter()
+            .flat_map_iter(|a| {
+                let found = tree
+                    .query(&positions[a])
+                    .nearest_n::<SquaredEuclidean<f32>>(count)
+                    .execute();
+                let others = found.into_iter().map(|f| f.item as usize);
+                let pairs: Vec<Pair> = others
+                    .filter(|b| *b != a)
+                    .map(|b| {
+                        let (p, q) = (chroma(a), chroma(b));
+                        let apart: f64 = (0..3).map(|c| (p[c] - q[c]).powi(2)).sum();
+                        let alike = (-apart / (CHROMA * CHROMA)).exp();
+                        let weight = alike * (self.mass[a] * self.mass[b]).sqrt();
+                        Pair {
+                            of: [a as u32, b as u32],
+                            weight: std::array::from_fn(|c| {
+                                weight * bright(a, c).min(bright(b, c))
+                            }),
+                        }
+                    })
+                    .collect();
+                pairs
+            })
+            .collect();
+        // As many observations as there are clusters: each is compared with many, and is one all the same.
+        let total: f64 = pairs.iter().flat_map(|p| p.weight).sum::<f64>() / 3.0;
+        if total > 0.0 {
+            let scale = self.len() as f64 / total;
+            for pair in &mut pairs {
+                pair.weight = pair.weight.map(|w| w * scale);
+            }
+        } else {
+            pairs.clear();
+        }
+        pairs
+    }
+
+    /// Mean over clusters and channels.
+    pub fn mean_radiance(&self) -> f64 {
+        let each = self.radiance.iter().zip(&self.mass);
+        each.map(|(b, m)| m * b.iter().sum::<f64>() / 3.0).sum()
+    }
+}
+
+/// A surfel that tells of the light.
+#[derive(Clone, Copy)]
+struct Seen {
+    position: Vec3,
+    normal: Vec3,
+    weight: f64,
+}
+
+/// Cosine-weighted share of the front's hemisphere that is open.
+fn openness(n: Vec3, i: usize, occlusion: &Occlusion, directions: &[Vec3]) -> f32 {
+    let open = directions.iter().enumerate();
+    let open = open.filter(|(j, _)| occlusion.is_open(i, *j));
+    open.map(|(_, d)| n.dot(*d).max(0.0)).sum::<f32>() * 4.0 / DIRECTIONS as f32
+}
+
+/// Clusters by cells of a grid and octants of the normal, as fine as gives neither too small nor too many ones: of each surfel its
+/// cluster, and how many there are.
+fn assign(seen: &[Option<Seen>]) -> (Vec<u32>, usize) {
+    let count = seen.iter().flatten().count();
+    let most = (count / PER_CLUSTER).clamp(1, MOST);
+    // The object lies in the unit ball.
+    let mut edge = 2.0f32;
+    let mut best = grid(seen, edge);
+    loop {
+        edge *= 0.84;
+        let finer = grid(seen, edge);
+        if finer.1 > most || edge < 1e-4 {
+            break;
+        }
+        best = finer;
+    }
+    best
+}
+
+/// Clusters in cells of an edge; those of too few surfels are left out.
+fn grid(seen: &[Option<Seen>], edge: f32) -> (Vec<u32>, usize) {
+    let key = |s: &Seen| {
+        let cell = (s.position / edge).floor().as_ivec3();
+        (cell, s.normal.cmpgt(Vec3::ZERO).bitmask())
+    };
+    let mut sizes: HashMap<_, usize> = HashMap::new();
+    for s in seen.iter().flatten() {
+        *sizes.entry(key(s)).or_default() += 1;
+    }
+    let mut numbers: HashMap<_, u32> = HashMap::new();
+    let of = seen
+        .iter()
+        .map(|s| {
+            let Some(key) = s.as_ref().map(key).filter(|k| sizes[k] >= FEWEST) else {
+                return NONE;
+            };
+            let next = numbers.len() as u32;
+            *numbers.entry(key).or_insert(next)
+        })
+        .collect();
+    (of, numbers.len())
+}

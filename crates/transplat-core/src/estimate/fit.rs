@@ -1,0 +1,429 @@
+//! The light that explains the clusters best: Gauss-Newton with reweighting, the logarithm of the light as an SH series.
+
+use std::f64::consts::PI;
+
+use glam::Vec3;
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::clusters::Clusters;
+use super::{DEGREE, EPSILON, WHITEST, WHITEST_ALBEDO};
+use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
+use crate::visibility::occlusion::{DIRECTIONS, directions};
+
+/// Unknowns of the sky in a channel: its mean is fixed, since no object tells how strong the light is.
+pub(super) const SKY: usize = coefficient_count(DEGREE) - 1;
+
+/// Turns at most, and the largest step that ends them.
+const TURNS: usize = 16;
+const SMALL_STEP: f64 = 2e-3;
+
+/// Longest step of one turn, in logarithms of light.
+const LONGEST_STEP: f64 = 1.5;
+
+/// Logarithms of light stay within this.
+const MOST_LOG: f64 = 12.0;
+
+/// How much surer it is that the channels are alike than that the light is even.
+const COUPLING: f64 = 3.0;
+
+/// Noise at least, in logarithms.
+const LEAST_NOISE: f64 = 0.02;
+
+/// Variance of a normal distribution over the median of a mean of three squares.
+const VARIANCE_OF_MEDIAN: f64 = 1.27;
+
+/// Radiance at least, relative to the mean, where its logarithm is taken.
+const LEAST_RADIANCE: f64 = 1e-4;
+
+/// A sun's energy is held by hardly more than the object.
+const SUN_PRECISION: f64 = 1e-3;
+
+/// A sun with how the clusters see it.
+#[derive(Clone)]
+pub(super) struct Sun {
+    pub direction: Vec3,
+    /// Irradiance of a cluster by a sun of energy 1. `[c]`
+    pub seen: Vec<f64>,
+    pub log_energy: [f64; 3],
+}
+
+/// A light under way: the logarithm of the sky's radiance, and a sun.
+#[derive(Clone)]
+pub(super) struct Light {
+    /// Coefficients of [`sky_basis`]. `[3][SKY]`
+    pub sky: [Vec<f64>; 3],
+    pub sun: Option<Sun>,
+}
+
+impl Light {
+    pub fn even() -> Self {
+        Self {
+            sky: std::array::from_fn(|_| vec![0.0; SKY]),
+            sun: None,
+        }
+    }
+
+    /// Unknowns of a channel.
+    fn unknowns(&self) -> usize {
+        SKY + usize::from(self.sun.is_some())
+    }
+
+    fn value(&self, channel: usize, k: usize) -> f64 {
+        match &self.sun {
+            Some(sun) if k == SKY => sun.log_energy[channel],
+            _ => self.sky[channel][k],
+        }
+    }
+
+    fn add(&mut self, channel: usize, k: usize, step: f64) {
+        let value = match &mut self.sun {
+            Some(sun) if k == SKY => &mut sun.log_energy[channel],
+            _ => &mut self.sky[channel][k],
+        };
+        *value += step;
+    }
+
+    /// Radiance of the sky towards a direction that has that basis.
+    pub fn sky_radiance(&self, channel: usize, basis: &[f64]) -> f64 {
+        let log: f64 = self.sky[channel]
+            .iter()
+            .zip(basis)
+            .map(|(y, b)| y * b)
+            .sum();
+        log.clamp(-MOST_LOG, MOST_LOG).exp()
+    }
+
+    fn sun_energy(&self, channel: usize) -> f64 {
+        let log = self.sun.as_ref().map(|s| s.log_energy[channel]);
+        log.map_or(0.0, |log| log.clamp(-MOST_LOG, MOST_LOG).exp())
+    }
+}
+
+/// Basis functions towards a direction, of mean square 1, without the constant one. `[SKY]`
+pub(super) fn sky_basis(d: Vec3) -> Vec<f64> {
+    let mut values = vec![0f64; SKY + 1];
+    evaluate_basis(d.as_dvec3().to_array(), DEGREE, &mut values);
+    values[1..].iter().map(|v| v * SQRT_4PI).collect()
+}
+
+/// What a light makes of the clusters.
+pub(super) struct Explained {
+    /// Sky radiance over the bake's directions, relative to the light's mean. `[3][DIRECTIONS]`
+    radiance: [Vec<f64>; 3],
+    /// Irradiance by a light of mean radiance 1. `[c]`
+    direct: Vec<[f64; 3]>,
+    /// What the light's radiance is divided by, so that its mean is 1 in each channel.
+    pub mean_radiance: [f64; 3],
+    /// And multiplied by in all: the whitest albedo is then plausible.
+    pub exposure: f64,
+    /// Logarithm of the irradiance, bounced light included. `[c]`
+    pub log_irradiance: Vec<[f64; 3]>,
+    /// The same less that of the radiance: minus the logarithm of the albedo.
+    residual: Vec<[f64; 3]>,
+}
+
+/// Finds the light of the highest probability.
+pub(super) struct Fit<'a> {
+    pub clusters: &'a Clusters,
+    /// [`sky_basis`] over the bake's directions. `[SKY][DIRECTIONS]`
+    basis: DMatrix<f32>,
+    /// How sure it is beforehand that a coefficient is 0. `[SKY]`
+    precision: Vec<f64>,
+}
+
+/// Where a fit ended.
+pub(super) struct Fitted {
+    pub light: Light,
+    pub explained: Explained,
+    /// Variance of the differences that no light explains.
+    pub noise: f64,
+    /// Mean variance of the logarithm of the irradiance that is left open.
+    pub open: f64,
+}
+
+impl<'a> Fit<'a> {
+    pub fn new(clusters: &'a Clusters) -> Self {
+        let columns: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
+        let band = |k: usize| band_of(k + 1) as f64;
+        Self {
+            clusters,
+            basis: DMatrix::from_fn(SKY, DIRECTIONS, |k, j| columns[j][k] as f32),
+            precision: (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect(),
+        }
+    }
+
+    pub fn explain(&self, light: &Light) -> Explained {
+        let clusters = self.clusters;
+        let n = clusters.len();
+        let mut mean_radiance = [0.0; 3];
+        let mut direct = vec![[0.0; 3]; n];
+        let mut radiance: [Vec<f64>; 3] = Default::default();
+        for c in 0..3 {
+            let energy = light.sun_energy(c);
+            let mut sky: Vec<f64> = (0..DIRECTIONS)
+                .map(|j| {
+                    let basis = self.basis.column(j);
+                    let each = basis.iter().zip(&light.sky[c]);
+                    let log: f64 = each.map(|(b, y)| f64::from(*b) * y).sum();
+                    log.clamp(-MOST_LOG, MOST_LOG).exp()
+                })
+                .collect();
+            let mean = sky.iter().sum::<f64>() / DIRECTIONS as f64 + energy / (4.0 * PI);
+            for r in &mut sky {
+                *r /= mean;
+            }
+            let rows = clusters.seen.par_chunks_exact(DIRECTIONS);
+            direct
+                .par_iter_mut()
+                .zip(rows)
+                .enumerate()
+                .for_each(|(i, (d, row))| {
+                    let sum: f64 = row.iter().zip(&sky).map(|(s, r)| f64::from(*s) * r).sum();
+                    let sun = light.sun.as_ref().map_or(0.0, |s| s.seen[i] * energy);
+                    d[c] = sum + sun / mean;
+                });
+            mean_radiance[c] = mean;
+            radiance[c] = sky;
+        }
+        let exposure = self.exposure(&direct);
+        let least = LEAST_RADIANCE * clusters.mean_radiance();
+        let log_irradiance: Vec<[f64; 3]> = direct
+            .iter()
+            .zip(&clusters.bounced)
+            .map(|(d, b)| std::array::from_fn(|c| (exposure * (d[c] + EPSILON * PI) + b[c]).ln()))
+            .collect();
+        let residual = log_irradiance
+            .iter()
+            .zip(&clusters.radiance)
+            .map(|(e, b)| std::array::from_fn(|c| e[c] - b[c].max(least).ln()))
+            .collect();
+        Explained {
+            radiance,
+            direct,
+            mean_radiance,
+            exposure,
+            log_irradiance,
+            residual,
+        }
+    }
+
+    /// The strength that makes the whitest albedo plausible: each cluster asks for one, and the whitest are those that ask for most.
+    fn exposure(&self, direct: &[[f64; 3]]) -> f64 {
+        let clusters = self.clusters;
+        let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
+        let mut asked: Vec<(f64, f64)> = (0..clusters.len())
+            .map(|i| {
+                let left =
+                    PI / WHITEST_ALBEDO * sum(&clusters.radiance[i]) - sum(&clusters.bounced[i]);
+                (
+                    left / (sum(&direct[i]) + 3.0 * EPSILON * PI),
+                    clusters.mass[i],
+                )
+            })
+            .collect();
+        asked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut below = 0.0;
+        let whitest = asked.iter().find(|(_, mass)| {
+            below += mass;
+            below >= WHITEST
+        });
+        // Where blocking surfels are so bright that they explain everything, some direct light is left.
+        let least = 1e-3 * clusters.mean_radiance();
+        whitest.map_or(1.0, |(g, _)| g.max(least))
+    }
+
+    /// Squared difference of each pair, the mean of its channels, with what the pair counts.
+    fn differences(&self, explained: &Explained) -> Vec<(f64, f64)> {
+        let r = &explained.residual;
+        self.clusters
+            .pairs
+            .iter()
+            .map(|pair| {
+                let [a, b] = pair.of.map(|k| r[k as usize]);
+                let total: f64 = pair.weight.iter().sum();
+                let sum: f64 = (0..3).map(|c| pair.weight[c] * (a[c] - b[c]).powi(2)).sum();
+                (if total > 0.0 { sum / total } else { 0.0 }, total / 3.0)
+            })
+            .collect()
+    }
+
+    /// Variance of the pairs' differences, by their median: edges between materials do not count.
+    pub fn noise(&self, explained: &Explained) -> f64 {
+        let mut all = self.differences(explained);
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let half = all.iter().map(|(_, w)| w).sum::<f64>() / 2.0;
+        let mut below = 0.0;
+        let median = all.iter().find(|(_, w)| {
+            below += w;
+            below >= half
+        });
+        let variance = median.map_or(0.0, |(d, _)| VARIANCE_OF_MEDIAN * d);
+        variance.max(LEAST_NOISE * LEAST_NOISE)
+    }
+
+    /// Minus the logarithm of a light's probability, but for a constant.
+    pub fn cost(&self, light: &Light, explained: &Explained, noise: f64) -> f64 {
+        let pairs = self.differences(explained);
+        let misfit: f64 = pairs
+            .iter()
+            .map(|(d, w)| 1.5 * w * (d / noise).ln_1p())
+            .sum();
+        let mut prior = 0.0;
+        for a in 0..3 {
+            for b in 0..3 {
+                for k in 0..SKY {
+                    prior += 0.5
+                        * self.precision[k]
+                        * coupling(a, b)
+                        * light.sky[a][k]
+                        * light.sky[b][k];
+                }
+            }
+        }
+        misfit + prior
+    }
+
+    /// Goes on from a light until nothing changes any more.
+    pub fn run(&self, mut light: Light) -> Fitted {
+        let p = light.unknowns();
+        let mut turn = 0;
+        loop {
+            let explained = self.explain(&light);
+            let noise = self.noise(&explained);
+            let jacobian: Vec<DMatrix<f64>> = (0..3)
+                .into_par_iter()
+                .map(|c| self.jacobian(&light, &explained, c))
+                .collect();
+            let (matrix, gradient) = self.normal_equations(&light, &explained, &jacobian, noise);
+            let Some(factor) = Cholesky::new(matrix) else {
+                // Only numbers that are none get here: what was found so far is kept.
+                return Fitted {
+                    light,
+                    explained,
+                    noise,
+                    open: f64::INFINITY,
+                };
+            };
+            let step = factor.solve(&gradient);
+            let longest = step.amax();
+            if turn == TURNS || longest < SMALL_STEP {
+                let open = self.open(&factor, &jacobian);
+                return Fitted {
+                    light,
+                    explained,
+                    noise,
+                    open,
+                };
+            }
+            let shorter = (LONGEST_STEP / longest).min(1.0);
+            for c in 0..3 {
+                for k in 0..p {
+                    light.add(c, k, -shorter * step[c * p + k]);
+                }
+            }
+            turn += 1;
+        }
+    }
+
+    /// Change of the logarithm of the irradiance with each unknown of a channel. `[P][c]`
+    fn jacobian(&self, light: &Light, explained: &Explained, c: usize) -> DMatrix<f64> {
+        let clusters = self.clusters;
+        let (n, p) = (clusters.len(), light.unknowns());
+        let sky = &explained.radiance[c];
+        let lit = DMatrix::from_fn(SKY, DIRECTIONS, |k, j| self.basis[(k, j)] * sky[j] as f32);
+        let of_mean: Vec<f64> = (0..SKY)
+            .map(|k| lit.row(k).iter().map(|v| f64::from(*v)).sum::<f64>() / DIRECTIONS as f64)
+            .collect();
+        let seen = DMatrixView::from_slice(&clusters.seen, DIRECTIONS, n);
+        let of_sky = lit * seen;
+        let energy = light.sun_energy(c) / explained.mean_radiance[c];
+        DMatrix::from_fn(p, n, |k, i| {
+            let direct = explained.direct[i][c];
+            let change = match &light.sun {
+                Some(sun) if k == SKY => sun.seen[i] * energy - direct * energy / (4.0 * PI),
+                _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
+            };
+            explained.exposure * change / explained.log_irradiance[i][c].exp()
+        })
+    }
+
+    /// Matrix and right side of a turn's linear problem, of all channels' unknowns.
+    fn normal_equations(
+        &self,
+        light: &Light,
+        explained: &Explained,
+        jacobian: &[DMatrix<f64>],
+        noise: f64,
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let p = light.unknowns();
+        let differences = self.differences(explained);
+        let blocks: Vec<(DMatrix<f64>, DVector<f64>)> = (0..3)
+            .into_par_iter()
+            .map(|c| {
+                let j = &jacobian[c];
+                let (mut weighed, mut residual) =
+                    (DMatrix::zeros(p, j.ncols()), DVector::zeros(j.ncols()));
+                for (pair, (d, _)) in self.clusters.pairs.iter().zip(&differences) {
+                    let w = pair.weight[c] / (noise + d);
+                    let [a, b] = pair.of.map(|k| k as usize);
+                    let r = w * (explained.residual[a][c] - explained.residual[b][c]);
+                    residual[a] += r;
+                    residual[b] -= r;
+                    for k in 0..p {
+                        let v = w * (j[(k, a)] - j[(k, b)]);
+                        weighed[(k, a)] += v;
+                        weighed[(k, b)] -= v;
+                    }
+                }
+                (j * weighed.transpose(), j * residual)
+            })
+            .collect();
+        let mut matrix = DMatrix::zeros(3 * p, 3 * p);
+        let mut gradient = DVector::zeros(3 * p);
+        for (a, (block, right)) in blocks.iter().enumerate() {
+            matrix.view_mut((a * p, a * p), (p, p)).copy_from(block);
+            gradient.rows_mut(a * p, p).copy_from(right);
+        }
+        for k in 0..p {
+            for a in 0..3 {
+                for b in 0..3 {
+                    let held = match self.precision.get(k) {
+                        Some(precision) => precision * coupling(a, b),
+                        None if a == b => SUN_PRECISION,
+                        None => 0.0,
+                    };
+                    matrix[(a * p + k, b * p + k)] += held;
+                    if k < SKY {
+                        gradient[a * p + k] += held * light.value(b, k);
+                    }
+                }
+            }
+        }
+        (matrix, gradient)
+    }
+
+    /// Mean variance of the logarithm of the irradiance, about its mean, that the object leaves open.
+    fn open(&self, factor: &Cholesky<f64, Dyn>, jacobian: &[DMatrix<f64>]) -> f64 {
+        let covariance = factor.inverse();
+        let mass = &self.clusters.mass;
+        let sums = jacobian.iter().enumerate().map(|(c, j)| {
+            let p = j.nrows();
+            let mut centred = j.clone();
+            let mean: DVector<f64> = j * DVector::from_column_slice(mass);
+            for (mut column, m) in centred.column_iter_mut().zip(mass) {
+                column -= &mean;
+                column *= m.sqrt();
+            }
+            let block = covariance.view((c * p, c * p), (p, p));
+            (block * &centred).component_mul(&centred).sum()
+        });
+        sums.sum::<f64>() / 3.0
+    }
+}
+
+/// Two channels' share of the prior's precision: that they differ is less probable than that the light is uneven.
+fn coupling(a: usize, b: usize) -> f64 {
+    let alike = (COUPLING - 1.0) / 3.0;
+    if a == b { COUPLING - alike } else { -alike }
+}

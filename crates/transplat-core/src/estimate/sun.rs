@@ -1,0 +1,116 @@
+//! A sun in the estimated light: a sky alone cannot cast crisp shadows.
+
+use glam::Vec3;
+
+use super::clusters::{Clusters, NONE};
+use super::fit::{Fit, Fitted, Light, Sun, sky_basis};
+use crate::sh::fibonacci_sphere;
+use crate::visibility::occlusion::Occlusion;
+
+/// Directions in which the brightest part of the sky is looked for.
+const DIRECTIONS: usize = 2000;
+
+/// Cosine to the brightest direction within which the sky's light may be the sun's.
+const AROUND: f64 = 0.9;
+
+/// Share of the sky's unevenness that is left when a sun takes over.
+const LEFT: f64 = 0.5;
+
+/// Steps in which the direction is looked for, in degrees.
+const STEPS: [f32; 4] = [8.0, 4.0, 2.0, 1.0];
+
+/// Directions around the best one that each step tries.
+const RING: usize = 6;
+
+/// The light with a sun, where that is much more probable than without one.
+pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, occlusion: &Occlusion) -> Option<Fitted> {
+    let noise = without.noise;
+    let mut light = begin(fit, &without.light, occlusion)?;
+    light = fit.run(light).light;
+    for step in STEPS {
+        light = turn(fit, light, step, noise, occlusion);
+    }
+    let with = fit.run(light);
+    let [before, after] = [without, &with].map(|f| fit.cost(&f.light, &f.explained, noise));
+    // Direction and energy are five unknowns (the Bayesian information criterion of Schwarz, 1978).
+    let worth = 2.5 * (fit.clusters.len() as f64).ln();
+    (after.is_finite() && before - after > worth).then_some(with)
+}
+
+/// A sun where the sky is brightest.
+fn begin(fit: &Fit<'_>, sky: &Light, occlusion: &Occlusion) -> Option<Light> {
+    let directions = fibonacci_sphere(DIRECTIONS);
+    let radiance: Vec<(Vec3, [f64; 3])> = directions
+        .iter()
+        .map(|d| {
+            let d = glam::DVec3::from_array(*d).as_vec3();
+            let basis = sky_basis(d);
+            (d, std::array::from_fn(|c| sky.sky_radiance(c, &basis)))
+        })
+        .collect();
+    let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
+    let (peak, _) = radiance
+        .iter()
+        .max_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+    let omega = 4.0 * std::f64::consts::PI / DIRECTIONS as f64;
+    let around = radiance
+        .iter()
+        .filter(|(d, _)| f64::from(d.dot(*peak)) > AROUND);
+    let mut energy = [0.0; 3];
+    for (_, r) in around {
+        for c in 0..3 {
+            energy[c] += omega * r[c];
+        }
+    }
+    Some(Light {
+        sky: sky
+            .sky
+            .clone()
+            .map(|s| s.iter().map(|y| LEFT * y).collect()),
+        sun: Some(Sun {
+            direction: *peak,
+            seen: seen(fit.clusters, *peak, occlusion),
+            log_energy: energy.map(f64::ln),
+        }),
+    })
+}
+
+/// The sun turned to where it explains more, by a step's angle in degrees.
+fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, occlusion: &Occlusion) -> Light {
+    let cost = |light: &Light| fit.cost(light, &fit.explain(light), noise);
+    let Some(middle) = light.sun.as_ref().map(|s| s.direction) else {
+        return light;
+    };
+    let mut best = cost(&light);
+    let aside = middle.any_orthonormal_vector();
+    let (sin, cos) = step.to_radians().sin_cos();
+    for k in 0..RING {
+        let angle = std::f32::consts::TAU * k as f32 / RING as f32;
+        let (s, c) = angle.sin_cos();
+        let direction = (cos * middle + sin * (c * aside + s * middle.cross(aside))).normalize();
+        let mut other = light.clone();
+        if let Some(sun) = &mut other.sun {
+            sun.direction = direction;
+            sun.seen = seen(fit.clusters, direction, occlusion);
+        }
+        let other_cost = cost(&other);
+        if other_cost < best {
+            (best, light) = (other_cost, other);
+        }
+    }
+    light
+}
+
+/// Irradiance of each cluster by a sun of energy 1. `[c]`
+fn seen(clusters: &Clusters, direction: Vec3, occlusion: &Occlusion) -> Vec<f64> {
+    let cosine = |i: usize| occlusion.normals[i].dot(direction);
+    let faces = |i: u32| clusters.share[i as usize] > 0.0 && cosine(i as usize) > 0.0;
+    let open = occlusion.tracer.open_towards(direction, faces);
+    let mut seen = vec![0.0; clusters.len()];
+    for (i, k) in clusters.of.iter().enumerate() {
+        if *k != NONE && open[i] {
+            seen[*k as usize] += f64::from(clusters.share[i] * cosine(i));
+        }
+    }
+    seen
+}
