@@ -17,9 +17,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::environment::EnvironmentMap;
 use crate::sh::{SQRT_4PI, evaluate_sh};
-use crate::surfels::SurfelCloud;
+use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::best::exitance;
-use crate::visibility::occlusion::Occlusion;
+use crate::visibility::occlusion::{DIRECTIONS, Occlusion, directions};
 use clusters::Clusters;
 use fit::{Fit, Fitted, Light};
 
@@ -202,18 +202,28 @@ impl EstimatedLight {
         }
     }
 
+    /// Where most of the light comes from, in the asset's coordinates: the unit vector along the sum of all light.
+    pub fn dominant_direction(&self) -> Vec3 {
+        let sky = directions().into_iter();
+        let omega = 4.0 * std::f32::consts::PI / DIRECTIONS as f32;
+        let sky = sky.map(|d| d * omega * self.sky_radiance(d).iter().sum::<f32>());
+        let sun = self.sun.iter();
+        let sun = sun.map(|(d, energy)| Vec3::from_array(*d) * energy.iter().sum::<f32>());
+        sky.chain(sun).sum::<Vec3>().normalize_or_zero()
+    }
+
     /// Radiance of the sky, without the sun.
     pub fn sky_radiance(&self, d: Vec3) -> [f32; 3] {
         evaluate_sh(&self.log_radiance, DEGREE, d.to_array()).map(f32::exp)
     }
 
-    /// As a map that any program can open. The sun is a small disc in it.
-    pub fn map(&self) -> EnvironmentMap {
+    /// As a map that any program can open, upright for an asset with that up axis. The sun is a small disc in it.
+    pub fn map(&self, up: UpAxis) -> EnvironmentMap {
         let (width, height) = (2 * MAP_ROWS, MAP_ROWS);
         let blank = EnvironmentMap::new(width, height, vec![[0.0; 3]; width * height]);
         let direction = |i: usize| {
             let [x, y, z] = blank.direction(i % width, i / width);
-            glam::DVec3::new(x, y, z).as_vec3()
+            (up.asset_from_world() * glam::DVec3::new(x, y, z)).as_vec3()
         };
         let mut pixels: Vec<[f32; 3]> = (0..width * height)
             .into_par_iter()

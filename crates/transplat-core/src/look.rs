@@ -19,11 +19,14 @@ pub const LOOK_VERSION: u32 = 2;
 /// The name that stands for uniform white light where a file is expected.
 pub const EVEN: &str = "even";
 
+/// The name that stands for the light that the asset itself tells of.
+pub const ESTIMATE: &str = "estimate";
+
 /// One of the two lights: which, how it is turned, how strong it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightSettings {
-    /// The environment's file, or `even`; none where the look leaves it open.
+    /// The environment's file, or `even`, or of the source `estimate`; none where the look leaves it open.
     pub file: Option<PathBuf>,
     /// Turn about the up axis, in degrees, counter-clockwise seen from above.
     pub rotation: f64,
@@ -116,6 +119,16 @@ impl LightSettings {
 /// Whether a light's name stands for uniform white light.
 pub fn is_even(path: &Path) -> bool {
     path.as_os_str() == EVEN
+}
+
+/// Whether a light's name stands for the light that the asset tells of.
+pub fn is_estimate(path: &Path) -> bool {
+    path.as_os_str() == ESTIMATE
+}
+
+/// Whether a light's name is that of a file.
+pub fn is_file(path: &Path) -> bool {
+    !is_even(path) && !is_estimate(path)
 }
 
 /// Where the camera is, around a pivot. Angles are those of the asset's own upright frame.
@@ -339,7 +352,7 @@ impl Look {
             &mut self.target.file,
         ];
         for path in files.into_iter().flatten() {
-            if !is_even(path) {
+            if is_file(path) {
                 *path = change(path);
             }
         }

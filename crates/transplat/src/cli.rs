@@ -51,6 +51,11 @@ pub enum Command {
     /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
     #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
     Bake(BakeArgs),
+    /// Estimate the light that an asset was captured under, from the asset alone.
+    #[command(
+        after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map, as --source and other programs take it; --source estimate does the same without a file. How strong the light was and its tint, no object tells: the mean is grey, and the whitest surface has an albedo of 0.65."
+    )]
+    Estimate(EstimateArgs),
     /// Tell what a splat, environment, bake or look holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
@@ -107,8 +112,8 @@ pub enum DeviceChoice {
 
 #[derive(Clone, Debug, Args)]
 pub struct LightArgs {
-    /// The light the asset was captured under: .hdr, .exr, a picture, or "even" where nobody knows it
-    #[arg(long, value_name = "ENV|even")]
+    /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
+    #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
     /// The light to relight by; several, or a folder of them, give one output each
     #[arg(long, value_name = "ENV|even")]
@@ -264,6 +269,20 @@ pub struct BakeArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct EstimateArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    /// Use a saved bake (of preset best)
+    #[arg(long, value_name = "FILE")]
+    pub bake: Option<PathBuf>,
+    /// The light
+    #[arg(short, long, value_name = "LIGHT.exr")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
 pub struct ReportArgs {
     /// Objects with their assets, lights, cameras and true pictures
     #[arg(long, value_name = "DIR")]
@@ -288,6 +307,9 @@ pub struct ReportArgs {
 pub struct InfoArgs {
     /// A splat, environment, bake or look
     pub file: PathBuf,
+    /// Of a splat, what it tells of the light it was captured under (takes as long as a bake)
+    #[arg(long)]
+    pub estimate_light: bool,
     #[command(flatten)]
     pub out: OutputArgs,
 }
@@ -406,7 +428,10 @@ mod tests {
             .get_subcommands()
             .map(|c| c.get_name().to_owned())
             .collect();
-        assert_eq!(names, ["relight", "render", "bake", "info", "report"]);
+        assert_eq!(
+            names,
+            ["relight", "render", "bake", "estimate", "info", "report"]
+        );
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 
 pub mod bake;
+pub mod estimate;
 pub mod info;
 pub mod relight;
 pub mod render;

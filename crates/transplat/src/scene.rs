@@ -1,5 +1,6 @@
 //! An asset between lights: the stages up to the transfer, as the commands share them.
 
+use std::cell::OnceCell;
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -10,15 +11,17 @@ use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::ground::Ground;
 use transplat_core::load::{
-    AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
+    AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
 };
-use transplat_core::look::{Look, is_even};
+use transplat_core::look::{Look, is_estimate, is_even};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
-use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Visibility};
+use transplat_core::visibility::occlusion::Occlusion;
+use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Progress, Visibility};
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs};
 use crate::device::{Device, Transfer};
@@ -36,6 +39,9 @@ pub struct Scene {
     pub file: AssetFile,
     pub look: Look,
     pub device: Device,
+    /// The bake for preset `best`, and what it told of the light, once they were needed.
+    occlusion: OnceCell<Arc<Occlusion>>,
+    estimate: OnceCell<Estimate>,
 }
 
 impl Scene {
@@ -62,41 +68,25 @@ impl Scene {
             file,
             look,
             device,
+            occlusion: OnceCell::new(),
+            estimate: OnceCell::new(),
         })
     }
 
     /// Bakes what the preset needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
         let preset = self.look.transfer.preset;
-        let bake = if let Some(path) = saved {
-            report.skip("bake", "the saved one is used");
-            let bake = report.time("load", || load_bake(path, &self.cloud))?;
-            bake.of_preset(preset)
-                .with_context(|| path.display().to_string())?;
-            bake
+        let bake = if preset == Preset::Best {
+            Bake::Occlusion(self.occlusion(saved, report)?)
+        } else if let Some(path) = saved {
+            self.saved_bake(path, report)?
         } else {
-            let bar = progress_bar("baking visibility", report);
-            let progress = |done: f64| {
-                bar.set_position((done * 1000.0) as u64);
-                ControlFlow::Continue(())
-            };
             let directions = self.bake_directions(report);
-            let bake = report.time("bake", || -> Result<Bake> {
-                Ok(match preset {
-                    Preset::Best => {
-                        let by = &self.device;
-                        let whole = by.bake_occlusion(&self.cloud, &[1], &progress, |_, _| ())?;
-                        Bake::Occlusion(Arc::new(whole))
-                    }
-                    Preset::Paper => {
-                        let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
-                        let open = self.device.bake_visibility(&input, &progress)?;
-                        Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
-                    }
-                })
+            let open = self.with_progress(report, |progress| {
+                let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
+                self.device.bake_visibility(&input, progress)
             })?;
-            bar.finish_and_clear();
-            bake
+            Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
         };
         report.set("preset", preset.name());
         report.set("directions", bake.directions());
@@ -105,6 +95,59 @@ impl Scene {
         report.set("normals_two_sided", two_sided(&bake));
         report.set("buried", bake.buried());
         Ok(bake)
+    }
+
+    fn saved_bake(&self, path: &Path, report: &mut Report) -> Result<Bake> {
+        report.skip("bake", "the saved one is used");
+        let bake = report.time("load", || load_bake(path, &self.cloud))?;
+        bake.of_preset(self.look.transfer.preset)
+            .with_context(|| path.display().to_string())?;
+        Ok(bake)
+    }
+
+    /// The bake for preset `best`, made or read once.
+    fn occlusion(&self, saved: Option<&Path>, report: &mut Report) -> Result<Arc<Occlusion>> {
+        if let Some(known) = self.occlusion.get() {
+            return Ok(known.clone());
+        }
+        let occlusion = match saved
+            .map(|path| self.saved_bake(path, report))
+            .transpose()?
+        {
+            Some(Bake::Occlusion(saved)) => saved,
+            _ => Arc::new(self.with_progress(report, |progress| {
+                let by = &self.device;
+                by.bake_occlusion(&self.cloud, &[1], progress, |_, _| ())
+            })?),
+        };
+        Ok(self.occlusion.get_or_init(|| occlusion).clone())
+    }
+
+    fn with_progress<T>(
+        &self,
+        report: &mut Report,
+        bake: impl FnOnce(Progress<'_>) -> Result<T>,
+    ) -> Result<T> {
+        let bar = progress_bar("baking visibility", report);
+        let progress = |done: f64| {
+            bar.set_position((done * 1000.0) as u64);
+            ControlFlow::Continue(())
+        };
+        let made = report.time("bake", || bake(&progress))?;
+        bar.finish_and_clear();
+        Ok(made)
+    }
+
+    /// What the asset tells of the light it was captured under. `saved` is a bake for any preset.
+    pub fn estimate(&self, saved: Option<&Path>, report: &mut Report) -> Result<&Estimate> {
+        if let Some(known) = self.estimate.get() {
+            return Ok(known);
+        }
+        let is_for_best = |path: &&Path| inspect_bake(path).is_ok_and(|b| b.preset == Preset::Best);
+        let occlusion = self.occlusion(saved.filter(is_for_best), report)?;
+        let estimate = report.time("estimate", || estimate_light(&self.cloud, &occlusion));
+        report.set("source_estimate", told_of(&estimate));
+        Ok(self.estimate.get_or_init(|| estimate))
     }
 
     /// Directions of preset `paper`'s bake.
@@ -140,23 +183,41 @@ impl Scene {
 
     /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
     pub fn lights(&self, args: &LightArgs, report: &mut Report) -> Result<Lights> {
+        let Some(source_file) = &self.look.source.file else {
+            bail!("no source light");
+        };
         let mut light = |path: &Path| {
             let map = self.load_light(path, report)?;
             self.light(map.as_ref(), report)
         };
-        let Some(source_file) = &self.look.source.file else {
-            bail!("no source light");
-        };
-        let source_map = light(source_file)?;
+        // An estimate needs the bake, and comes last.
+        let known = (!is_estimate(source_file)).then(|| light(source_file));
+        let known = known.transpose()?;
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.look)? {
+            if is_estimate(&path) {
+                bail!(
+                    "the estimate is of the light of the capture; relit by it, nothing would change"
+                );
+            }
             let light = light(&path)?;
             targets.push(Target { name, path, light });
         }
-        Ok(Lights {
-            source: source_map,
-            targets,
-        })
+        let source = match known {
+            Some(source) => source,
+            None => {
+                let estimate = self.estimate(args.bake.as_deref(), report)?;
+                if let Some(doubt) = estimate.doubt {
+                    report.warn(format!(
+                        "the light of the capture cannot be told from the splat: {}; even light is assumed",
+                        doubt.reason()
+                    ));
+                }
+                let map = self.load_light(source_file, report)?;
+                self.light(map.as_ref(), report)?
+            }
+        };
+        Ok(Lights { source, targets })
     }
 
     /// Settings of the other preset that were asked for all the same.
@@ -204,10 +265,15 @@ impl Scene {
         Ok(prepared)
     }
 
-    /// A light's map; none for even light.
+    /// A light's map; none for even light, and where an estimate cannot tell.
     pub fn load_light(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
+        }
+        if is_estimate(path) {
+            let estimate = self.estimate(None, report)?;
+            let light = &estimate.light;
+            return Ok(estimate.is_good().then(|| light.map(self.cloud.up)));
         }
         let map = report.time("load", || load_environment(path))?;
         for warning in map_warnings(path, &map) {
@@ -260,6 +326,19 @@ impl Scene {
         }
         transfer.result()
     }
+}
+
+/// An estimate for programs.
+pub fn told_of(estimate: &Estimate) -> serde_json::Value {
+    let light = &estimate.light;
+    serde_json::json!({
+        "confidence": estimate.confidence,
+        "is_good": estimate.is_good(),
+        "doubt": estimate.doubt,
+        "dominant_direction": light.dominant_direction().to_array(),
+        "sun_direction": light.sun.map(|(direction, _)| direction),
+        "sun_irradiance": light.sun.map(|(_, energy)| energy),
+    })
 }
 
 /// What of the transfer a scene and its settings do not need, and why; of the asset's colour it takes the degree, and whether it depends

@@ -33,6 +33,15 @@ const CHROMA: f64 = 0.06;
 /// A channel below this share of the mean is too dark to be compared.
 const DARK: f64 = 0.01;
 
+/// Edges of the cells at which the search begins and ends, and how many it tries.
+const FIRST_EDGE: f32 = 0.1;
+const FINEST: f32 = 1e-4;
+const COARSEST: f32 = 2.0;
+const TRIES: usize = 6;
+
+/// Surfels of a cluster that are asked whether they see a sun.
+const SAMPLES: usize = 12;
+
 /// No cluster.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -49,7 +58,7 @@ pub(super) struct Clusters {
     pub mass: Vec<f64>,
     /// Of each surfel the cluster it is in, or [`NONE`]. `[n]`
     pub of: Vec<u32>,
-    /// Of each surfel the share of its cluster. `[n]`
+    /// Of each surfel the share of those of its cluster that are asked whether they see a sun. `[n]`
     pub share: Vec<f32>,
     /// What is compared with what.
     pub pairs: Vec<Pair>,
@@ -117,15 +126,21 @@ impl Clusters {
         clusters
     }
 
-    /// Surfels of each cluster with their shares, noted in `share` too.
+    /// Surfels of each cluster with their shares; some of them are noted in `share`.
     fn members(&mut self, seen: &[Option<Seen>]) -> Vec<Vec<(u32, f32)>> {
         let mut members = vec![Vec::new(); self.len()];
         for (i, s) in seen.iter().enumerate() {
             let k = self.of[i];
             if let (true, Some(s)) = (k != NONE, s) {
                 let share = (s.weight / self.mass[k as usize]) as f32;
-                self.share[i] = share;
                 members[k as usize].push((i as u32, share));
+            }
+        }
+        for members in &members {
+            let sample = || members.iter().step_by(members.len().div_ceil(SAMPLES));
+            let all: f32 = sample().map(|(_, share)| share).sum();
+            for (i, share) in sample() {
+                self.share[*i as usize] = share / all;
             }
         }
         members
@@ -263,16 +278,20 @@ fn openness(n: Vec3, i: usize, occlusion: &Occlusion, directions: &[Vec3]) -> f3
 fn assign(seen: &[Option<Seen>]) -> (Vec<u32>, usize) {
     let count = seen.iter().flatten().count();
     let most = (count / PER_CLUSTER).clamp(1, MOST);
-    // The object lies in the unit ball.
-    let mut edge = 2.0f32;
-    let mut best = grid(seen, edge);
-    loop {
-        edge *= 0.84;
-        let finer = grid(seen, edge);
-        if finer.1 > most || edge < 1e-4 {
+    // The object lies in the unit ball: this is one cell, and an octant each.
+    let mut best = grid(seen, 2.0 * COARSEST);
+    let mut edge = FIRST_EDGE;
+    for _ in 0..TRIES {
+        let found = grid(seen, edge);
+        // Surfaces have so many cells as their edges' squares are smaller.
+        let ratio = found.1.max(1) as f32 / most as f32;
+        edge *= (ratio * 1.05).sqrt();
+        if found.1 <= most && found.1 > best.1 {
+            best = found;
+        }
+        if (0.9..=1.0).contains(&ratio) || !(FINEST..COARSEST).contains(&edge) {
             break;
         }
-        best = finer;
     }
     best
 }

@@ -16,7 +16,7 @@ pub(super) const SKY: usize = coefficient_count(DEGREE) - 1;
 
 /// Turns at most, and the largest step that ends them.
 const TURNS: usize = 16;
-const SMALL_STEP: f64 = 2e-3;
+const SMALL_STEP: f64 = 1e-2;
 
 /// Longest step of one turn, in logarithms of light.
 const LONGEST_STEP: f64 = 1.5;
@@ -338,14 +338,18 @@ impl<'a> Fit<'a> {
         let seen = DMatrixView::from_slice(&clusters.seen, DIRECTIONS, n);
         let of_sky = lit * seen;
         let energy = light.sun_energy(c) / explained.mean_radiance[c];
-        DMatrix::from_fn(p, n, |k, i| {
+        let mut jacobian = DMatrix::zeros(p, n);
+        for (i, mut column) in jacobian.column_iter_mut().enumerate() {
             let direct = explained.direct[i][c];
-            let change = match &light.sun {
-                Some(sun) if k == SKY => sun.seen[i] * energy - direct * energy / (4.0 * PI),
-                _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
-            };
-            explained.exposure * change / explained.log_irradiance[i][c].exp()
-        })
+            for (k, v) in column.iter_mut().enumerate() {
+                *v = match &light.sun {
+                    Some(sun) if k == SKY => sun.seen[i] * energy - direct * energy / (4.0 * PI),
+                    _ => f64::from(of_sky[(k, i)]) - direct * of_mean[k],
+                };
+            }
+            column *= explained.exposure / explained.log_irradiance[i][c].exp();
+        }
+        jacobian
     }
 
     /// Matrix and right side of a turn's linear problem, of all channels' unknowns.
@@ -370,11 +374,11 @@ impl<'a> Fit<'a> {
                     let r = w * (explained.residual[a][c] - explained.residual[b][c]);
                     residual[a] += r;
                     residual[b] -= r;
-                    for k in 0..p {
-                        let v = w * (j[(k, a)] - j[(k, b)]);
-                        weighed[(k, a)] += v;
-                        weighed[(k, b)] -= v;
-                    }
+                    let (from, to) = (j.column(a), j.column(b));
+                    weighed.column_mut(a).axpy(w, &from, 1.0);
+                    weighed.column_mut(a).axpy(-w, &to, 1.0);
+                    weighed.column_mut(b).axpy(-w, &from, 1.0);
+                    weighed.column_mut(b).axpy(w, &to, 1.0);
                 }
                 (j * weighed.transpose(), j * residual)
             })

@@ -17,7 +17,7 @@ const AROUND: f64 = 0.9;
 const LEFT: f64 = 0.5;
 
 /// Steps in which the direction is looked for, in degrees.
-const STEPS: [f32; 4] = [8.0, 4.0, 2.0, 1.0];
+const STEPS: [f32; 4] = [7.0, 3.5, 2.0, 1.0];
 
 /// Directions around the best one that each step tries.
 const RING: usize = 6;

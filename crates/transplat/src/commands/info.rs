@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::json;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
@@ -10,16 +10,28 @@ use transplat_core::load::inspect_bake;
 use transplat_core::load::{
     AssetKind, FileKind, file_kind, load_asset, load_environment, load_look,
 };
+use transplat_core::look::Look;
 
-use crate::cli::InfoArgs;
+use crate::cli::{AssetArgs, AssetOptions, DeviceChoice, InfoArgs};
+use crate::commands::estimate;
 use crate::report::Report;
+use crate::scene::Scene;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
     let mut report = Report::new("info", &args.out);
     let path = &args.file;
     let mut lines = vec![path.display().to_string()];
-    match file_kind(path)? {
-        FileKind::Ply => asset(path, &mut report, &mut lines)?,
+    let kind = file_kind(path)?;
+    if args.estimate_light && kind != FileKind::Ply {
+        bail!("{}: --estimate-light is for a splat", path.display());
+    }
+    match kind {
+        FileKind::Ply => {
+            asset(path, &mut report, &mut lines)?;
+            if args.estimate_light {
+                lines.push(light_of(path, &mut report)?);
+            }
+        }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
             environment(path, &mut report, &mut lines)?
         }
@@ -46,6 +58,21 @@ pub fn run(args: &InfoArgs) -> Result<()> {
         }
     }
     report.finish(&lines.join("\n  "))
+}
+
+/// What a splat tells of the light it was captured under.
+fn light_of(path: &Path, report: &mut Report) -> Result<String> {
+    let asset = AssetArgs {
+        asset: Some(path.to_owned()),
+        options: AssetOptions {
+            up: None,
+            linear: false,
+            directions: None,
+            device: DeviceChoice::Auto,
+        },
+    };
+    let scene = Scene::load(&asset, Look::default(), report)?;
+    Ok(estimate::summary(scene.estimate(None, report)?))
 }
 
 /// The value that a share of the sorted values lies below.
