@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use image::ImageEncoder;
 
 use crate::error::{Error, Result};
-use crate::load::{AssetFile, Format, bake};
+use crate::estimate::Estimate;
+use crate::load::{AssetFile, EstimateFile, Format, bake};
 use crate::look::Look;
 use crate::rasterize::Raster;
 use crate::surfels::SurfelCloud;
@@ -92,6 +93,17 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail(path))?;
     file.persist(&target).map_err(|e| fail(path)(e.error))?;
     Ok(())
+}
+
+/// Writes what an asset told of its light.
+///
+/// # Errors
+/// The file cannot be written; nothing is left of it then.
+pub fn save_estimate(path: &Path, cloud: &SurfelCloud, estimate: &Estimate) -> Result<()> {
+    write_atomically(path, |out| {
+        let file = EstimateFile::new(cloud, estimate);
+        Ok(serde_json::to_writer_pretty(out, &file)?)
+    })
 }
 
 /// Writes a bake.

@@ -2,6 +2,7 @@
 
 pub(crate) mod bake;
 mod cameras;
+mod estimate;
 mod exr;
 mod hdr;
 mod picture;
@@ -17,6 +18,8 @@ use crate::look::Look;
 
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, CameraFrame, load_cameras};
+pub(crate) use estimate::EstimateFile;
+pub use estimate::load_estimate;
 pub use exr::load_picture;
 pub(crate) use ply::Format;
 pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};

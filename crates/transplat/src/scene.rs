@@ -195,11 +195,6 @@ impl Scene {
         let known = known.transpose()?;
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.look)? {
-            if is_estimate(&path) {
-                bail!(
-                    "the estimate is of the light of the capture; relit by it, nothing would change"
-                );
-            }
             let light = light(&path)?;
             targets.push(Target { name, path, light });
         }

@@ -5,6 +5,7 @@ mod adapter;
 mod annotations;
 mod app;
 mod baking;
+mod estimating;
 mod export;
 mod files;
 mod jobs;

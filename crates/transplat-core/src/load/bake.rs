@@ -48,22 +48,34 @@ pub(crate) fn kind_of(preset: Preset) -> u64 {
 
 /// A key of everything that a bake depends on: positions, frames, scales and opacities (FNV-1a, 64 bits).
 pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
-    let mut key = 0xcbf2_9ce4_8422_2325u64;
-    let mut add = |bytes: &[u8]| {
+    let mut key = Fnv::default();
+    key.add(bytemuck::cast_slice(&cloud.positions));
+    for [u, v] in &cloud.tangents {
+        key.add(bytemuck::bytes_of(u));
+        key.add(bytemuck::bytes_of(v));
+    }
+    key.add(bytemuck::cast_slice(&cloud.scales));
+    key.add(bytemuck::cast_slice(&cloud.opacities));
+    key.0
+}
+
+/// FNV-1a, 64 bits, over words of 32.
+pub(super) struct Fnv(pub u64);
+
+impl Default for Fnv {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv {
+    pub fn add(&mut self, bytes: &[u8]) {
         for chunk in bytes.chunks(4) {
             let mut word = [0u8; 4];
             word[..chunk.len()].copy_from_slice(chunk);
-            key = (key ^ u64::from(u32::from_le_bytes(word))).wrapping_mul(0x0100_0000_01b3);
+            self.0 = (self.0 ^ u64::from(u32::from_le_bytes(word))).wrapping_mul(0x0100_0000_01b3);
         }
-    };
-    add(bytemuck::cast_slice(&cloud.positions));
-    for [u, v] in &cloud.tangents {
-        add(bytemuck::bytes_of(u));
-        add(bytemuck::bytes_of(v));
     }
-    add(bytemuck::cast_slice(&cloud.scales));
-    add(bytemuck::cast_slice(&cloud.opacities));
-    key
 }
 
 fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeHeader> {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self, Key, Ui};
 use transplat_core::load::{FileKind, file_kind, load_look};
-use transplat_core::look::{EVEN, Look, is_even};
+use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -153,7 +153,7 @@ impl Viewer {
             look = settings(look);
         }
         for light in [&mut look.source, &mut look.target] {
-            if let Some(file) = light.file.as_mut().filter(|f| !is_even(f)) {
+            if let Some(file) = light.file.as_mut().filter(|f| is_file(f)) {
                 *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
             }
         }
@@ -167,12 +167,12 @@ impl Viewer {
         let by_look = opening.files.iter().any(|f| is(f, FileKind::Look));
         let bundled_splat = bundled(BUNDLED_SPLAT);
         let nothing_told = splat.is_none() && look.asset.is_none() && !by_look;
-        // Another light than even is known only where somebody tells it, as for the bundled scene.
+        // The light is known only where somebody tells it, as for the bundled scene.
         let known = lights.first().filter(|_| nothing_told).cloned();
         let source = look
             .source
             .file
-            .get_or_insert(known.unwrap_or_else(|| EVEN.into()));
+            .get_or_insert(known.unwrap_or_else(|| ESTIMATE.into()));
         self.session.request_light(&source.clone());
         let settings = Settings::Capture(Box::new(Capture {
             source: look.source.clone(),
@@ -405,7 +405,7 @@ impl Viewer {
     fn shelve_lights(&mut self) {
         for side in [SOURCE, TARGET] {
             let light = &self.session.sides[side];
-            if !light.is_even() && self.last_lights[side] != light.id {
+            if light.is_file() && self.last_lights[side] != light.id {
                 self.last_lights[side] = light.id;
                 let path = light.path.clone();
                 self.shelf.add(&mut self.session, &path);

@@ -16,6 +16,7 @@ pub enum Kind {
     Bake,
     Ground,
     Light,
+    Estimate,
     Prepare,
     Relight,
     Doubts,

@@ -8,7 +8,7 @@ use anyhow::Result;
 use transplat_core::color::luminance;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::load::load_environment;
-use transplat_core::look::is_even;
+use transplat_core::look::{ESTIMATE, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::transfer::Preset;
 
@@ -27,7 +27,7 @@ const SMALL_WIDTH: usize = 256;
 pub struct Light {
     /// Another one for each time that a file is read.
     pub id: u64,
-    /// Its file, or `even`.
+    /// Its file, or `even` or `estimate`.
     pub path: PathBuf,
     /// As the map lies in its file.
     pub illumination: Illumination,
@@ -36,6 +36,8 @@ pub struct Light {
     pub warnings: Vec<String>,
     /// What brings its mean luminance to middle grey: for thumbnails.
     pub thumbnail_gain: f32,
+    /// The whole map where there is no file.
+    map: Option<Arc<EnvironmentMap>>,
 }
 
 impl Light {
@@ -49,7 +51,16 @@ impl Light {
             size: [0, 0],
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
+            map: Some(Arc::new(EnvironmentMap::even_backdrop())),
         }
+    }
+
+    /// The light that the asset tells of.
+    pub fn estimated(map: EnvironmentMap) -> Result<Self> {
+        let illumination = Device::Cpu.light(&map, Preset::Best)?;
+        let mut light = Self::of(ESTIMATE.into(), &map, illumination, Vec::new());
+        light.map = Some(Arc::new(map));
+        Ok(light)
     }
 
     /// Reads a file and projects it, on the GPU where that can be had.
@@ -61,6 +72,16 @@ impl Light {
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
         // For either preset: they are changed with a click.
         let illumination = device.light(&map, Preset::Best)?;
+        let warnings = map_warnings(path, &map);
+        Ok(Self::of(path.to_owned(), &map, illumination, warnings))
+    }
+
+    fn of(
+        path: PathBuf,
+        map: &EnvironmentMap,
+        illumination: Illumination,
+        warnings: Vec<String>,
+    ) -> Self {
         let small = map.reduced(SMALL_WIDTH);
         // The logarithmic mean is not led astray by a sun.
         let logs: f32 = small
@@ -69,19 +90,25 @@ impl Light {
             .map(|p| luminance(*p).max(1e-6).ln())
             .sum();
         let mean = (logs / small.pixels().len() as f32).exp();
-        Ok(Self {
+        Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
-            path: path.to_owned(),
+            path,
             illumination,
             size: [map.width(), map.height()],
-            warnings: map_warnings(path, &map),
+            warnings,
             thumbnail_gain: 0.18 / mean,
             small,
-        })
+            map: None,
+        }
     }
 
     pub fn is_even(&self) -> bool {
         is_even(&self.path)
+    }
+
+    /// Whether it was read from a file.
+    pub fn is_file(&self) -> bool {
+        is_file(&self.path)
     }
 
     /// For the user.
@@ -95,6 +122,9 @@ pub fn light_name(path: &Path) -> String {
     if is_even(path) {
         return "even light".into();
     }
+    if is_estimate(path) {
+        return "estimated from the object".into();
+    }
     path.file_stem().map_or_else(
         || path.display().to_string(),
         |stem| stem.to_string_lossy().into_owned(),
@@ -103,9 +133,8 @@ pub fn light_name(path: &Path) -> String {
 
 /// Reads the whole map again, to be seen behind the object.
 pub fn load_map(light: &Light) -> Result<Arc<EnvironmentMap>> {
-    Ok(Arc::new(if light.is_even() {
-        EnvironmentMap::even_backdrop()
-    } else {
-        load_environment(&light.path)?
-    }))
+    match &light.map {
+        Some(map) => Ok(map.clone()),
+        None => Ok(Arc::new(load_environment(&light.path)?)),
+    }
 }

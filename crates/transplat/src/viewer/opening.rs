@@ -7,7 +7,7 @@ use std::time::Instant;
 use transplat_core::color::Encoding;
 use transplat_core::ground::ground_plane;
 use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_even};
+use transplat_core::look::{CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_file};
 use transplat_core::rasterize::MIN_ALPHA;
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::TransferAsset;
@@ -45,7 +45,7 @@ pub enum Settings {
 /// What is told of a splat's capture.
 #[derive(Clone, Debug)]
 pub struct Capture {
-    /// Its light; even where nobody knows it.
+    /// Its light; estimated from the splat where nobody knows it.
     pub source: LightSettings,
     /// Its up axis, where the file is not to be believed.
     pub up: Option<UpAxis>,
@@ -61,7 +61,7 @@ impl Default for Capture {
     fn default() -> Self {
         Self {
             source: LightSettings {
-                file: Some(EVEN.into()),
+                file: Some(ESTIMATE.into()),
                 ..LightSettings::default()
             },
             up: None,
@@ -225,14 +225,14 @@ impl Session {
 
     /// Has an environment read unless it is there.
     pub fn request_light(&mut self, path: &Path) {
-        if !self.lights.contains_key(path) && !self.is_loading(path) {
+        if is_file(path) && !self.lights.contains_key(path) && !self.is_loading(path) {
             self.waiting_lights.push_back(path.to_owned());
         }
     }
 
     /// Has an environment read again, whatever is known of it: the file may have changed.
     pub fn reread_light(&mut self, path: &Path) {
-        if !is_even(path) {
+        if is_file(path) {
             self.lights.remove(path);
             self.request_light(path);
         }
@@ -273,7 +273,7 @@ impl Session {
     /// Whether a light is being read.
     pub fn is_loading(&self, path: &Path) -> bool {
         let mut all = self.loading.iter().chain(&self.waiting_lights);
-        all.any(|p| p == path)
+        all.any(|p| p == path) || (is_estimate(path) && self.is_estimating())
     }
 
     /// Exchanges the two lights with their turns and strengths.

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
@@ -10,9 +10,10 @@ use eframe::egui;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::estimate::Estimate;
 use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
+use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_estimate, is_even};
 use transplat_core::present::{self, Background, Doubt, View};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
@@ -27,6 +28,7 @@ use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
+use super::estimating::{EstimateKey, Estimated};
 use super::jobs::{Jobs, Kind};
 use super::lights::Light;
 use super::navigation;
@@ -86,6 +88,7 @@ pub enum Event {
         path: PathBuf,
         why: String,
     },
+    Estimated(Box<Estimated>),
     Prepared(Box<Prepared>),
     /// Relit on the CPU.
     Relit(Box<RelitBy>),
@@ -223,6 +226,9 @@ pub struct Session {
     pub asset: Option<Asset>,
     pub look: Look,
     pub pose: CameraPose,
+    /// What the asset tells of its light, once it was asked.
+    pub estimate: Option<Estimate>,
+    pub(super) estimate_asked: Option<EstimateKey>,
     /// Settings that are compared with.
     pub pinned: Option<Look>,
     pub against_pinned: bool,
@@ -309,6 +315,8 @@ impl Session {
                 fov: 35.0,
                 orthographic: false,
             },
+            estimate: None,
+            estimate_asked: None,
             pinned: None,
             against_pinned: false,
             lights: HashMap::from([(even.path.clone(), even.clone())]),
@@ -402,6 +410,7 @@ impl Session {
         self.start_lights();
         self.update_asset();
         self.start_bake();
+        self.update_estimate();
         self.start_prepare();
         self.relight();
         self.update_hidden();
@@ -460,6 +469,9 @@ impl Session {
                     why: String::new(),
                 });
             }
+            Event::Estimated(estimated) if estimated.key.0 == self.asset_id => {
+                self.take_estimate(*estimated);
+            }
             Event::Prepared(prepared) if prepared.key.asset == self.asset_id => {
                 self.stages.prepare += 1;
                 self.times.prepare = prepared.ms;
@@ -508,6 +520,7 @@ impl Session {
                 self.show_doubts(doubts);
             }
             Event::Baked { .. }
+            | Event::Estimated(_)
             | Event::Prepared(_)
             | Event::Relit(_)
             | Event::Ground { .. }
@@ -580,6 +593,13 @@ impl Session {
         }
         if look.source.is_even() {
             self.info("what it was captured under is not known: even light is assumed. Drop the environment of the capture on “captured under”, if there is one");
+        }
+        self.forget_estimate();
+        for (side, settings) in [&look.source, &look.target].into_iter().enumerate() {
+            // Even light stands in until the estimate is there.
+            if settings.file.as_deref().is_some_and(is_estimate) {
+                self.sides[side] = self.lights[Path::new(EVEN)].clone();
+            }
         }
         self.look = Look {
             camera: None,
@@ -775,7 +795,9 @@ impl Session {
             &self.look.target
         };
         let mut settings = settings.clone();
-        settings.file = Some(self.sides[side].path.clone());
+        if !settings.file.as_deref().is_some_and(is_estimate) {
+            settings.file = Some(self.sides[side].path.clone());
+        }
         settings
     }
 

@@ -124,7 +124,11 @@ impl Shelf {
                     session.set_light(side, transplat_core::look::EVEN.into());
                     ui.close();
                 }
-                if ui.button("Put on the shelf").clicked() && !light.is_even() {
+                if side == SOURCE && ui.button("Estimate it from the object").clicked() {
+                    session.set_light(side, transplat_core::look::ESTIMATE.into());
+                    ui.close();
+                }
+                if light.is_file() && ui.button("Put on the shelf").clicked() {
                     self.add(session, &light.path);
                     ui.close();
                 }

@@ -1,20 +1,19 @@
 //! One of the two lights: how it is turned, how strong it is.
 
 use eframe::egui::Ui;
+use transplat_core::estimate::Estimate;
+use transplat_core::look::ESTIMATE;
 use transplat_core::surfels::UpAxis;
 
 use crate::viewer::app::Viewer;
-use crate::viewer::session::{SOURCE, TARGET};
+use crate::viewer::session::{SOURCE, Session, TARGET};
 use crate::viewer::widgets::{Control, angle, fact, file, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
     let light = session.sides[side].clone();
-    if side == SOURCE && light.is_even() {
-        ui.label("even light (assumed): nobody told what it was captured under");
-        ui.weak(
-            "Drop the environment of the capture on the slot “captured under”, if there is one.",
-        );
+    if side == SOURCE && !light.is_file() {
+        source_without_file(ui, session);
     } else {
         file(ui, &light.path);
         if light.size[0] > 0 {
@@ -89,6 +88,47 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     });
     if side == TARGET {
         target_only(ui, viewer);
+    }
+}
+
+/// What is said of the light of the capture where nobody told it.
+fn source_without_file(ui: &mut Ui, session: &mut Session) {
+    let is_even = session.sides[SOURCE].is_even();
+    let estimate = session.estimate.as_ref();
+    if is_even {
+        ui.label("even light (assumed): nobody told what it was captured under");
+    } else {
+        ui.label("estimated from the object");
+    }
+    if let Some(estimate) = estimate {
+        fact(
+            ui,
+            "confidence",
+            format!("{:.0} %", 100.0 * estimate.confidence),
+        );
+        match (estimate.doubt, is_even) {
+            (Some(doubt), _) => {
+                ui.weak(format!(
+                    "It cannot be told from the object: {}.",
+                    doubt.reason()
+                ));
+            }
+            (None, false) => {
+                let sun = if estimate.light.sun.is_some() {
+                    "found"
+                } else {
+                    "none found"
+                };
+                fact(ui, "sun", sun);
+                ui.weak("Strength and tint are assumed, since no object tells them: grey on the whole, and so strong that the whitest surface is about as white as paper. Set them below.");
+            }
+            (None, true) => {}
+        }
+    }
+    ui.weak("Drop the environment of the capture on the slot “captured under”, if there is one.");
+    let can_tell = estimate.is_none_or(Estimate::is_good);
+    if is_even && can_tell && ui.button("Estimate it from the object").clicked() {
+        session.set_light(SOURCE, ESTIMATE.into());
     }
 }
 
