@@ -44,8 +44,10 @@ const FEWEST_CLUSTERS: usize = 8;
 /// Length of the mean normal above which everything faces one way.
 const ONE_WAY: f32 = 0.97;
 
-/// Unevenness of the light on the object, in logarithms, below which the capture's light was even.
-const EVEN: f64 = 0.15;
+/// Unevenness of the light on the object, in logarithms, below which the capture's light was as good as even, and the noise below which
+/// that can be told.
+const EVEN: f64 = 0.08;
+const QUIET: f64 = 0.3;
 
 /// Rows of the estimate's map.
 const MAP_ROWS: usize = 256;
@@ -167,10 +169,10 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
     let doubt = if facing.length() > ONE_WAY {
         Some(Doubt::OneWay)
+    } else if fitted.noise.sqrt() < QUIET && told.sqrt() < EVEN {
+        Some(Doubt::EvenLight)
     } else if confidence as f32 >= GOOD_CONFIDENCE {
         None
-    } else if fitted.noise.sqrt() < EVEN && told.sqrt() < EVEN {
-        Some(Doubt::EvenLight)
     } else {
         Some(Doubt::Noise)
     };

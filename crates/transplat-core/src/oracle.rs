@@ -2,6 +2,7 @@
 //! Production code and the GPU passes are held against it.
 
 mod best;
+mod estimate;
 mod transfer;
 
 use glam::DVec3;
@@ -12,6 +13,7 @@ use crate::visibility::trace::{NEAREST_SCALES, START_SCALES};
 use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, Visibility};
 
 pub use best::OracleBest;
+pub use estimate::EstimateProblem;
 pub use transfer::{OracleTransfer, relight_surfel};
 
 /// `L_k = sum over pixels of L(d) Y_k(d) omega`, `[K][3]`.

@@ -291,39 +291,43 @@ impl<'a> Fit<'a> {
         loop {
             let explained = self.explain(&light);
             let noise = self.noise(&explained);
-            let jacobian: Vec<DMatrix<f64>> = (0..3)
-                .into_par_iter()
-                .map(|c| self.jacobian(&light, &explained, c))
-                .collect();
-            let (matrix, gradient) = self.normal_equations(&light, &explained, &jacobian, noise);
-            let Some(factor) = Cholesky::new(matrix) else {
-                // Only numbers that are none get here: what was found so far is kept.
-                return Fitted {
-                    light,
-                    explained,
-                    noise,
-                    open: f64::INFINITY,
-                };
-            };
-            let step = factor.solve(&gradient);
-            let longest = step.amax();
-            if turn == TURNS || longest < SMALL_STEP {
-                let open = self.open(&factor, &jacobian);
+            let solved = self.step(&light, &explained, noise);
+            let open = solved.as_ref().map(|(_, open)| *open);
+            let longest = solved.as_ref().map_or(0.0, |(step, _)| step.amax());
+            let Some((step, _)) = solved.filter(|_| turn < TURNS && longest >= SMALL_STEP) else {
+                // Only numbers that are none have no solution: what was found so far is kept.
+                let open = open.unwrap_or(f64::INFINITY);
                 return Fitted {
                     light,
                     explained,
                     noise,
                     open,
                 };
-            }
+            };
             let shorter = (LONGEST_STEP / longest).min(1.0);
             for c in 0..3 {
                 for k in 0..p {
-                    light.add(c, k, -shorter * step[c * p + k]);
+                    light.add(c, k, shorter * step[c * p + k]);
                 }
             }
             turn += 1;
         }
+    }
+
+    /// One turn of Gauss-Newton: by how much each unknown of each channel is to change, `[3][P]`, and the mean variance that is left open.
+    pub fn step(
+        &self,
+        light: &Light,
+        explained: &Explained,
+        noise: f64,
+    ) -> Option<(DVector<f64>, f64)> {
+        let jacobian: Vec<DMatrix<f64>> = (0..3)
+            .into_par_iter()
+            .map(|c| self.jacobian(light, explained, c))
+            .collect();
+        let (matrix, gradient) = self.normal_equations(light, explained, &jacobian, noise);
+        let factor = Cholesky::new(matrix)?;
+        Some((-factor.solve(&gradient), self.open(&factor, &jacobian)))
     }
 
     /// Change of the logarithm of the irradiance with each unknown of a channel. `[P][c]`
@@ -427,7 +431,7 @@ impl<'a> Fit<'a> {
 }
 
 /// Two channels' share of the prior's precision: that they differ is less probable than that the light is uneven.
-fn coupling(a: usize, b: usize) -> f64 {
+pub(super) fn coupling(a: usize, b: usize) -> f64 {
     let alike = (COUPLING - 1.0) / 3.0;
     if a == b { COUPLING - alike } else { -alike }
 }

@@ -1,1 +1,298 @@
+use std::sync::Arc;
 
+use glam::Vec3;
+use proptest::prelude::*;
+
+use super::fit::{SKY, coupling, sky_basis};
+use super::*;
+use crate::color::Encoding;
+use crate::oracle::EstimateProblem;
+use crate::scenes;
+use crate::visibility::no_progress;
+
+/// A ball over a plate in stripes of three albedos, matte, under a light; what bounces once included.
+fn lit(
+    n: usize,
+    sky: impl Fn(Vec3) -> [f32; 3],
+    sun: Option<(Vec3, f32)>,
+) -> (SurfelCloud, Arc<Occlusion>) {
+    let mut cloud = scenes::sphere_over_plate(n);
+    let bake = Arc::new(Occlusion::bake(&cloud, &no_progress).expect("it is small"));
+    let albedo = |i: usize| match (cloud.positions[i].y * 2.0).floor() as i32 & 1 {
+        0 => [0.6, 0.55, 0.5],
+        _ => [0.25, 0.3, 0.35],
+    };
+    let omega = 4.0 * std::f32::consts::PI / DIRECTIONS as f32;
+    let toward: Vec<(Vec3, [f32; 3])> = directions().iter().map(|d| (*d, sky(*d))).collect();
+    let sunny = sun.map(|(d, _)| bake.tracer.open_towards(d, |_| true));
+    let direct = |i: usize| -> [f32; 3] {
+        let n = bake.normals[i];
+        let mut e = [0f32; 3];
+        for (j, (d, l)) in toward.iter().enumerate() {
+            if bake.is_open(i, j) {
+                e = std::array::from_fn(|c| e[c] + omega * n.dot(*d).max(0.0) * l[c]);
+            }
+        }
+        if let (Some((d, energy)), Some(open)) = (sun, &sunny) {
+            let shines = if open[i] {
+                energy * n.dot(d).max(0.0)
+            } else {
+                0.0
+            };
+            e = e.map(|v| v + shines);
+        }
+        e
+    };
+    let exitance = |i: usize, e: [f32; 3]| -> [f32; 3] {
+        std::array::from_fn(|c| albedo(i)[c] * e[c] / std::f32::consts::PI)
+    };
+    let first: Vec<[f32; 3]> = (0..cloud.len()).map(|i| exitance(i, direct(i))).collect();
+    let patch = 4.0 * std::f32::consts::PI / crate::visibility::occlusion::PATCHES as f32;
+    let with_bounce: Vec<[f32; 3]> = (0..cloud.len())
+        .map(|i| {
+            let mut e = direct(i);
+            for hit in bake.hits_of(i) {
+                let cosine = patch * bake.normals[i].dot(toward[hit.patch()].0).max(0.0);
+                e = std::array::from_fn(|c| e[c] + cosine * first[hit.surfel()][c]);
+            }
+            exitance(i, e)
+        })
+        .collect();
+    paint(&mut cloud, &with_bounce);
+    (cloud, bake)
+}
+
+/// Gives each surfel a colour of linear radiance.
+fn paint(cloud: &mut SurfelCloud, radiance: &[[f32; 3]]) {
+    cloud.encoding = Encoding::Linear;
+    cloud.sh_degree = 0;
+    cloud.sh = radiance
+        .iter()
+        .map(|b| b.map(|v| v * SQRT_4PI as f32))
+        .collect();
+}
+
+fn estimate(scene: &(SurfelCloud, Arc<Occlusion>)) -> Estimate {
+    estimate_light(&scene.0, &scene.1)
+}
+
+/// Brighter towards one side and bluish from above, never black.
+fn slanted(d: Vec3) -> [f32; 3] {
+    let s = (1.2 * d.dot(Vec3::new(0.8, 0.0, 0.6))).exp();
+    [s, s, s * (1.0 + 0.2 * d.z)]
+}
+
+/// How unlike two lights are: the standard deviation of the difference of the logarithms of their irradiances, over surfaces that face
+/// upwards; what shines from below the plate hides.
+fn unlike(estimated: &EstimatedLight, sky: impl Fn(Vec3) -> [f32; 3]) -> f64 {
+    let toward = directions();
+    let lights: Vec<[[f32; 3]; 2]> = toward
+        .iter()
+        .map(|d| [estimated.sky_radiance(*d), sky(*d)])
+        .collect();
+    let irradiance = |n: Vec3, which: usize, c: usize| -> f64 {
+        let each = toward.iter().zip(&lights).filter(|(d, _)| d.z > 0.0);
+        each.map(|(d, l)| f64::from(n.dot(*d).max(0.0) * l[which][c]))
+            .sum()
+    };
+    let facing = toward.iter().filter(|n| n.z > 0.3);
+    let differences: Vec<[f64; 3]> = facing
+        .map(|n| std::array::from_fn(|c| (irradiance(*n, 0, c) / irradiance(*n, 1, c)).ln()))
+        .collect();
+    let n = differences.len() as f64;
+    let variance = (0..3).map(|c| {
+        let mean = differences.iter().map(|d| d[c]).sum::<f64>() / n;
+        differences
+            .iter()
+            .map(|d| (d[c] - mean).powi(2))
+            .sum::<f64>()
+            / n
+    });
+    (variance.sum::<f64>() / 3.0).sqrt()
+}
+
+#[test]
+fn a_matte_object_of_a_few_albedos_returns_its_light() {
+    let scene = lit(3000, slanted, None);
+    let found = estimate(&scene);
+    assert!(found.is_good() && found.confidence > 0.9, "{found:?}");
+    assert!(found.light.sun.is_none(), "{:?}", found.light.sun);
+    // Logarithms of the irradiance span 1.4.
+    let off = unlike(&found.light, slanted);
+    assert!(off < 0.05, "{off}");
+    let toward = found.light.dominant_direction();
+    assert!(toward.dot(Vec3::new(0.8, 0.0, 0.6)) > 0.99, "{toward}");
+}
+
+#[test]
+fn a_sun_is_found_where_there_is_one() {
+    let toward = Vec3::new(0.5, -0.4, 0.77).normalize();
+    let scene = lit(3000, |_| [0.5; 3], Some((toward, 3.0)));
+    let found = estimate(&scene);
+    let (direction, energy) = found.light.sun.expect("a sun");
+    assert!(
+        Vec3::from_array(direction).dot(toward) > 3f32.to_radians().cos(),
+        "{direction:?}"
+    );
+    // The sky's mean irradiance is half of pi: of the strengths only the proportion can be told.
+    let mean = directions()
+        .iter()
+        .map(|d| found.light.sky_radiance(*d)[1])
+        .sum::<f32>()
+        / DIRECTIONS as f32;
+    let ratio = energy[1] / mean / 6.0;
+    assert!((0.7..1.3).contains(&ratio), "{ratio}");
+    // Any program that reads the map sees the same light.
+    let map = found.light.map(UpAxis::default());
+    let beams = crate::environment::Beams::of(&map);
+    assert!(beams.suns[0].direction.dot(Vec3::from_array(direction)) > 0.5f32.to_radians().cos());
+    assert!((beams.suns[0].energy[1] / energy[1] - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn what_cannot_be_told_is_said() {
+    let even = lit(1500, |_| [1.0; 3], None);
+    let found = estimate(&even);
+    assert_eq!(found.doubt, Some(Doubt::EvenLight), "{}", found.confidence);
+    let (mut cloud, bake) = even;
+    let n = cloud.len();
+    let mut check = |radiance: &dyn Fn(usize) -> [f32; 3], expected: Doubt| {
+        let radiance: Vec<[f32; 3]> = (0..n).map(radiance).collect();
+        paint(&mut cloud, &radiance);
+        let found = estimate_light(&cloud, &bake);
+        assert_eq!(found.doubt, Some(expected), "{}", found.confidence);
+        assert!(
+            found
+                .light
+                .log_radiance
+                .iter()
+                .flatten()
+                .all(|v| v.is_finite())
+        );
+    };
+    check(&|_| [0.0; 3], Doubt::Black);
+    check(&|_| [f32::NAN; 3], Doubt::Black);
+    // Grey patches all over, as bright as chance has it: paint that no light explains.
+    let cells: Vec<f32> = scenes::sphere_over_plate(1500)
+        .positions
+        .iter()
+        .map(|p| {
+            let cell = (*p / 0.17).floor().as_ivec3();
+            let mixed = (cell.x * 73_856_093) ^ (cell.y * 19_349_663) ^ (cell.z * 83_492_791);
+            (mixed.rem_euclid(1009) as f32 / 1009.0 * 4.0 - 4.0).exp()
+        })
+        .collect();
+    let noise = |i: usize| [cells[i]; 3];
+    check(&noise, Doubt::Noise);
+    // Two paints, one above the other, under even light: their edge is no shading.
+    let z: Vec<f32> = scenes::sphere(3000).positions.iter().map(|p| p.z).collect();
+    let mut ball = scenes::sphere(3000);
+    let painted: Vec<[f32; 3]> = z
+        .iter()
+        .map(|z| [if *z > 0.0 { 0.6 } else { 0.2 }; 3])
+        .collect();
+    paint(&mut ball, &painted);
+    let bake = Occlusion::bake(&ball, &no_progress).expect("small");
+    assert!(!estimate_light(&ball, &bake).is_good());
+    for few in [scenes::sphere(0), scenes::sphere(1), scenes::sphere(20)] {
+        let bake = Occlusion::bake(&few, &no_progress).expect("small");
+        assert_eq!(estimate_light(&few, &bake).doubt, Some(Doubt::TooLittle));
+    }
+    let flat = scenes::sheet(40);
+    let bake = Occlusion::bake(&flat, &no_progress).expect("small");
+    assert_eq!(estimate_light(&flat, &bake).doubt, Some(Doubt::OneWay));
+    let mut at_one_place = scenes::sphere(500);
+    at_one_place.positions.fill(Vec3::ONE);
+    let bake = Occlusion::bake(&at_one_place, &no_progress).expect("small");
+    assert!(!estimate_light(&at_one_place, &bake).is_good());
+}
+
+#[test]
+fn a_few_broken_surfels_change_little() {
+    let (mut cloud, bake) = lit(1500, slanted, None);
+    let whole = estimate_light(&cloud, &bake);
+    for i in (0..cloud.len()).step_by(50) {
+        cloud.sh[i] = [f32::NAN, f32::INFINITY, -1e30];
+    }
+    let broken = estimate_light(&cloud, &bake);
+    assert!(broken.is_good());
+    let off = unlike(&broken.light, |d| whole.light.sky_radiance(d));
+    assert!(off < 0.05, "{off}");
+}
+
+#[test]
+fn one_turn_is_that_of_the_oracle() {
+    let (cloud, bake) = lit(700, slanted, None);
+    let clusters = Clusters::new(&cloud, &bake, &exitance(&cloud, &bake.normals));
+    let fit = Fit::new(&clusters);
+    let start = Light {
+        sky: std::array::from_fn(|c| {
+            (0..SKY)
+                .map(|k| 0.1 * ((k * 7 + c * 5) as f64).sin())
+                .collect()
+        }),
+        sun: None,
+    };
+    let explained = fit.explain(&start);
+    let noise = fit.noise(&explained);
+    let basis: Vec<Vec<f64>> = directions().iter().map(|d| sky_basis(*d)).collect();
+    let pairs: Vec<([usize; 2], [f64; 3])> = clusters
+        .pairs
+        .iter()
+        .map(|p| (p.of.map(|k| k as usize), p.weight))
+        .collect();
+    let oracle = EstimateProblem {
+        radiance: &clusters.radiance,
+        seen: &clusters.seen,
+        basis: &basis,
+        precision: &(0..SKY)
+            .map(|k| {
+                let l = ((k + 1) as f64).sqrt().floor();
+                l * (l + 1.0)
+            })
+            .collect::<Vec<_>>(),
+        coupling: std::array::from_fn(|a| std::array::from_fn(|b| coupling(a, b))),
+        bounced: &clusters.bounced,
+        mass: &clusters.mass,
+        pairs: &pairs,
+        noise,
+    };
+    let expected = oracle.step(&start.sky);
+    let (step, _) = fit
+        .step(&start, &explained, noise)
+        .expect("it can be solved");
+    for c in 0..3 {
+        for k in 0..SKY {
+            let (a, b) = (step[c * SKY + k], expected[c][k]);
+            // Products are sums of f32; steps are of the order of 1.
+            assert!((a - b).abs() < 1e-3, "channel {c}, {k}: {a} for {b}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+    /// Neither the scene's unit nor the exposure of its pictures changes the light's shape.
+    #[test]
+    fn unit_and_exposure_change_nothing(unit in -5f32..5.0, stops in -8f32..8.0) {
+        let (cloud, bake) = lit(400, slanted, None);
+        let expected = estimate_light(&cloud, &bake);
+        let mut other = cloud.clone();
+        let (unit, gain) = (unit.exp(), stops.exp2());
+        for (p, s) in other.positions.iter_mut().zip(&mut other.scales) {
+            *p *= unit;
+            *s *= unit;
+        }
+        for c in other.sh.iter_mut().flatten() {
+            *c *= gain;
+        }
+        let bake = Occlusion::bake(&other, &no_progress).expect("small");
+        let found = estimate_light(&other, &bake);
+        prop_assert_eq!(found.is_good(), expected.is_good());
+        let off = unlike(&found.light, |d| expected.light.sky_radiance(d));
+        // A ray or two fall otherwise by rounding.
+        prop_assert!(off < 0.03, "{}", off);
+        let strength = found.light.sky_radiance(Vec3::Z)[0] / expected.light.sky_radiance(Vec3::Z)[0];
+        prop_assert!((strength / gain - 1.0).abs() < 0.05);
+    }
+}
