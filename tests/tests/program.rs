@@ -409,7 +409,9 @@ fn presets_are_measured_against_the_truth() {
     let mut lines = table.lines();
     assert_eq!(
         lines.next(),
-        Some("object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms")
+        Some(
+            "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms,source_light"
+        )
     );
     let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
     let psnr = |preset: &str| -> f64 {
@@ -435,4 +437,61 @@ fn presets_are_measured_against_the_truth() {
     let output = run(&report);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(message.contains("moon.hdr"), "{message}");
+}
+
+#[test]
+fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
+    let folder = Folder::new();
+    let (teapot, sunset) = (asset("teapot.ply"), asset("sunset.hdr"));
+    let (light, bake) = (folder.name("light.exr"), folder.name("teapot.bake"));
+    let good = |arguments: &[&str]| {
+        let output = run(arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {message}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    good(&["bake", &teapot, "--device", "cpu", "-o", &bake]);
+    let told = good(&[
+        "estimate", &teapot, "--bake", &bake, "--device", "cpu", "--json", "-o", &light,
+    ]);
+    let told: serde_json::Value = serde_json::from_str(&told).expect("JSON");
+    let told = &told["source_estimate"];
+    assert_eq!(told["is_good"], true);
+    assert!(told["confidence"].as_f64().expect("a number") > 0.9);
+    // Where the sun of the street stands in which it was captured.
+    let sun = told["sun_direction"].as_array().expect("a sun");
+    let city = [0.54, -0.39, 0.74];
+    let cosine: f64 = (0..3)
+        .map(|i| sun[i].as_f64().expect("a number") * city[i])
+        .sum();
+    assert!(cosine > 0.995, "{sun:?}");
+    // The file is what the program goes on with.
+    let relit = ["estimate", &light].map(|source| {
+        let out = folder.name("relit.ply");
+        let relight = [
+            "relight", &teapot, "--bake", &bake, "--device", "cpu", "--target", &sunset,
+        ];
+        good(&[&relight[..], &["--source", source, "-o", &out]].concat());
+        fs::read(out).expect("a splat")
+    });
+    assert!(relit[0] == relit[1]);
+    // What cannot be told is said, and no light is invented.
+    let few = folder.write("few.ply", small_splat(20));
+    let none = folder.name("none.exr");
+    let output = run(&["estimate", &few, "--device", "cpu", "-o", &none]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        !output.status.success() && message.contains("cannot be told"),
+        "{message}"
+    );
+    assert!(!folder.path("none.exr").exists());
+    let out = folder.name("few_relit.ply");
+    let output = run(&[
+        "relight", &few, "--source", "estimate", "--target", &sunset, "--device", "cpu", "-o", &out,
+    ]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.success() && message.contains("even light is assumed"),
+        "{message}"
+    );
 }

@@ -293,6 +293,9 @@ pub struct ReportArgs {
     /// Only the presets as they are, without switching terms off
     #[arg(long)]
     pub quick: bool,
+    /// Also without being told the light of the capture: estimated, and even, as it comes and with its strength fitted
+    #[arg(long)]
+    pub unknown_light: bool,
     /// The folder that truth.csv, truth.md and the pictures are written to
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,

@@ -504,6 +504,48 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     assert_eq!(d.viewer().shelf().len(), count + 2);
 }
 
+#[test]
+fn the_light_is_estimated_where_nobody_tells_it() {
+    let mut d = Driver::new();
+    let own = d.folder.path("own.ply");
+    fs::copy(asset("teapot.ply"), &own).expect("room for it");
+    d.viewer().open(&own);
+    d.settle();
+    d.harness
+        .get_by_label("captured under: estimated from the object");
+    let session = &d.viewer().session;
+    let estimate = session.estimate.clone().expect("it was asked");
+    assert!(estimate.is_good() && estimate.confidence > 0.9);
+    assert!(!session.source_is_assumed() && session.live().has_relit());
+    assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
+    let toward = |d: &mut Driver| {
+        let [source, _] = d.viewer().session.oriented_lights();
+        source.light.beams.clone().expect("read for best").suns[0].direction
+    };
+    let before = toward(&mut d);
+    // Wherever the asset's up is said to be, its light shines on it from where it did.
+    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.settle();
+    assert!(toward(&mut d).dot(before) > 0.999);
+    for (light, is_even) in [("even", true), ("estimate", false)] {
+        d.viewer().session.set_light(0, light.into());
+        d.settle();
+        assert_eq!(d.viewer().session.source_is_assumed(), is_even);
+    }
+    // Of the next asset nothing is known.
+    let few = d.folder.write("few.ply", small_splat(30));
+    d.viewer().open(Path::new(&few));
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.source_is_assumed() && session.estimate.as_ref().is_some_and(|e| !e.is_good()));
+    assert!(
+        session
+            .messages
+            .iter()
+            .any(|m| m.text.contains("cannot be told"))
+    );
+}
+
 #[derive(Debug)]
 struct Dropped(std::path::PathBuf);
 

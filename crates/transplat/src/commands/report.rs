@@ -1,6 +1,7 @@
 //! `transplat report`: presets and single terms against path-traced truth.
 
 mod tables;
+mod unknown;
 mod variants;
 
 use std::io::Write as _;
@@ -29,6 +30,7 @@ use crate::scene::progress_bar;
 use crate::truth::{TruthLight, TruthObject};
 
 use tables::{RoundTrip, Row, csv, markdown};
+use unknown::Unknown;
 use variants::Variant;
 
 /// Changes of light whose median time is told.
@@ -56,9 +58,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     std::fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())?;
     let device = Device::open(args.device)?;
     report.set("adapter", device.name());
-    let variants = Variant::all(args.quick);
+    let variants = Variant::all(args.quick, args.unknown_light);
     let bar = progress_bar("comparing with the truth", &report);
-    let (mut rows, mut round_trips) = (Vec::new(), Vec::new());
+    let (mut rows, mut round_trips, mut estimates) = (Vec::new(), Vec::new(), Vec::new());
     for (i, object) in objects.iter().enumerate() {
         bar.set_position((1000 * i / objects.len()) as u64);
         if bar.is_hidden() && !report.is_quiet() {
@@ -66,17 +68,23 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         }
         let scene = TruthScene::load(object, &device)
             .with_context(|| format!("the object {}", object.name))?;
+        let unknown = args
+            .unknown_light
+            .then(|| scene.unknown(&device))
+            .transpose()?;
         for variant in &variants {
-            let prepared = scene.prepare(variant)?;
+            let light = unknown.as_ref().and_then(|u| u.light(variant.source));
+            let prepared = scene.prepare(variant, light.as_ref())?;
             rows.extend(scene.score(variant, prepared.as_ref(), &device, &pictures)?);
-            if let Some(prepared) = prepared.filter(|_| variant.off.is_none()) {
+            if let Some(prepared) = prepared.filter(|_| variant.is_whole_preset()) {
                 round_trips.push(scene.round_trip(variant, &prepared, &device)?);
             }
         }
+        estimates.extend(unknown.map(|u| u.told));
     }
     bar.finish_and_clear();
     write(&table, &csv(&rows))?;
-    let text = markdown(&rows, &round_trips, &variants);
+    let text = markdown(&rows, &round_trips, &estimates, &variants);
     write(&summary, &text)?;
     report.set(
         "pairs",
@@ -163,14 +171,29 @@ impl<'a> TruthScene<'a> {
         })
     }
 
-    fn prepare(&self, variant: &Variant) -> Result<Option<PreparedTransfer>> {
+    fn bake(&self, preset: Preset) -> Result<&Bake> {
+        let of_preset = self.bakes.iter().find(|b| b.preset() == preset);
+        of_preset.context("a bake for each preset")
+    }
+
+    /// Prepares from a light of the capture; from the one that is told where none is given.
+    fn prepare(
+        &self,
+        variant: &Variant,
+        light: Option<&Illumination>,
+    ) -> Result<Option<PreparedTransfer>> {
         let Some(settings) = &variant.settings else {
             return Ok(None);
         };
-        let of_preset = self.bakes.iter().find(|b| b.preset() == settings.preset);
-        let bake = of_preset.context("a bake for each preset")?;
-        let prepared = PreparedTransfer::new(&self.cloud, bake, &self.source, settings)?;
+        let bake = self.bake(settings.preset)?;
+        let light = light.unwrap_or(&self.source);
+        let prepared = PreparedTransfer::new(&self.cloud, bake, light, settings)?;
         Ok(Some(prepared))
+    }
+
+    fn unknown(&self, device: &Device) -> Result<Unknown> {
+        let bake = self.bake(Preset::Best)?;
+        Unknown::new(&self.object.name, &self.cloud, bake, &self.source, device)
     }
 
     /// Relights by the light of the capture, which should return it.

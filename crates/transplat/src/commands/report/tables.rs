@@ -28,17 +28,29 @@ pub struct RoundTrip {
     pub psnr: f64,
 }
 
+/// What an object tells of the light it was captured under, beside that light.
+pub struct ToldOfLight {
+    pub object: String,
+    pub confidence: f32,
+    /// Of the irradiance over the surfels, by channel.
+    pub correlation: [f64; 3],
+    /// Between the directions that most of the light comes from, in degrees.
+    pub angle: f32,
+    /// How many times as strong the light really was, by channel.
+    pub gain: [f64; 3],
+}
+
 /// All rows, for programs.
 pub fn csv(rows: &[Row]) -> String {
     let mut out = String::from(
-        "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms\n",
+        "object,source,target,preset,terms_off,psnr,psnr_mask,ssim,perceptual,transfer_ms,source_light\n",
     );
     for r in rows {
         let ms = r.transfer_ms.map_or(String::new(), |ms| format!("{ms:.2}"));
         // Writing to a string does not fail.
         let _ = writeln!(
             out,
-            "{},{},{},{},{},{:.3},{:.3},{:.5},{:.2},{ms}",
+            "{},{},{},{},{},{:.3},{:.3},{:.5},{:.2},{ms},{}",
             quoted(&r.object),
             quoted(&r.source),
             quoted(&r.target),
@@ -48,6 +60,7 @@ pub fn csv(rows: &[Row]) -> String {
             r.psnr_mask,
             r.ssim,
             r.perceptual,
+            quoted(r.variant.source.name()),
         );
     }
     out
@@ -68,12 +81,18 @@ fn cell(name: &str) -> String {
 }
 
 /// What each term carries, each pair of the presets, and the round trips.
-pub fn markdown(rows: &[Row], round_trips: &[RoundTrip], variants: &[Variant]) -> String {
+pub fn markdown(
+    rows: &[Row],
+    round_trips: &[RoundTrip],
+    estimates: &[ToldOfLight],
+    variants: &[Variant],
+) -> String {
     let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_none()).collect();
     [
         terms(rows, variants),
         pairs(rows, &wholes),
         returned(round_trips),
+        told_of_light(estimates),
     ]
     .join("\n")
 }
@@ -94,8 +113,8 @@ fn terms(rows: &[Row], variants: &[Variant]) -> String {
         let these = of(variant);
         let whole = variants
             .iter()
-            .find(|v| v.off.is_none() && v.preset() == variant.preset())
-            .filter(|_| variant.off.is_some());
+            .find(|v| v.is_whole_preset() && v.preset() == variant.preset())
+            .filter(|_| !variant.is_whole_preset());
         let (gain, worst) = match whole.map(of) {
             None => (String::new(), String::new()),
             Some(whole) => {
@@ -159,6 +178,28 @@ fn returned(round_trips: &[RoundTrip]) -> String {
             cell(&r.object),
             r.preset,
             r.psnr
+        );
+    }
+    out
+}
+
+fn told_of_light(estimates: &[ToldOfLight]) -> String {
+    if estimates.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from(
+        "| object | confidence | correlation of the irradiance | dominant direction | true strength |\n|---|---|---|---|---|\n",
+    );
+    for e in estimates {
+        let each = |v: [f64; 3], digits: usize| v.map(|v| format!("{v:.digits$}")).join(" ");
+        let _ = writeln!(
+            out,
+            "| {} | {:.2} | {} | {:.1} degrees off | {} |",
+            cell(&e.object),
+            e.confidence,
+            each(e.correlation, 3),
+            e.angle,
+            each(e.gain, 2),
         );
     }
     out

@@ -2,33 +2,80 @@
 
 use transplat_core::transfer::{Preset, Terms, TransferSettings};
 
-/// The capture as it is, or a preset, with a term switched off.
+/// The capture as it is, or a preset, with a term switched off or without being told the light of the capture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     pub settings: Option<TransferSettings>,
     pub off: Option<&'static str>,
+    pub source: Source,
+}
+
+/// What is taken for the light of the capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    Told,
+    Estimated,
+    Even,
+    /// The estimate, each channel of it as strong as fits the told light best.
+    EstimatedFitted,
+    /// The same of even light.
+    EvenFitted,
+}
+
+impl Source {
+    const NOT_TOLD: [Self; 4] = [
+        Self::Estimated,
+        Self::Even,
+        Self::EstimatedFitted,
+        Self::EvenFitted,
+    ];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Told => "told",
+            Self::Estimated => "estimated",
+            Self::Even => "even",
+            Self::EstimatedFitted => "estimated, gain fitted",
+            Self::EvenFitted => "even, gain fitted",
+        }
+    }
+
+    pub fn is_fitted(self) -> bool {
+        matches!(self, Self::EstimatedFitted | Self::EvenFitted)
+    }
 }
 
 impl Variant {
-    /// The presets; unless that is enough, also without each of their terms.
-    pub fn all(quick: bool) -> Vec<Self> {
+    /// The presets; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
+    pub fn all(quick: bool, unknown_light: bool) -> Vec<Self> {
+        let source = Source::Told;
         let mut all = Vec::new();
         for preset in Preset::ALL {
             let whole = TransferSettings::of(preset);
             all.push(Self {
                 settings: Some(whole.clone()),
                 off: None,
+                source,
             });
             for term in Terms::of_preset(preset).filter(|_| !quick) {
                 all.push(Self {
                     settings: whole.clone().without(term.name).ok(),
                     off: Some(term.name),
+                    source,
                 });
             }
+        }
+        for source in Source::NOT_TOLD.into_iter().filter(|_| unknown_light) {
+            all.push(Self {
+                settings: Some(TransferSettings::default()),
+                off: None,
+                source,
+            });
         }
         all.push(Self {
             settings: None,
             off: None,
+            source,
         });
         all
     }
@@ -40,14 +87,20 @@ impl Variant {
     }
 
     pub fn name(&self) -> String {
-        match self.off {
-            None => self.preset().to_owned(),
-            Some(off) => format!("{} without {off}", self.preset()),
+        match (self.off, self.source) {
+            (None, Source::Told) => self.preset().to_owned(),
+            (None, source) => format!("{}, light {}", self.preset(), source.name()),
+            (Some(off), _) => format!("{} without {off}", self.preset()),
         }
+    }
+
+    /// Whether it is a preset as it is.
+    pub fn is_whole_preset(&self) -> bool {
+        self.settings.is_some() && self.off.is_none() && self.source == Source::Told
     }
 
     /// Whether it is what the program does of itself.
     pub fn is_default(&self) -> bool {
-        self.settings == Some(TransferSettings::default())
+        self.settings == Some(TransferSettings::default()) && self.source == Source::Told
     }
 }

@@ -1,0 +1,123 @@
+//! How well the light of the capture is told from the object alone.
+
+use anyhow::{Context, Result};
+use glam::Vec3;
+use transplat_core::environment::Illumination;
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::best::BestTransfer;
+use transplat_core::transfer::{Preset, TransferSettings};
+use transplat_core::visibility::Bake;
+
+use super::tables::ToldOfLight;
+use super::variants::Source;
+use crate::device::Device;
+use transplat_core::estimate::{Estimate, estimate_light};
+use transplat_core::transfer::PreparedTransfer;
+
+/// What is taken for the light of the capture where nobody tells it, and how that compares with what it was.
+pub struct Unknown {
+    estimated: Illumination,
+    even: Illumination,
+    /// How many times as strong as these the light was, by channel.
+    gains: [[f64; 3]; 2],
+    pub told: ToldOfLight,
+}
+
+impl Unknown {
+    pub fn new(
+        object: &str,
+        cloud: &SurfelCloud,
+        bake: &Bake,
+        light: &Illumination,
+        device: &Device,
+    ) -> Result<Self> {
+        let Bake::Occlusion(occlusion) = bake else {
+            anyhow::bail!("the light is estimated by a bake for preset best");
+        };
+        let estimate = estimate_light(cloud, occlusion);
+        let even = Illumination::even(MAX_DEGREE);
+        let estimated = if estimate.is_good() {
+            device.light(&estimate.light.map(cloud.up), Preset::Best)?
+        } else {
+            even.clone()
+        };
+        let irradiance = |light: &Illumination| irradiance(cloud, bake, light);
+        let truth = irradiance(light)?;
+        let compared = [&estimated, &even].map(|l| Ok(compare(cloud, &irradiance(l)?, &truth)));
+        let [of_estimate, of_even]: [Result<_>; 2] = compared;
+        let ((correlation, gain), (_, gain_of_even)) = (of_estimate?, of_even?);
+        Ok(Self {
+            estimated,
+            even,
+            gains: [gain, gain_of_even],
+            told: ToldOfLight {
+                object: object.to_owned(),
+                confidence: estimate.confidence,
+                correlation,
+                angle: angle(&estimate, light)?,
+                gain,
+            },
+        })
+    }
+
+    /// The source light of a variant, where it is not the one that was told.
+    pub fn light(&self, source: Source) -> Option<Illumination> {
+        let (light, gain) = match source {
+            Source::Told => return None,
+            Source::Estimated | Source::EstimatedFitted => (&self.estimated, self.gains[0]),
+            Source::Even | Source::EvenFitted => (&self.even, self.gains[1]),
+        };
+        let gain = if source.is_fitted() { gain } else { [1.0; 3] };
+        Some(light.tinted(gain.map(|g| g as f32)))
+    }
+}
+
+/// Irradiance on the front of each surfel, in the light's own unit. `[n]`
+fn irradiance(cloud: &SurfelCloud, bake: &Bake, light: &Illumination) -> Result<Vec<[f64; 3]>> {
+    let settings = TransferSettings::of(Preset::Best);
+    let prepared = PreparedTransfer::new(cloud, bake, light, &settings)?;
+    let PreparedTransfer::Best(best) = prepared else {
+        anyhow::bail!("a transfer of preset best");
+    };
+    let best: &BestTransfer = &best;
+    let over = 1.0 / f64::from(best.light_gain);
+    let fronts = best.divisor.iter().map(|[front, _]| front);
+    Ok(fronts.map(|e| e.map(|v| f64::from(v) * over)).collect())
+}
+
+/// Correlation with the truth, and by what the first has to be multiplied to be nearest to it: surfels count by area and opacity.
+fn compare(cloud: &SurfelCloud, ours: &[[f64; 3]], truth: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    let weights: Vec<f64> = (0..cloud.len())
+        .map(|i| f64::from(cloud.opacities[i] * cloud.scales[i].element_product()))
+        .collect();
+    let total: f64 = weights.iter().sum();
+    let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
+        let each = weights.iter().enumerate();
+        each.map(|(i, w)| w * value(i)).sum::<f64>() / total
+    };
+    let (mut correlation, mut gain) = ([0.0; 3], [1.0; 3]);
+    for c in 0..3 {
+        let (a, b) = (|i: usize| ours[i][c], |i: usize| truth[i][c]);
+        let (of_a, of_b) = (mean(&a), mean(&b));
+        let both = mean(&|i| (a(i) - of_a) * (b(i) - of_b));
+        let each = mean(&|i| (a(i) - of_a).powi(2)) * mean(&|i| (b(i) - of_b).powi(2));
+        correlation[c] = both / each.sqrt().max(1e-30);
+        gain[c] = mean(&|i| a(i) * b(i)) / mean(&|i| a(i).powi(2)).max(1e-30);
+    }
+    (correlation, gain)
+}
+
+/// Angle between the directions that most of the light comes from, in degrees.
+fn angle(estimate: &Estimate, light: &Illumination) -> Result<f32> {
+    let beams = light.beams.as_ref().context("a light with its beams")?;
+    let all = beams.suns.iter().chain(&beams.cells);
+    let sum: Vec3 = all
+        .map(|b| b.direction * b.energy.iter().sum::<f32>())
+        .sum();
+    let cosine = estimate
+        .light
+        .dominant_direction()
+        .dot(sum.normalize_or_zero());
+    Ok(cosine.clamp(-1.0, 1.0).acos().to_degrees())
+}
