@@ -178,7 +178,7 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     };
     Estimate {
         light: EstimatedLight::new(&fitted),
-        confidence: if doubt == Some(Doubt::OneWay) {
+        confidence: if matches!(doubt, Some(Doubt::OneWay | Doubt::EvenLight)) {
             0.0
         } else {
             confidence as f32
@@ -198,7 +198,7 @@ impl EstimatedLight {
         Self {
             log_radiance: [constant].into_iter().chain(bands).collect(),
             sun: light.sun.as_ref().map(|sun| {
-                let energy = std::array::from_fn(|c| (scale[c] * sun.log_energy[c].exp()) as f32);
+                let energy = std::array::from_fn(|c| (scale[c] * light.sun_energy(c)) as f32);
                 (sun.direction.to_array(), energy)
             }),
         }

@@ -36,8 +36,8 @@ const DARK: f64 = 0.01;
 /// Edges of the cells at which the search begins and ends, and how many it tries.
 const FIRST_EDGE: f32 = 0.1;
 const FINEST: f32 = 1e-4;
-const COARSEST: f32 = 2.0;
-const TRIES: usize = 6;
+const COARSEST: f32 = 4.0;
+const TRIES: usize = 8;
 
 /// Surfels of a cluster that are asked whether they see a sun.
 const SAMPLES: usize = 12;
@@ -278,28 +278,39 @@ fn openness(n: Vec3, i: usize, occlusion: &Occlusion, directions: &[Vec3]) -> f3
 fn assign(seen: &[Option<Seen>]) -> (Vec<u32>, usize) {
     let count = seen.iter().flatten().count();
     let most = (count / PER_CLUSTER).clamp(1, MOST);
-    // The object lies in the unit ball: this is one cell, and an octant each.
-    let mut best = grid(seen, 2.0 * COARSEST);
+    // One cell and an octant each at first.
+    let mut best = grid(seen, COARSEST);
     let mut edge = FIRST_EDGE;
     for _ in 0..TRIES {
         let found = grid(seen, edge);
-        // Surfaces have so many cells as their edges' squares are smaller.
-        let ratio = found.1.max(1) as f32 / most as f32;
-        edge *= (ratio * 1.05).sqrt();
-        if found.1 <= most && found.1 > best.1 {
+        // Those that are too small to be kept count as well: of too fine a grid there are many.
+        let ratio = found.cells.max(1) as f32 / most as f32;
+        if found.cells <= most && found.cells > best.cells {
             best = found;
         }
-        if (0.9..=1.0).contains(&ratio) || !(FINEST..COARSEST).contains(&edge) {
+        if (0.9..=1.0).contains(&ratio) {
             break;
         }
+        // Surfaces have so many cells as their edges' squares are smaller.
+        edge = (edge * (ratio * 1.05).sqrt()).clamp(FINEST, COARSEST);
     }
-    best
+    (best.of, best.kept)
+}
+
+/// Clusters in cells of one edge.
+struct Grid {
+    /// Of each surfel its cluster, or [`NONE`]. `[n]`
+    of: Vec<u32>,
+    /// Clusters that are large enough, of so many cells that hold any surfel.
+    kept: usize,
+    cells: usize,
 }
 
 /// Clusters in cells of an edge; those of too few surfels are left out.
-fn grid(seen: &[Option<Seen>], edge: f32) -> (Vec<u32>, usize) {
+fn grid(seen: &[Option<Seen>], edge: f32) -> Grid {
     let key = |s: &Seen| {
-        let cell = (s.position / edge).floor().as_ivec3();
+        // The object lies in the unit ball.
+        let cell = ((s.position + 1.0) / edge).floor().as_ivec3();
         (cell, s.normal.cmpgt(Vec3::ZERO).bitmask())
     };
     let mut sizes: HashMap<_, usize> = HashMap::new();
@@ -317,5 +328,9 @@ fn grid(seen: &[Option<Seen>], edge: f32) -> (Vec<u32>, usize) {
             *numbers.entry(key).or_insert(next)
         })
         .collect();
-    (of, numbers.len())
+    Grid {
+        of,
+        kept: numbers.len(),
+        cells: sizes.len(),
+    }
 }

@@ -94,7 +94,7 @@ impl Light {
         log.clamp(-MOST_LOG, MOST_LOG).exp()
     }
 
-    fn sun_energy(&self, channel: usize) -> f64 {
+    pub fn sun_energy(&self, channel: usize) -> f64 {
         let log = self.sun.as_ref().map(|s| s.log_energy[channel]);
         log.map_or(0.0, |log| log.clamp(-MOST_LOG, MOST_LOG).exp())
     }

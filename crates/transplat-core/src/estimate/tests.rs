@@ -275,7 +275,7 @@ proptest! {
     /// Neither the scene's unit nor the exposure of its pictures changes the light's shape.
     #[test]
     fn unit_and_exposure_change_nothing(unit in -5f32..5.0, stops in -8f32..8.0) {
-        let (cloud, bake) = lit(400, slanted, None);
+        let (cloud, bake) = lit(1000, slanted, None);
         let expected = estimate_light(&cloud, &bake);
         let mut other = cloud.clone();
         let (unit, gain) = (unit.exp(), stops.exp2());
@@ -291,8 +291,8 @@ proptest! {
         prop_assert_eq!(found.is_good(), expected.is_good());
         let off = unlike(&found.light, |d| expected.light.sky_radiance(d));
         // A ray or two fall otherwise by rounding.
-        prop_assert!(off < 0.03, "{}", off);
+        prop_assert!(off < 0.05, "{}", off);
         let strength = found.light.sky_radiance(Vec3::Z)[0] / expected.light.sky_radiance(Vec3::Z)[0];
-        prop_assert!((strength / gain - 1.0).abs() < 0.05);
+        prop_assert!((strength / gain - 1.0).abs() < 0.1, "{} for {}", strength, gain);
     }
 }

@@ -40,17 +40,22 @@ impl Session {
         if asking.is_empty() {
             return;
         }
-        if self.estimate.as_ref().is_some_and(|e| !e.is_good()) {
+        let is_running = self.jobs.is_running(Kind::Estimate);
+        let is_bad = self.estimate.as_ref().is_some_and(|e| !e.is_good());
+        let was_stopped = self.estimate_asked.is_some() && self.estimate.is_none() && !is_running;
+        if is_bad || was_stopped {
+            // Even light is what is left; after a cancel, until it is asked for again.
             for file in &mut asking {
                 **file = Some(EVEN.into());
             }
+            self.estimate_asked = None;
             return;
         }
         let key = (self.asset_id, self.up());
         let Some(asset) = &self.asset else {
             return;
         };
-        if self.estimate_asked == Some(key) || self.jobs.is_running(Kind::Estimate) {
+        if self.estimate_asked == Some(key) || is_running {
             return;
         }
         let best = self.bakes.get(&Preset::Best).filter(|b| b.share == 1.0);
@@ -148,7 +153,10 @@ fn estimate(
         return Ok(kept);
     }
     let estimate = estimate_light(cloud, &*occlusion(device, &wanted, bake, handle)?);
-    // Where it cannot be kept it is made again; the bake's own complaint says so.
+    for folder in files.iter().filter_map(|f| f.parent()) {
+        // A missing cache is made; where nothing can be kept, it is estimated again the next time.
+        let _ = std::fs::create_dir_all(folder);
+    }
     let _ = files
         .iter()
         .find(|f| save_estimate(f, cloud, &estimate).is_ok());
