@@ -15,8 +15,8 @@ use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES};
 /// Surfels of a cluster at least, where it is not the only one.
 const FEWEST: usize = 4;
 
-/// Surfels a cluster on average, where there are not too many clusters.
-const PER_CLUSTER: usize = 14;
+/// Surfels a cell on average, where there are not too many clusters.
+const PER_CLUSTER: usize = 10;
 
 /// Clusters at most: more cost time and tell nothing new.
 const MOST: usize = 4000;
