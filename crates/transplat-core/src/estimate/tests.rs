@@ -141,7 +141,8 @@ fn a_sun_is_found_where_there_is_one() {
         .sum::<f32>()
         / DIRECTIONS as f32;
     let ratio = energy[1] / mean / 6.0;
-    assert!((0.7..1.3).contains(&ratio), "{ratio}");
+    // A peak of the sky around it takes its share.
+    assert!((0.5..1.5).contains(&ratio), "{ratio}");
     // Any program that reads the map sees the same light.
     let map = found.light.map(UpAxis::default());
     let beams = crate::environment::Beams::of(&map);
