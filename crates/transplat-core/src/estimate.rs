@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::environment::EnvironmentMap;
 use crate::sh::{SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::transfer::best::exitance;
+use crate::transfer::best::mean_radiance;
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, directions};
 use clusters::Clusters;
 use fit::{Fit, Fitted, Light};
@@ -26,14 +26,8 @@ use fit::{Fit, Fitted, Light};
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
 
-/// The albedo that the whitest surfels are taken to have.
+/// The albedo that the whitest surfels, those above the share [`WHITEST`], are taken to have.
 pub const WHITEST_ALBEDO: f64 = 0.65;
-
-/// Share of the surfels whose albedo is below that.
-pub(crate) const WHITEST: f64 = 0.95;
-
-/// Light from everywhere, as a share of the mean, that no surfel is without: what rays and bounces miss.
-pub(crate) const EPSILON: f64 = 0.006;
 
 /// From this confidence on, the estimate is better than even light.
 pub const GOOD_CONFIDENCE: f32 = 0.5;
@@ -52,8 +46,8 @@ const QUIET: f64 = 0.3;
 /// Rows of the estimate's map.
 const MAP_ROWS: usize = 256;
 
-/// Radius at which a sun is drawn into the map, in degrees: three pixels.
-const SUN_RADIUS: f64 = 2.0;
+/// Radius of the disc that stands for a sun in the map, in degrees: three pixels.
+const DRAWN_SUN: f64 = 2.0;
 
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,10 +58,10 @@ pub struct EstimatedLight {
     pub sun: Option<([f32; 3], [f32; 3])>,
 }
 
-/// Why an estimate is not to be trusted.
+/// What keeps an object from telling its light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Doubt {
+pub enum Obstacle {
     /// Too few surfels see the light.
     TooLittle,
     /// The object is black.
@@ -80,7 +74,7 @@ pub enum Doubt {
     Noise,
 }
 
-impl Doubt {
+impl Obstacle {
     /// For the user.
     pub fn reason(self) -> &'static str {
         match self {
@@ -104,39 +98,39 @@ pub struct Estimate {
     pub light: EstimatedLight,
     /// Share of what neighbours differ in that the light explains and that is no chance, 0 to 1.
     pub confidence: f32,
-    /// Why the confidence is not [`GOOD_CONFIDENCE`], where it is not.
-    pub doubt: Option<Doubt>,
+    /// Why even light is to be taken instead, where it is.
+    pub obstacle: Option<Obstacle>,
 }
 
 impl Estimate {
     /// Whether the estimate is better than even light.
     pub fn is_good(&self) -> bool {
-        self.doubt.is_none()
+        self.obstacle.is_none()
     }
 
-    fn none(doubt: Doubt) -> Self {
+    fn none(obstacle: Obstacle) -> Self {
         Self {
             light: EstimatedLight {
                 log_radiance: vec![[0.0; 3]; fit::SKY + 1],
                 sun: None,
             },
             confidence: 0.0,
-            doubt: Some(doubt),
+            obstacle: Some(obstacle),
         }
     }
 }
 
 /// Estimates the light that `cloud` was captured under; `occlusion` is the cloud's bake for the preset `best`.
 pub fn estimate_light(cloud: &SurfelCloud, occlusion: &Occlusion) -> Estimate {
-    let radiance = exitance(cloud, &occlusion.normals);
+    let radiance = mean_radiance(cloud, &occlusion.normals);
     let clusters = Clusters::new(cloud, occlusion, &radiance);
     if clusters.len() < FEWEST_CLUSTERS || clusters.pairs.is_empty() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
         return Estimate::none(if is_black {
-            Doubt::Black
+            Obstacle::Black
         } else {
-            Doubt::TooLittle
+            Obstacle::TooLittle
         });
     }
     let fit = Fit::new(&clusters);
@@ -163,27 +157,27 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let told = (unevenness - fitted.open).max(0.0);
     let confidence = told / (unevenness + fitted.noise);
     if !confidence.is_finite() {
-        return Estimate::none(Doubt::Noise);
+        return Estimate::none(Obstacle::Noise);
     }
     let each = clusters.normals.iter().zip(&clusters.mass);
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
-    let doubt = if facing.length() > ONE_WAY {
-        Some(Doubt::OneWay)
+    let obstacle = if facing.length() > ONE_WAY {
+        Some(Obstacle::OneWay)
     } else if fitted.noise.sqrt() < QUIET && told.sqrt() < EVEN {
-        Some(Doubt::EvenLight)
+        Some(Obstacle::EvenLight)
     } else if confidence as f32 >= GOOD_CONFIDENCE {
         None
     } else {
-        Some(Doubt::Noise)
+        Some(Obstacle::Noise)
     };
     Estimate {
         light: EstimatedLight::new(&fitted),
-        confidence: if matches!(doubt, Some(Doubt::OneWay | Doubt::EvenLight)) {
+        confidence: if matches!(obstacle, Some(Obstacle::OneWay | Obstacle::EvenLight)) {
             0.0
         } else {
             confidence as f32
         },
-        doubt,
+        obstacle,
     }
 }
 
@@ -233,7 +227,7 @@ impl EstimatedLight {
             .collect();
         if let Some((toward, energy)) = self.sun {
             let toward = Vec3::from_array(toward);
-            let edge = SUN_RADIUS.to_radians().cos() as f32;
+            let edge = DRAWN_SUN.to_radians().cos() as f32;
             let disc: Vec<usize> = (0..pixels.len())
                 .filter(|i| direction(*i).dot(toward) > edge)
                 .collect();

@@ -202,10 +202,10 @@ impl Scene {
             Some(source) => source,
             None => {
                 let estimate = self.estimate(args.bake.as_deref(), report)?;
-                if let Some(doubt) = estimate.doubt {
+                if let Some(obstacle) = estimate.obstacle {
                     report.warn(format!(
                         "the light of the capture cannot be told from the splat: {}; even light is assumed",
-                        doubt.reason()
+                        obstacle.reason()
                     ));
                 }
                 let map = self.load_light(source_file, report)?;
@@ -329,7 +329,7 @@ pub fn told_of(estimate: &Estimate) -> serde_json::Value {
     serde_json::json!({
         "confidence": estimate.confidence,
         "is_good": estimate.is_good(),
-        "doubt": estimate.doubt,
+        "obstacle": estimate.obstacle,
         "dominant_direction": light.dominant_direction().to_array(),
         "sun_direction": light.sun.map(|(direction, _)| direction),
         "sun_irradiance": light.sun.map(|(_, energy)| energy),

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::surfels::SurfelCloud;
 use crate::transfer::best::Sides;
-use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES};
+use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, directions};
 
 /// Surfels of a cluster at least, where it is not the only one.
 const FEWEST: usize = 4;
@@ -30,8 +30,11 @@ const NEIGHBORS: usize = 24;
 /// Difference in chroma at which two clusters are probably not of the same stuff.
 const CHROMA: f64 = 0.06;
 
-/// A channel below this share of the mean is too dark to be compared.
+/// A channel below this share of [`Clusters::bright`] is too dark to be compared.
 const DARK: f64 = 0.01;
+
+/// Share of the object that is darker than what counts as bright. Not the mean: a floater may be brighter than all the rest together.
+const BRIGHT: f64 = 0.8;
 
 /// Edges of the cells at which the search begins and ends, and how many it tries.
 const FIRST_EDGE: f32 = 0.1;
@@ -80,8 +83,8 @@ impl Clusters {
 
     /// `radiance`: mean colour of both sides, `[n]`.
     pub fn new(cloud: &SurfelCloud, occlusion: &Occlusion, radiance: &[Sides]) -> Self {
-        let directions = crate::visibility::occlusion::directions();
-        let surfels = &occlusion.tracer.surfels;
+        let directions = directions();
+        let (surfels, openness) = (&occlusion.tracer.surfels, occlusion.openness());
         let seen: Vec<Option<Seen>> = (0..cloud.len())
             .into_par_iter()
             .map(|i| {
@@ -97,7 +100,7 @@ impl Clusters {
                     normal: occlusion.normals[i],
                     weight,
                 });
-                seen.filter(|s| openness(s.normal, i, occlusion, &directions) > LEAST_OPENNESS)
+                seen.filter(|_| openness[i] > LEAST_OPENNESS)
             })
             .collect();
         let (of, count) = assign(&seen);
@@ -203,14 +206,14 @@ impl Clusters {
         ) else {
             return Vec::new();
         };
-        let mean = self.mean_radiance();
+        let least = DARK * self.bright();
         let chroma = |k: usize| {
             let b = self.radiance[k];
             b.map(|v| v / b.iter().sum::<f64>().max(1e-30))
         };
-        let bright = |k: usize, c: usize| {
-            let (b, dark) = (self.radiance[k][c].max(0.0), DARK * mean);
-            b * b / (b * b + dark * dark).max(1e-300)
+        let visible = |k: usize, c: usize| {
+            let b = self.radiance[k][c].max(0.0);
+            b * b / (b * b + least * least).max(1e-300)
         };
         let mut pairs: Vec<Pair> = (0..self.len())
             .into_par_iter()
@@ -230,7 +233,7 @@ impl Clusters {
                         Pair {
                             of: [a as u32, b as u32],
                             weight: std::array::from_fn(|c| {
-                                weight * bright(a, c).min(bright(b, c))
+                                weight * visible(a, c).min(visible(b, c))
                             }),
                         }
                     })
@@ -251,11 +254,24 @@ impl Clusters {
         pairs
     }
 
-    /// Mean over clusters and channels.
-    pub fn mean_radiance(&self) -> f64 {
+    /// The radiance of what is bright of the object, the mean of the channels.
+    pub fn bright(&self) -> f64 {
         let each = self.radiance.iter().zip(&self.mass);
-        each.map(|(b, m)| m * b.iter().sum::<f64>() / 3.0).sum()
+        let each = each.map(|(b, m)| (b.iter().sum::<f64>() / 3.0, *m));
+        weighted_quantile(each.collect(), BRIGHT).unwrap_or(0.0)
     }
+}
+
+/// The value that a share of the weights lies below; none of no values.
+pub(super) fn weighted_quantile(mut values: Vec<(f64, f64)>, share: f64) -> Option<f64> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let wanted = share * values.iter().map(|(_, w)| w).sum::<f64>();
+    let mut below = 0.0;
+    let at = values.iter().find(|(_, w)| {
+        below += w;
+        below >= wanted
+    });
+    at.or(values.last()).map(|(v, _)| *v)
 }
 
 /// A surfel that tells of the light.
@@ -264,13 +280,6 @@ struct Seen {
     position: Vec3,
     normal: Vec3,
     weight: f64,
-}
-
-/// Cosine-weighted share of the front's hemisphere that is open.
-fn openness(n: Vec3, i: usize, occlusion: &Occlusion, directions: &[Vec3]) -> f32 {
-    let open = directions.iter().enumerate();
-    let open = open.filter(|(j, _)| occlusion.is_open(i, *j));
-    open.map(|(_, d)| n.dot(*d).max(0.0)).sum::<f32>() * 4.0 / DIRECTIONS as f32
 }
 
 /// Clusters by cells of a grid and octants of the normal, as fine as gives neither too small nor too many ones: of each surfel its

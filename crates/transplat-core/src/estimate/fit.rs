@@ -6,9 +6,11 @@ use glam::Vec3;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::clusters::Clusters;
-use super::{DEGREE, EPSILON, WHITEST, WHITEST_ALBEDO};
+use super::clusters::{Clusters, weighted_quantile};
+use super::{DEGREE, WHITEST_ALBEDO};
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
+use crate::transfer::Preset;
+use crate::transfer::best::WHITEST;
 use crate::visibility::occlusion::{DIRECTIONS, directions};
 
 /// Unknowns of the sky in a channel: its mean is fixed, since no object tells how strong the light is.
@@ -33,7 +35,7 @@ const LEAST_NOISE: f64 = 0.02;
 /// Variance of a normal distribution over the median of a mean of three squares.
 const VARIANCE_OF_MEDIAN: f64 = 1.27;
 
-/// Radiance at least, relative to the mean, where its logarithm is taken.
+/// Radiance at least, relative to what is bright, where its logarithm is taken.
 const LEAST_RADIANCE: f64 = 1e-4;
 
 /// A sun's energy is held by hardly more than the object.
@@ -130,6 +132,17 @@ pub(super) struct Fit<'a> {
     basis: DMatrix<f32>,
     /// How sure it is beforehand that a coefficient is 0. `[SKY]`
     precision: Vec<f64>,
+    /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
+    epsilon: f64,
+}
+
+/// One turn's linear problem, solved.
+pub(super) struct Solved {
+    /// By how much each unknown of each channel is to change. `[3][P]`
+    pub step: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+    /// Of the logarithm of the irradiance, by channel. `[P][c]`
+    jacobian: Vec<DMatrix<f64>>,
 }
 
 /// Where a fit ended.
@@ -150,6 +163,7 @@ impl<'a> Fit<'a> {
             clusters,
             basis: DMatrix::from_fn(SKY, DIRECTIONS, |k, j| columns[j][k] as f32),
             precision: (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect(),
+            epsilon: f64::from(Preset::Best.epsilon()),
         }
     }
 
@@ -187,11 +201,13 @@ impl<'a> Fit<'a> {
             radiance[c] = sky;
         }
         let exposure = self.exposure(&direct);
-        let least = LEAST_RADIANCE * clusters.mean_radiance();
+        let least = LEAST_RADIANCE * clusters.bright();
         let log_irradiance: Vec<[f64; 3]> = direct
             .iter()
             .zip(&clusters.bounced)
-            .map(|(d, b)| std::array::from_fn(|c| (exposure * (d[c] + EPSILON * PI) + b[c]).ln()))
+            .map(|(d, b)| {
+                std::array::from_fn(|c| (exposure * (d[c] + self.epsilon * PI) + b[c]).ln())
+            })
             .collect();
         let residual = log_irradiance
             .iter()
@@ -212,25 +228,14 @@ impl<'a> Fit<'a> {
     fn exposure(&self, direct: &[[f64; 3]]) -> f64 {
         let clusters = self.clusters;
         let sum = |v: &[f64; 3]| v.iter().sum::<f64>();
-        let mut asked: Vec<(f64, f64)> = (0..clusters.len())
-            .map(|i| {
-                let left =
-                    PI / WHITEST_ALBEDO * sum(&clusters.radiance[i]) - sum(&clusters.bounced[i]);
-                (
-                    left / (sum(&direct[i]) + 3.0 * EPSILON * PI),
-                    clusters.mass[i],
-                )
-            })
-            .collect();
-        asked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut below = 0.0;
-        let whitest = asked.iter().find(|(_, mass)| {
-            below += mass;
-            below >= WHITEST
+        let asked = (0..clusters.len()).map(|i| {
+            let left = PI / WHITEST_ALBEDO * sum(&clusters.radiance[i]) - sum(&clusters.bounced[i]);
+            let strength = left / (sum(&direct[i]) + 3.0 * self.epsilon * PI);
+            (strength, clusters.mass[i])
         });
+        let whitest = weighted_quantile(asked.collect(), f64::from(WHITEST));
         // Where blocking surfels are so bright that they explain everything, some direct light is left.
-        let least = 1e-3 * clusters.mean_radiance();
-        whitest.map_or(1.0, |(g, _)| g.max(least))
+        whitest.map_or(1.0, |g| g.max(1e-3 * clusters.bright()))
     }
 
     /// Squared difference of each pair, the mean of its channels, with what the pair counts.
@@ -250,15 +255,8 @@ impl<'a> Fit<'a> {
 
     /// Variance of the pairs' differences, by their median: edges between materials do not count.
     pub fn noise(&self, explained: &Explained) -> f64 {
-        let mut all = self.differences(explained);
-        all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let half = all.iter().map(|(_, w)| w).sum::<f64>() / 2.0;
-        let mut below = 0.0;
-        let median = all.iter().find(|(_, w)| {
-            below += w;
-            below >= half
-        });
-        let variance = median.map_or(0.0, |(d, _)| VARIANCE_OF_MEDIAN * d);
+        let median = weighted_quantile(self.differences(explained), 0.5);
+        let variance = median.map_or(0.0, |d| VARIANCE_OF_MEDIAN * d);
         variance.max(LEAST_NOISE * LEAST_NOISE)
     }
 
@@ -291,12 +289,11 @@ impl<'a> Fit<'a> {
         loop {
             let explained = self.explain(&light);
             let noise = self.noise(&explained);
-            let solved = self.step(&light, &explained, noise);
-            let open = solved.as_ref().map(|(_, open)| *open);
-            let longest = solved.as_ref().map_or(0.0, |(step, _)| step.amax());
-            let Some((step, _)) = solved.filter(|_| turn < TURNS && longest >= SMALL_STEP) else {
+            let solved = self.solve(&light, &explained, noise);
+            let is_last = |s: &Solved| turn == TURNS || s.step.amax() < SMALL_STEP;
+            let Some(Solved { step, .. }) = solved.as_ref().filter(|s| !is_last(s)) else {
                 // Only numbers that are none have no solution: what was found so far is kept.
-                let open = open.unwrap_or(f64::INFINITY);
+                let open = solved.map_or(f64::INFINITY, |s| self.open(&s));
                 return Fitted {
                     light,
                     explained,
@@ -304,6 +301,7 @@ impl<'a> Fit<'a> {
                     open,
                 };
             };
+            let longest = step.amax();
             let shorter = (LONGEST_STEP / longest).min(1.0);
             for c in 0..3 {
                 for k in 0..p {
@@ -314,20 +312,19 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// One turn of Gauss-Newton: by how much each unknown of each channel is to change, `[3][P]`, and the mean variance that is left open.
-    pub fn step(
-        &self,
-        light: &Light,
-        explained: &Explained,
-        noise: f64,
-    ) -> Option<(DVector<f64>, f64)> {
+    /// One turn of Gauss-Newton, at the exposure and the noise that the light has now.
+    pub fn solve(&self, light: &Light, explained: &Explained, noise: f64) -> Option<Solved> {
         let jacobian: Vec<DMatrix<f64>> = (0..3)
             .into_par_iter()
             .map(|c| self.jacobian(light, explained, c))
             .collect();
         let (matrix, gradient) = self.normal_equations(light, explained, &jacobian, noise);
         let factor = Cholesky::new(matrix)?;
-        Some((-factor.solve(&gradient), self.open(&factor, &jacobian)))
+        Some(Solved {
+            step: -factor.solve(&gradient),
+            factor,
+            jacobian,
+        })
     }
 
     /// Change of the logarithm of the irradiance with each unknown of a channel. `[P][c]`
@@ -412,10 +409,10 @@ impl<'a> Fit<'a> {
     }
 
     /// Mean variance of the logarithm of the irradiance, about its mean, that the object leaves open.
-    fn open(&self, factor: &Cholesky<f64, Dyn>, jacobian: &[DMatrix<f64>]) -> f64 {
-        let covariance = factor.inverse();
+    fn open(&self, solved: &Solved) -> f64 {
+        let covariance = solved.factor.inverse();
         let mass = &self.clusters.mass;
-        let sums = jacobian.iter().enumerate().map(|(c, j)| {
+        let sums = solved.jacobian.iter().enumerate().map(|(c, j)| {
             let p = j.nrows();
             let mut centred = j.clone();
             let mean: DVector<f64> = j * DVector::from_column_slice(mass);

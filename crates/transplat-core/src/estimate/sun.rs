@@ -8,7 +8,7 @@ use crate::sh::fibonacci_sphere;
 use crate::visibility::occlusion::Occlusion;
 
 /// Directions in which the brightest part of the sky is looked for.
-const DIRECTIONS: usize = 2000;
+const SEARCHED: usize = 2000;
 
 /// Cosine to the brightest direction within which the sky's light may be the sun's.
 const AROUND: f64 = 0.9;
@@ -39,7 +39,7 @@ pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, occlusion: &Occlusion) ->
 
 /// A sun where the sky is brightest.
 fn begin(fit: &Fit<'_>, sky: &Light, occlusion: &Occlusion) -> Option<Light> {
-    let directions = fibonacci_sphere(DIRECTIONS);
+    let directions = fibonacci_sphere(SEARCHED);
     let radiance: Vec<(Vec3, [f64; 3])> = directions
         .iter()
         .map(|d| {
@@ -52,7 +52,7 @@ fn begin(fit: &Fit<'_>, sky: &Light, occlusion: &Occlusion) -> Option<Light> {
     let (peak, _) = radiance
         .iter()
         .max_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
-    let omega = 4.0 * std::f64::consts::PI / DIRECTIONS as f64;
+    let omega = 4.0 * std::f64::consts::PI / SEARCHED as f64;
     let around = radiance
         .iter()
         .filter(|(d, _)| f64::from(d.dot(*peak)) > AROUND);

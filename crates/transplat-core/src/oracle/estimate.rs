@@ -2,7 +2,8 @@
 
 use std::f64::consts::PI;
 
-use crate::estimate::{EPSILON, WHITEST, WHITEST_ALBEDO};
+use crate::estimate::WHITEST_ALBEDO;
+use crate::transfer::best::WHITEST;
 
 /// Means over clusters, and which of them are compared.
 pub struct EstimateProblem<'a> {
@@ -22,6 +23,8 @@ pub struct EstimateProblem<'a> {
     pub mass: &'a [f64],
     /// Two clusters, and how much each channel counts.
     pub pairs: &'a [([usize; 2], [f64; 3])],
+    /// Light from everywhere, as a share of the mean.
+    pub epsilon: f64,
     /// Variance of the pairs' differences.
     pub noise: f64,
 }
@@ -49,14 +52,17 @@ impl EstimateProblem<'_> {
             let mut asked: Vec<(f64, f64)> = (0..n)
                 .map(|i| {
                     let left = PI * sum(&self.radiance[i]) / WHITEST_ALBEDO - sum(&self.bounced[i]);
-                    (left / (sum(&direct[i]) + 3.0 * PI * EPSILON), self.mass[i])
+                    (
+                        left / (sum(&direct[i]) + 3.0 * PI * self.epsilon),
+                        self.mass[i],
+                    )
                 })
                 .collect();
             asked.sort_by(|a, b| a.0.total_cmp(&b.0));
             let mut below = 0.0;
             for (strength, mass) in asked {
                 below += mass;
-                if below >= WHITEST {
+                if below >= f64::from(WHITEST) {
                     return strength;
                 }
             }
@@ -65,7 +71,7 @@ impl EstimateProblem<'_> {
         let u = (0..n)
             .map(|i| {
                 std::array::from_fn(|c| {
-                    let e = exposure * (direct[i][c] + EPSILON * PI) + self.bounced[i][c];
+                    let e = exposure * (direct[i][c] + self.epsilon * PI) + self.bounced[i][c];
                     e.ln() - self.radiance[i][c].ln()
                 })
             })

@@ -173,8 +173,8 @@ impl BestAsset {
     }
 }
 
-/// Mean linear colour of the front and the back of each surfel: the exitance under the light of the capture, over pi. `[n]`
-pub(crate) fn exitance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides> {
+/// Mean linear colour of the front and the back of each surfel, as captured. `[n]`
+pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides> {
     let nodes = Nodes::new(cloud.sh_degree);
     let k = coefficient_count(cloud.sh_degree);
     let each = cloud.sh.par_chunks_exact(k).zip(normals);

@@ -25,11 +25,11 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     check_output(&args.output)?;
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let estimate = scene.estimate(args.bake.as_deref(), &mut report)?;
-    if let Some(doubt) = estimate.doubt {
+    if let Some(obstacle) = estimate.obstacle {
         bail!(
             "{}: the light of the capture cannot be told from the splat: {}; --source even is what is left",
             asset.display(),
-            doubt.reason()
+            obstacle.reason()
         );
     }
     let map = estimate.light.map(scene.cloud.up);
@@ -57,10 +57,10 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
 /// For the user.
 pub fn summary(estimate: &Estimate) -> String {
     let percent = 100.0 * estimate.confidence;
-    if let Some(doubt) = estimate.doubt {
+    if let Some(obstacle) = estimate.obstacle {
         return format!(
             "the light of the capture cannot be told: {} (confidence {percent:.0} %)",
-            doubt.reason()
+            obstacle.reason()
         );
     }
     let from = estimate.light.dominant_direction();

@@ -87,14 +87,14 @@ impl Session {
         let is_new = self.estimate.is_none();
         let estimate = estimated.estimate;
         if is_new {
-            self.info(match estimate.doubt {
+            self.info(match estimate.obstacle {
                 None => format!(
                     "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. Drop the environment of the capture on “captured under”, if there is one",
                     100.0 * estimate.confidence
                 ),
-                Some(doubt) => format!(
+                Some(obstacle) => format!(
                     "what it was captured under cannot be told from the object: {}. Even light is assumed. Drop the environment of the capture on “captured under”, if there is one",
-                    doubt.reason()
+                    obstacle.reason()
                 ),
             });
         }

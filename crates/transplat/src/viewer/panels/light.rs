@@ -106,11 +106,11 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
             "confidence",
             format!("{:.0} %", 100.0 * estimate.confidence),
         );
-        match (estimate.doubt, is_even) {
-            (Some(doubt), _) => {
+        match (estimate.obstacle, is_even) {
+            (Some(obstacle), _) => {
                 ui.weak(format!(
                     "It cannot be told from the object: {}.",
-                    doubt.reason()
+                    obstacle.reason()
                 ));
             }
             (None, false) => {
