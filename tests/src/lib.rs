@@ -1,5 +1,7 @@
 //! What the tests share: the adapter, the bundled scene, the program, and a metric for pictures.
 
+pub mod driver;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,11 +1,7 @@
 //! Memory over a long session, in a process of its own: other tests would be counted too.
 #![cfg(target_os = "linux")]
 
-#[path = "viewer/driver.rs"]
-#[allow(dead_code)]
-mod driver;
-
-use driver::Driver;
+use transplat_tests::driver::Driver;
 
 fn held_mib() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells it");

@@ -26,7 +26,7 @@ use fit::{Fit, Fitted, Light};
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
 
-/// The albedo that the whitest surfels, those above the share [`WHITEST`], are taken to have.
+/// The albedo that the whitest surfels, the ones that preset `best` takes for white, are taken to have.
 pub const WHITEST_ALBEDO: f64 = 0.65;
 
 /// From this confidence on, the estimate is better than even light.

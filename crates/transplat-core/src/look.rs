@@ -57,9 +57,18 @@ impl Default for LightSettings {
 }
 
 impl LightSettings {
-    /// Whether it is uniform white light.
-    pub fn is_even(&self) -> bool {
-        self.file.as_deref().is_some_and(is_even)
+    /// Whether it is the light that the asset tells of.
+    pub fn is_estimate(&self) -> bool {
+        self.file.as_deref().is_some_and(is_estimate)
+    }
+
+    /// Takes another light. The estimate comes as the asset sees it: how a map was turned, and how strong it was, is nothing to it, nor
+    /// the other way round.
+    pub fn set_file(&mut self, file: PathBuf) {
+        if is_estimate(&file) != self.is_estimate() {
+            *self = Self::default();
+        }
+        self.file = Some(file);
     }
 
     /// The turn of the (mirrored) map in the Z-up world.
@@ -439,7 +448,7 @@ mod tests {
             saved.target.file.as_deref(),
             Some(Path::new("../lights/sky.hdr"))
         );
-        assert!(saved.source.is_even());
+        assert_eq!(saved.source.file, Some(EVEN.into()));
         let back = saved.resolved_in(&inside);
         let file = back.target.file.expect("a light");
         assert_eq!(

@@ -14,9 +14,9 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::ground::Ground;
 use transplat_core::load::{
-    AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
+    AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
 };
-use transplat_core::look::{Look, is_estimate, is_even};
+use transplat_core::look::{Look, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
@@ -48,29 +48,34 @@ impl Scene {
     /// Loads the asset and opens the device.
     pub fn load(args: &AssetArgs, look: Look, report: &mut Report) -> Result<Self> {
         let asset = asset_of(args, &look);
-        let (mut cloud, file) = report.time("load", || load_asset(&asset))?;
+        let (cloud, file) = report.time("load", || load_asset(&asset))?;
+        report.set("asset", asset.display().to_string());
+        report.set("surfels", cloud.len());
+        report.set("sh_degree", cloud.sh_degree);
+        for warning in asset_warnings(&asset, &file) {
+            report.warn(warning);
+        }
+        let device = report.time("open device", || Device::open(args.options.device))?;
+        report.set("adapter", device.name());
+        Ok(Self::of(cloud, file, look, device))
+    }
+
+    /// What is lit is a loaded asset, as the look has it.
+    pub fn of(mut cloud: SurfelCloud, file: AssetFile, look: Look, device: Device) -> Self {
         if let Some(up) = look.up {
             cloud.up = up;
         }
         if look.linear {
             cloud.encoding = Encoding::StoredLinear;
         }
-        let device = report.time("open device", || Device::open(args.options.device))?;
-        report.set("asset", asset.display().to_string());
-        report.set("surfels", cloud.len());
-        report.set("sh_degree", cloud.sh_degree);
-        report.set("adapter", device.name());
-        for warning in asset_warnings(&asset, &file) {
-            report.warn(warning);
-        }
-        Ok(Self {
+        Self {
             cloud: Arc::new(cloud),
             file,
             look,
             device,
             occlusion: OnceCell::new(),
             estimate: OnceCell::new(),
-        })
+        }
     }
 
     /// Bakes what the preset needs, or takes the saved bake.
@@ -138,13 +143,13 @@ impl Scene {
         Ok(made)
     }
 
-    /// What the asset tells of the light it was captured under. `saved` is a bake for any preset.
+    /// What the asset tells of the light it was captured under. `saved` is a bake for the preset that is set.
     pub fn estimate(&self, saved: Option<&Path>, report: &mut Report) -> Result<&Estimate> {
         if let Some(known) = self.estimate.get() {
             return Ok(known);
         }
-        let is_for_best = |path: &&Path| inspect_bake(path).is_ok_and(|b| b.preset == Preset::Best);
-        let occlusion = self.occlusion(saved.filter(is_for_best), report)?;
+        let is_for_best = self.look.transfer.preset == Preset::Best;
+        let occlusion = self.occlusion(saved.filter(|_| is_for_best), report)?;
         let estimate = report.time("estimate", || estimate_light(&self.cloud, &occlusion));
         report.set("source_estimate", told_of(&estimate));
         Ok(self.estimate.get_or_init(|| estimate))
@@ -186,32 +191,20 @@ impl Scene {
         let Some(source_file) = &self.look.source.file else {
             bail!("no source light");
         };
+        let saved = args.bake.as_deref();
         let mut light = |path: &Path| {
-            let map = self.load_light(path, report)?;
+            let map = self.load_light(path, saved, report)?;
             self.light(map.as_ref(), report)
         };
         // An estimate needs the bake, and comes last.
-        let known = (!is_estimate(source_file)).then(|| light(source_file));
+        let known = is_file(source_file).then(|| light(source_file));
         let known = known.transpose()?;
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.look)? {
             let light = light(&path)?;
             targets.push(Target { name, path, light });
         }
-        let source = match known {
-            Some(source) => source,
-            None => {
-                let estimate = self.estimate(args.bake.as_deref(), report)?;
-                if let Some(obstacle) = estimate.obstacle {
-                    report.warn(format!(
-                        "the light of the capture cannot be told from the splat: {}; even light is assumed",
-                        obstacle.reason()
-                    ));
-                }
-                let map = self.load_light(source_file, report)?;
-                self.light(map.as_ref(), report)?
-            }
-        };
+        let source = known.map_or_else(|| light(source_file), Ok)?;
         Ok(Lights { source, targets })
     }
 
@@ -260,15 +253,26 @@ impl Scene {
         Ok(prepared)
     }
 
-    /// A light's map; none for even light, and where an estimate cannot tell.
-    pub fn load_light(&self, path: &Path, report: &mut Report) -> Result<Option<EnvironmentMap>> {
+    /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the preset that is set.
+    pub fn load_light(
+        &self,
+        path: &Path,
+        saved: Option<&Path>,
+        report: &mut Report,
+    ) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
         }
         if is_estimate(path) {
-            let estimate = self.estimate(None, report)?;
-            let light = &estimate.light;
-            return Ok(estimate.is_good().then(|| light.map(self.cloud.up)));
+            let estimate = self.estimate(saved, report)?;
+            if let Some(obstacle) = estimate.obstacle {
+                report.warn(format!(
+                    "the light of the capture cannot be told from the splat: {}; even light is assumed",
+                    obstacle.reason()
+                ));
+                return Ok(None);
+            }
+            return Ok(Some(estimate.light.map(self.cloud.up)));
         }
         let map = report.time("load", || load_environment(path))?;
         for warning in map_warnings(path, &map) {
@@ -330,7 +334,7 @@ pub fn told_of(estimate: &Estimate) -> serde_json::Value {
         "confidence": estimate.confidence,
         "is_good": estimate.is_good(),
         "obstacle": estimate.obstacle,
-        "dominant_direction": light.dominant_direction().to_array(),
+        "dominant_direction": estimate.is_good().then(|| light.dominant_direction().to_array()),
         "sun_direction": light.sun.map(|(direction, _)| direction),
         "sun_irradiance": light.sun.map(|(_, energy)| energy),
     })
@@ -509,10 +513,10 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
         *transfer = without.with_context(|| format!("--without {name}"))?;
     }
     if let Some(source) = &light.source {
-        look.source.file = Some(source.clone());
+        look.source.set_file(source.clone());
     }
     if let [target] = &light.target[..] {
-        look.target.file = Some(target.clone());
+        look.target.set_file(target.clone());
     }
     if let Some(degrees) = light.rotate_source {
         look.source.rotation = degrees;

@@ -8,6 +8,7 @@ mod baking;
 mod estimating;
 mod export;
 mod files;
+mod frame;
 mod jobs;
 mod lights;
 mod menus;

@@ -6,7 +6,8 @@ use eframe::wgpu::TextureFormat;
 use transplat_core::present::{Background, View};
 use transplat_gpu::live::{Live, LiveAsset, LiveTransfer};
 
-use crate::driver::{Driver, alike};
+use transplat_tests::driver::Driver;
+use transplat_tests::psnr;
 
 #[test]
 fn the_gpu_shows_what_the_cpu_relit() {
@@ -34,11 +35,11 @@ fn the_gpu_shows_what_the_cpu_relit() {
         let (values, _) = live.read_screen().expect("the driver works");
         let gpu: Vec<[f32; 3]> = values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
         // Both round to eight bits.
-        assert!(alike(&cpu, &gpu) > 60.0, "{view:?}: {}", alike(&cpu, &gpu));
+        assert!(psnr(&cpu, &gpu) > 60.0, "{view:?}: {}", psnr(&cpu, &gpu));
         pictures.push(gpu);
     }
     for (i, a) in pictures.iter().enumerate() {
-        assert!(pictures[..i].iter().all(|b| alike(a, b) < 40.0));
+        assert!(pictures[..i].iter().all(|b| psnr(a, b) < 40.0));
     }
     // The whole is more than either part.
     let sum = |i: usize| pictures[i].iter().flatten().sum::<f32>();

@@ -1,6 +1,6 @@
 //! The viewer's own interface, driven without a window on the adapter that the tests have.
 
-mod driver;
+mod estimate;
 mod live;
 
 use std::fs;
@@ -15,9 +15,8 @@ use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::UpAxis;
 use transplat_core::transfer::Preset;
-use transplat_tests::{Folder, asset, run, small_splat};
-
-use driver::{Driver, alike};
+use transplat_tests::driver::Driver;
+use transplat_tests::{Folder, asset, psnr, run, small_splat};
 
 #[test]
 fn controls_run_what_they_touch_and_nothing_else() {
@@ -45,7 +44,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     );
     assert_eq!(after_turn.backdrop, at_rest.backdrop);
     assert_eq!(d.viewer().stages(), stages, "no projection, no preparation");
-    assert!(alike(&first, &turned) < 30.0);
+    assert!(psnr(&first, &turned) < 30.0);
 
     // Exposure: no transfer.
     d.viewer().session.look.display.exposure = 1.0;
@@ -53,7 +52,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     let after_exposure = d.viewer().passes();
     assert_eq!(after_exposure.transfer, after_turn.transfer);
     assert_eq!(after_exposure.shade, after_turn.shade + 1);
-    assert!(alike(&turned, &exposed) < 25.0);
+    assert!(psnr(&turned, &exposed) < 25.0);
 
     // Another environment of the shelf: it was projected when it came onto the shelf; a transfer and a backdrop.
     let interior = d.folder.path("interior.hdr");
@@ -161,7 +160,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         d.settle();
         let saved_picture = transplat_tests::picture(&saved);
         // 8 bits on the screen and in the file, and maps as half floats on the adapter.
-        let found = alike(&shown, &saved_picture);
+        let found = psnr(&shown, &saved_picture);
         assert!(
             found > 40.0,
             "{view:?}: the screen and the file: {found:.1} dB"
@@ -189,7 +188,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
             "{}",
             String::from_utf8_lossy(&output.stderr)
         );
-        let found = alike(&saved_picture, &transplat_tests::picture(&rendered));
+        let found = psnr(&saved_picture, &transplat_tests::picture(&rendered));
         assert!(
             found > 100.0,
             "{view:?}: the saved picture and render: {found:.1} dB"
@@ -230,10 +229,10 @@ fn a_look_restores_everything() {
         session.look.target.file = Some(EVEN.into());
         session.pose.azimuth = 0.0;
     }
-    assert!(alike(&before, &d.picture()) < 30.0);
+    assert!(psnr(&before, &d.picture()) < 30.0);
     d.viewer().open(&path);
     let after = d.picture();
-    assert!(alike(&before, &after) > 60.0);
+    assert!(psnr(&before, &after) > 60.0);
     let whole = |look: Look| look.resolved_in(Path::new("/"));
     let canonical = |mut look: Look| {
         for path in [
@@ -255,29 +254,29 @@ fn panels_change_settings_and_picture() {
     let first = d.picture();
     d.click("Self-shadow");
     assert!(!d.viewer().session.look.transfer.terms.shadow);
-    assert!(alike(&first, &d.picture()) < 40.0);
+    assert!(psnr(&first, &d.picture()) < 40.0);
     d.click("Self-shadow");
     assert!(
-        alike(&first, &d.picture()) > 60.0,
+        psnr(&first, &d.picture()) > 60.0,
         "switched back it is as it was"
     );
 
     // Each preset has its own terms, and what is switched back is as it was.
     d.click("Gloss");
     assert!(!d.viewer().session.look.transfer.terms.lobe);
-    assert!(alike(&first, &d.picture()) < 50.0);
+    assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Gloss");
     d.click("paper");
     assert_eq!(d.viewer().session.look.transfer.preset, Preset::Paper);
     let paper = d.picture();
-    assert!(alike(&first, &paper) < 45.0);
+    assert!(psnr(&first, &paper) < 45.0);
     d.click("Specular");
     assert!(!d.viewer().session.look.transfer.terms.specular);
-    assert!(alike(&paper, &d.picture()) < 50.0);
+    assert!(psnr(&paper, &d.picture()) < 50.0);
     d.click("Specular");
     let bakes = d.viewer().session.stages.bake;
     d.viewer().session.look.transfer.preset = Preset::Best;
-    assert!(alike(&first, &d.picture()) > 60.0);
+    assert!(psnr(&first, &d.picture()) > 60.0);
     assert_eq!(d.viewer().session.stages.bake, bakes, "both are kept");
 
     // Compare and channels.
@@ -304,7 +303,7 @@ fn panels_change_settings_and_picture() {
         d.viewer().session.look.view = view;
         let picture = d.picture();
         for other in &seen {
-            assert!(alike(other, &picture) < 45.0, "{label} looks like another");
+            assert!(psnr(other, &picture) < 45.0, "{label} looks like another");
         }
         seen.push(picture);
     }
@@ -426,7 +425,7 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     let before = d.picture();
     d.harness.key_up(egui::Key::B);
     let again = d.picture();
-    assert!(alike(&after, &before) < 40.0 && alike(&after, &again) > 60.0);
+    assert!(psnr(&after, &before) < 40.0 && psnr(&after, &again) > 60.0);
 }
 
 #[test]
@@ -477,7 +476,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
         );
     }
     d.viewer().session.messages.clear();
-    assert!(alike(&picture, &d.picture()) > 80.0);
+    assert!(psnr(&picture, &d.picture()) > 80.0);
 
     // A splat whose light nobody knows: relit from even light, which is said; upright after one click.
     let splat = d.folder.write("unknown.ply", small_splat(50));
@@ -502,48 +501,6 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     d.viewer().open(&lights);
     d.settle();
     assert_eq!(d.viewer().shelf().len(), count + 2);
-}
-
-#[test]
-fn the_light_is_estimated_where_nobody_tells_it() {
-    let mut d = Driver::new();
-    let own = d.folder.path("own.ply");
-    fs::copy(asset("teapot.ply"), &own).expect("room for it");
-    d.viewer().open(&own);
-    d.settle();
-    d.harness
-        .get_by_label("captured under: estimated from the object");
-    let session = &d.viewer().session;
-    let estimate = session.estimate.clone().expect("it was asked");
-    assert!(estimate.is_good() && estimate.confidence > 0.9);
-    assert!(!session.source_is_assumed() && session.live().has_relit());
-    assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
-    let toward = |d: &mut Driver| {
-        let [source, _] = d.viewer().session.oriented_lights();
-        source.light.beams.clone().expect("read for best").suns[0].direction
-    };
-    let before = toward(&mut d);
-    // Wherever the asset's up is said to be, its light shines on it from where it did.
-    d.viewer().session.look.up = Some(UpAxis::MinusY);
-    d.settle();
-    assert!(toward(&mut d).dot(before) > 0.999);
-    for (light, is_even) in [("even", true), ("estimate", false)] {
-        d.viewer().session.set_light(0, light.into());
-        d.settle();
-        assert_eq!(d.viewer().session.source_is_assumed(), is_even);
-    }
-    // Of the next asset nothing is known.
-    let few = d.folder.write("few.ply", small_splat(30));
-    d.viewer().open(Path::new(&few));
-    d.settle();
-    let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.estimate.as_ref().is_some_and(|e| !e.is_good()));
-    assert!(
-        session
-            .messages
-            .iter()
-            .any(|m| m.text.contains("cannot be told"))
-    );
 }
 
 #[derive(Debug)]
@@ -629,9 +586,9 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
     let encoded = d.picture();
     d.viewer().session.look.linear = true;
     let linear = d.picture();
-    assert!(alike(&encoded, &linear) < 35.0);
+    assert!(psnr(&encoded, &linear) < 35.0);
     d.viewer().session.look.linear = false;
-    assert!(alike(&encoded, &d.picture()) > 60.0);
+    assert!(psnr(&encoded, &d.picture()) > 60.0);
 }
 
 #[test]
@@ -642,7 +599,7 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     let interior = d.folder.path("interior.hdr");
     d.viewer().session.set_light(1, interior);
     let b = d.picture();
-    assert!(alike(&a, &b) < 35.0);
+    assert!(psnr(&a, &b) < 35.0);
     // All of the split is its left side: the pinned look, but for the background behind it.
     d.viewer().session.look.background = Background::Color([0.0; 3]);
     d.viewer().session.look.view = View::Split;
@@ -650,11 +607,11 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     let left = d.picture();
     d.viewer().session.look.view = View::After;
     let right = d.picture();
-    assert!(alike(&left, &right) < 35.0);
+    assert!(psnr(&left, &right) < 35.0);
     d.viewer().session.swap_pinned();
     d.viewer().session.look.background = Background::Color([0.0; 3]);
     let swapped = d.picture();
-    assert!(alike(&left, &swapped) > 50.0, "{}", alike(&left, &swapped));
+    assert!(psnr(&left, &swapped) > 50.0, "{}", psnr(&left, &swapped));
     // Pinned while a channel is shown, it is the whole colour all the same.
     d.viewer().session.look.view = View::Diffuse;
     d.picture();
@@ -662,7 +619,7 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     d.viewer().session.look.view = View::Split;
     d.viewer().session.look.wipe = 1.0;
     let whole = d.picture();
-    assert!(alike(&left, &whole) > 50.0, "{}", alike(&left, &whole));
+    assert!(psnr(&left, &whole) > 50.0, "{}", psnr(&left, &whole));
 }
 
 #[test]
@@ -776,7 +733,7 @@ fn the_window_looks_as_it_did() {
         let folder = Folder::new();
         let now = folder.path("now.png");
         small.save(&now).expect("it is written");
-        let found = alike(
+        let found = psnr(
             &transplat_tests::picture(&now),
             &transplat_tests::picture(&path),
         );

@@ -11,7 +11,7 @@ use crate::estimate::Estimate;
 use crate::surfels::SurfelCloud;
 
 /// Another one for each change of the estimate's mathematics.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
 pub(crate) struct EstimateFile {

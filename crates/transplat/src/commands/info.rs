@@ -6,14 +6,16 @@ use anyhow::{Result, bail};
 use serde_json::json;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
-use transplat_core::load::inspect_bake;
 use transplat_core::load::{
-    AssetKind, FileKind, file_kind, load_asset, load_environment, load_look,
+    AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
+    load_look,
 };
 use transplat_core::look::Look;
+use transplat_core::surfels::SurfelCloud;
 
-use crate::cli::{AssetArgs, AssetOptions, DeviceChoice, InfoArgs};
+use crate::cli::{DeviceChoice, InfoArgs};
 use crate::commands::estimate;
+use crate::device::Device;
 use crate::report::Report;
 use crate::scene::Scene;
 
@@ -27,9 +29,12 @@ pub fn run(args: &InfoArgs) -> Result<()> {
     }
     match kind {
         FileKind::Ply => {
-            asset(path, &mut report, &mut lines)?;
+            let (cloud, file) = report.time("load", || load_asset(path))?;
+            asset(&cloud, &file, &mut report, &mut lines);
             if args.estimate_light {
-                lines.push(light_of(path, &mut report)?);
+                let device = Device::open(DeviceChoice::Auto)?;
+                let scene = Scene::of(cloud, file, Look::default(), device);
+                lines.push(estimate::summary(scene.estimate(None, &mut report)?));
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
@@ -60,29 +65,13 @@ pub fn run(args: &InfoArgs) -> Result<()> {
     report.finish(&lines.join("\n  "))
 }
 
-/// What a splat tells of the light it was captured under.
-fn light_of(path: &Path, report: &mut Report) -> Result<String> {
-    let asset = AssetArgs {
-        asset: Some(path.to_owned()),
-        options: AssetOptions {
-            up: None,
-            linear: false,
-            directions: None,
-            device: DeviceChoice::Auto,
-        },
-    };
-    let scene = Scene::load(&asset, Look::default(), report)?;
-    Ok(estimate::summary(scene.estimate(None, report)?))
-}
-
 /// The value that a share of the sorted values lies below.
 fn quantile(values: &mut [f32], share: f64) -> f32 {
     let index = ((values.len() - 1) as f64 * share) as usize;
     *values.select_nth_unstable_by(index, f32::total_cmp).1
 }
 
-fn asset(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Result<()> {
-    let (cloud, file) = report.time("load", || load_asset(path))?;
+fn asset(cloud: &SurfelCloud, file: &AssetFile, report: &mut Report, lines: &mut Vec<String>) {
     let found = &file.report;
     let kind = match found.kind {
         AssetKind::Surfels2d => "2DGS",
@@ -171,7 +160,6 @@ fn asset(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Result<()
         lines.push(format!("comment: {comment}"));
     }
     lines.push(format!("properties: {}", summary(&found.properties)));
-    Ok(())
 }
 
 /// Property names, with `f_rest_0 .. f_rest_44` told as a range.

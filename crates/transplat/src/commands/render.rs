@@ -358,7 +358,8 @@ impl Shots<'_> {
             let Some(path) = path.filter(|_| shown) else {
                 continue;
             };
-            let map = self.scene.load_light(path, report)?;
+            let saved = self.args.light.bake.as_deref();
+            let map = self.scene.load_light(path, saved, report)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
             let map = Arc::new(map.blurred(look.background_blur));
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));

@@ -8,7 +8,7 @@ use anyhow::Result;
 use transplat_core::color::luminance;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::load::load_environment;
-use transplat_core::look::{ESTIMATE, is_estimate, is_even, is_file};
+use transplat_core::look::{ESTIMATE, EVEN, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::transfer::Preset;
 
@@ -29,6 +29,8 @@ pub struct Light {
     pub id: u64,
     /// Its file, or `even` or `estimate`.
     pub path: PathBuf,
+    /// Whether it is uniform white light.
+    pub is_even: bool,
     /// As the map lies in its file.
     pub illumination: Illumination,
     pub small: EnvironmentMap,
@@ -44,14 +46,23 @@ impl Light {
     /// Uniform white light.
     pub fn even() -> Self {
         Self {
-            id: 0,
-            path: transplat_core::look::EVEN.into(),
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
+            path: EVEN.into(),
+            is_even: true,
             illumination: Illumination::even(MAX_DEGREE),
             small: EnvironmentMap::even(),
             size: [0, 0],
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
             map: Some(Arc::new(EnvironmentMap::even_backdrop())),
+        }
+    }
+
+    /// Even light in the place of an estimate that is not there, or not good.
+    pub fn assumed() -> Self {
+        Self {
+            path: ESTIMATE.into(),
+            ..Self::even()
         }
     }
 
@@ -93,6 +104,7 @@ impl Light {
         Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             path,
+            is_even: false,
             illumination,
             size: [map.width(), map.height()],
             warnings,
@@ -102,10 +114,6 @@ impl Light {
         }
     }
 
-    pub fn is_even(&self) -> bool {
-        is_even(&self.path)
-    }
-
     /// Whether it was read from a file.
     pub fn is_file(&self) -> bool {
         is_file(&self.path)
@@ -113,7 +121,11 @@ impl Light {
 
     /// For the user.
     pub fn name(&self) -> String {
-        light_name(&self.path)
+        light_name(if self.is_even {
+            Path::new(EVEN)
+        } else {
+            &self.path
+        })
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use transplat_core::color::Encoding;
+use transplat_core::estimate::Estimate;
 use transplat_core::ground::ground_plane;
 use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::look::{CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_file};
@@ -13,6 +14,7 @@ use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::TransferAsset;
 use transplat_gpu::live::LiveAsset;
 
+use super::estimating::kept_estimate;
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, light_name};
 use super::session::{Asset, Event, SOURCE, Session, TARGET};
@@ -26,6 +28,8 @@ pub struct LoadedAsset {
     pub asset: Asset,
     pub live: LiveAsset,
     pub transfer: TransferAsset,
+    /// What was kept of an estimate of its light.
+    pub estimate: Option<Estimate>,
     pub settings: Settings,
     /// The settings as they were when it was asked for.
     pub asked: Look,
@@ -179,7 +183,7 @@ impl Session {
                         }
                         let cloud = Arc::new(cloud);
                         let live = LiveAsset::new(&context, &cloud)?;
-                        let transfer = TransferAsset::default();
+                        let estimate = kept_estimate(&path, &cloud);
                         Ok(LoadedAsset {
                             asset: Asset {
                                 bounds: cloud.bounds(),
@@ -195,7 +199,8 @@ impl Session {
                                 path,
                             },
                             live,
-                            transfer,
+                            transfer: TransferAsset::default(),
+                            estimate,
                             settings,
                             asked,
                         })
@@ -220,7 +225,7 @@ impl Session {
         } else {
             &mut self.look.target
         };
-        settings.file = Some(path);
+        settings.set_file(path);
     }
 
     /// Has an environment read unless it is there.

@@ -2,19 +2,18 @@
 
 use std::cell::RefCell;
 use std::collections::{HashMap, VecDeque};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 use eframe::egui;
-use transplat_core::camera::Camera;
 use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
-use transplat_core::ground::{GROUND_REACH, Ground};
+use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, EVEN, LightSettings, Look, is_estimate, is_even};
-use transplat_core::present::{self, Background, Doubt, View};
+use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
+use transplat_core::present::{self, Doubt};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{
@@ -22,8 +21,8 @@ use transplat_core::transfer::{
 };
 use transplat_core::visibility::Bake;
 use transplat_gpu::Context;
-use transplat_gpu::live::{Frame, Live, LiveTransfer, Passes};
-use transplat_gpu::present::{Backdrop, BackdropLight, GroundPlane, Presentation};
+use transplat_gpu::live::{Live, LiveTransfer, Passes};
+use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
@@ -34,7 +33,6 @@ use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
 use super::oriented::{OrientedLight, OrientedLights};
-use crate::picture::half;
 
 /// An asset as it is open.
 pub struct Asset {
@@ -229,6 +227,8 @@ pub struct Session {
     /// What the asset tells of its light, once it was asked.
     pub estimate: Option<Estimate>,
     pub(super) estimate_asked: Option<EstimateKey>,
+    /// Whether the user knows of it.
+    pub(super) estimate_told: bool,
     /// Settings that are compared with.
     pub pinned: Option<Look>,
     pub against_pinned: bool,
@@ -297,6 +297,7 @@ impl Session {
         look: Look,
     ) -> Self {
         let even = Arc::new(Light::even());
+        let assumed = Arc::new(Light::assumed());
         Self {
             frame_timer: GpuTimer::default(),
             transfer_timer: GpuTimer::default(),
@@ -317,9 +318,10 @@ impl Session {
             },
             estimate: None,
             estimate_asked: None,
+            estimate_told: false,
             pinned: None,
             against_pinned: false,
-            lights: HashMap::from([(even.path.clone(), even.clone())]),
+            lights: HashMap::from([&even, &assumed].map(|l| (l.path.clone(), l.clone()))),
             sides: [even.clone(), even],
             bakes: HashMap::new(),
             prepared: None,
@@ -542,6 +544,7 @@ impl Session {
             asset,
             live,
             transfer,
+            estimate,
             settings,
             asked,
         } = loaded;
@@ -591,16 +594,10 @@ impl Session {
         for warning in asset.warnings.clone() {
             self.info(warning);
         }
-        if look.source.is_even() {
+        if look.source.file.as_deref().is_some_and(is_even) {
             self.info("what it was captured under is not known: even light is assumed. Drop the environment of the capture on “captured under”, if there is one");
         }
-        self.forget_estimate();
-        for (side, settings) in [&look.source, &look.target].into_iter().enumerate() {
-            // Even light stands in until the estimate is there.
-            if settings.file.as_deref().is_some_and(is_estimate) {
-                self.sides[side] = self.lights[Path::new(EVEN)].clone();
-            }
-        }
+        self.reset_estimate(estimate);
         self.look = Look {
             camera: None,
             asset: Some(asset.path.clone()),
@@ -694,129 +691,29 @@ impl Session {
         }
     }
 
-    /// What a viewport of a size shows with the settings as they are.
-    pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
-        let asset = self.asset.as_ref()?;
-        let up = self.up();
-        let whole = Camera::from_pose(&self.pose, up, size, asset.bounds.radius);
-        let camera = if view == View::SideBySide {
-            half(&whole)
-        } else {
-            whole
-        };
-        let look = &self.look;
-        let light = |side: usize| {
-            let (_, settings, gain) = self.behind(side, view);
-            BackdropLight {
-                map_from_asset: settings.map_from_asset(up),
-                gain: settings.gain().map(|g| g * gain),
-            }
-        };
-        let (center, axes) = asset.ground;
-        let ready = |side: usize| {
-            let shown = &self.backdrop_for[side];
-            shown
-                .as_ref()
-                .is_some_and(|k| k.light == self.behind(side, view).0.id)
-        };
-        let [source, target] = view.backdrops();
-        // Until its map is read, an environment behind the object is a plain grey.
-        let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
-        let background = match view.background(look.background) {
-            Background::Environment if waits => Background::Color([0.25; 3]),
-            other => other,
-        };
-        Some(Frame {
-            presentation: Presentation {
-                camera,
-                size,
-                view,
-                wipe: look.wipe,
-                difference_scale: look.difference_scale,
-                display: look.display,
-                false_color: look.false_color,
-                background,
-                lights: [light(SOURCE), light(TARGET)],
-                ground: GroundPlane {
-                    center,
-                    axes,
-                    half: GROUND_REACH * asset.bounds.radius,
-                    catches: look.shadow_catcher && self.ground_lit_for.is_some(),
-                    grid: self.grid.then(|| grid_spacing(asset.bounds.radius)),
-                },
-                bounds: asset.bounds,
-                depth_unit: 1.0,
-            },
-            against_pinned: self.against_pinned,
-            marks: self.show_marks,
-            hidden: (self.hidden.clone(), self.hidden_version),
-        })
-    }
-
-    /// The light that is seen behind a side, as it is turned, and what it is brought to the source's strength by. Behind a pinned look it
-    /// is that look's.
-    pub(super) fn behind(&self, side: usize, view: View) -> (&Arc<Light>, &LightSettings, f32) {
-        let target_of = |look: &Look, lights: [&Light; 2]| {
-            look.match_gain(&lights[0].illumination, &lights[1].illumination)
-        };
-        let find = |file: &Option<PathBuf>| self.lights.get(file.as_deref()?);
-        if side == SOURCE
-            && view.has_two_sides()
-            && let Some(pinned) = self.pinned.as_ref().filter(|_| self.against_pinned)
-            && let (Some(source), Some(target)) =
-                (find(&pinned.source.file), find(&pinned.target.file))
-        {
-            let gain = target_of(pinned, [source, target]);
-            return (target, &pinned.target, gain);
-        }
-        let [source, target] = &self.sides;
-        if side == SOURCE {
-            return (source, &self.look.source, 1.0);
-        }
-        let gain = target_of(&self.look, [source, target]);
-        (target, &self.look.target, gain)
-    }
-
     /// The look as it is saved: with asset and camera.
     pub fn look_to_save(&self) -> Look {
+        // What is still being read may turn out not to be a light.
+        let named = |settings: &LightSettings, side: usize| LightSettings {
+            file: Some(self.sides[side].path.clone()),
+            ..settings.clone()
+        };
         Look {
             asset: self.asset.as_ref().map(|a| a.path.clone()),
             camera: Some(self.pose),
-            source: self.named(SOURCE),
-            target: self.named(TARGET),
+            source: named(&self.look.source, SOURCE),
+            target: named(&self.look.target, TARGET),
             ..self.look.clone()
         }
     }
 
-    fn named(&self, side: usize) -> LightSettings {
-        let settings = if side == SOURCE {
-            &self.look.source
-        } else {
-            &self.look.target
-        };
-        let mut settings = settings.clone();
-        if !settings.file.as_deref().is_some_and(is_estimate) {
-            settings.file = Some(self.sides[side].path.clone());
-        }
-        settings
-    }
-
     /// Whether the light of the capture is not known, and even light is assumed.
     pub fn source_is_assumed(&self) -> bool {
-        is_even(&self.sides[SOURCE].path)
+        self.sides[SOURCE].is_even
     }
 
     /// Whether everything that the settings ask for is shown: nothing is being computed.
     pub fn is_settled(&self) -> bool {
         self.jobs.running().is_empty()
     }
-}
-
-/// A round spacing of the grid, about a fifth of the object's radius.
-pub fn grid_spacing(radius: f32) -> f32 {
-    let raw = radius / 4.0;
-    let power = 10f32.powf(raw.log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0];
-    let step = steps.iter().find(|s| **s * power >= raw).unwrap_or(&10.0);
-    step * power
 }

@@ -96,7 +96,7 @@ impl Shelf {
             ui.label(egui::RichText::new(SIDES[side]).small().strong());
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click());
             self.slots[side] = Some(rect);
-            let name = if side == SOURCE && light.is_even() {
+            let name = if side == SOURCE && light.is_even {
                 "even light (assumed)".to_owned()
             } else {
                 light.name()
@@ -125,7 +125,7 @@ impl Shelf {
                     ui.close();
                 }
                 if side == SOURCE && ui.button("Estimate it from the object").clicked() {
-                    session.set_light(side, transplat_core::look::ESTIMATE.into());
+                    session.ask_for_estimate();
                     ui.close();
                 }
                 if light.is_file() && ui.button("Put on the shelf").clicked() {

@@ -67,26 +67,41 @@ impl Session {
         }
     }
 
+    /// Asset and directions of a preset's bake.
+    fn bake_key(&self, preset: Preset) -> (u64, usize) {
+        let directions = match preset {
+            Preset::Paper => self.look.directions,
+            Preset::Best => occlusion::DIRECTIONS,
+        };
+        (self.asset_id, directions)
+    }
+
+    /// Starts the bake for the preset that is set, and after it what the estimate of the light needs.
     pub(super) fn start_bake(&mut self) {
         let Some(asset) = &self.asset else {
             return;
         };
         let preset = self.look.transfer.preset;
-        let directions = match preset {
-            Preset::Paper => self.look.directions,
-            Preset::Best => occlusion::DIRECTIONS,
+        let is_asked = |preset| {
+            let state = self.bakes.get(&preset);
+            state.is_some_and(|b| b.asked == Some(self.bake_key(preset)))
         };
-        let key = (self.asset_id, directions);
-        if self.baked().is_some_and(|b| b.asked == Some(key)) {
+        let is_running = self.jobs.is_running(Kind::Bake);
+        let preset = if !is_asked(preset) {
+            preset
+        } else if !is_running && self.estimate_needs_bake() && !is_asked(Preset::Best) {
+            Preset::Best
+        } else {
             return;
-        }
-        if self.jobs.is_running(Kind::Bake) {
+        };
+        if is_running {
             self.jobs.cancel(Kind::Bake);
             // What was cancelled is asked for again when it is wanted.
             for state in self.bakes.values_mut().filter(|b| b.share < 1.0) {
                 state.asked = None;
             }
         }
+        let key @ (_, directions) = self.bake_key(preset);
         let state = self.bakes.entry(preset).or_default();
         (state.asked, state.share) = (Some(key), 0.0);
         let (background, path, cloud) = (
@@ -98,7 +113,12 @@ impl Session {
         let is_other =
             |file: &PathBuf| inspect_bake(file).is_ok_and(|header| header.preset != preset);
         let saved = self.bake.take_if(|file| !is_other(file));
-        let label = format!("baking the visibility of {}", asset.name());
+        let what = if preset == self.look.transfer.preset {
+            "the visibility"
+        } else {
+            "what tells the light"
+        };
+        let label = format!("baking {what} of {}", asset.name());
         let id = self.asset_id;
         let work = move |handle: &Handle<Event>| {
             let event = |baked: Baked| Event::Baked {

@@ -35,7 +35,7 @@ pub struct ToldOfLight {
     /// Of the irradiance over the surfels, by channel.
     pub correlation: [f64; 3],
     /// Between the directions that most of the light comes from, in degrees.
-    pub angle: f32,
+    pub angle: Option<f32>,
     /// How many times as strong the light really was, by channel.
     pub gain: [f64; 3],
 }
@@ -194,11 +194,12 @@ fn told_of_light(estimates: &[ToldOfLight]) -> String {
         let each = |v: [f64; 3], digits: usize| v.map(|v| format!("{v:.digits$}")).join(" ");
         let _ = writeln!(
             out,
-            "| {} | {:.2} | {} | {:.1} degrees off | {} |",
+            "| {} | {:.2} | {} | {} | {} |",
             cell(&e.object),
             e.confidence,
             each(e.correlation, 3),
-            e.angle,
+            e.angle
+                .map_or("-".into(), |a| format!("{a:.1} degrees off")),
             each(e.gain, 2),
         );
     }

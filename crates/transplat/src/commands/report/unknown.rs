@@ -1,19 +1,18 @@
 //! How well the light of the capture is told from the object alone.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use glam::Vec3;
 use transplat_core::environment::Illumination;
+use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::BestTransfer;
-use transplat_core::transfer::{Preset, TransferSettings};
+use transplat_core::transfer::{PreparedTransfer, Preset, TransferSettings};
 use transplat_core::visibility::Bake;
 
 use super::tables::ToldOfLight;
 use super::variants::Source;
 use crate::device::Device;
-use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::transfer::PreparedTransfer;
 
 /// What is taken for the light of the capture where nobody tells it, and how that compares with what it was.
 pub struct Unknown {
@@ -55,7 +54,7 @@ impl Unknown {
                 object: object.to_owned(),
                 confidence: estimate.confidence,
                 correlation,
-                angle: angle(&estimate, light)?,
+                angle: angle(&estimate, light),
                 gain,
             },
         })
@@ -108,9 +107,9 @@ fn compare(cloud: &SurfelCloud, ours: &[[f64; 3]], truth: &[[f64; 3]]) -> ([f64;
     (correlation, gain)
 }
 
-/// Angle between the directions that most of the light comes from, in degrees.
-fn angle(estimate: &Estimate, light: &Illumination) -> Result<f32> {
-    let beams = light.beams.as_ref().context("a light with its beams")?;
+/// Angle between the directions that most of the light comes from, in degrees; none where there is no estimate.
+fn angle(estimate: &Estimate, light: &Illumination) -> Option<f32> {
+    let beams = light.beams.as_ref().filter(|_| estimate.is_good())?;
     let all = beams.suns.iter().chain(&beams.cells);
     let sum: Vec3 = all
         .map(|b| b.direction * b.energy.iter().sum::<f32>())
@@ -119,5 +118,5 @@ fn angle(estimate: &Estimate, light: &Illumination) -> Result<f32> {
         .light
         .dominant_direction()
         .dot(sum.normalize_or_zero());
-    Ok(cosine.clamp(-1.0, 1.0).acos().to_degrees())
+    Some(cosine.clamp(-1.0, 1.0).acos().to_degrees())
 }

@@ -2,7 +2,6 @@
 
 use eframe::egui::Ui;
 use transplat_core::estimate::Estimate;
-use transplat_core::look::ESTIMATE;
 use transplat_core::surfels::UpAxis;
 
 use crate::viewer::app::Viewer;
@@ -27,7 +26,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
-    if !light.is_even() && ui.button("Use even light instead").clicked() {
+    if (!light.is_even || (side == SOURCE && session.is_estimating()))
+        && ui.button("Use even light instead").clicked()
+    {
         session.set_light(side, transplat_core::look::EVEN.into());
     }
     let settings = if side == SOURCE {
@@ -93,9 +94,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
 
 /// What is said of the light of the capture where nobody told it.
 fn source_without_file(ui: &mut Ui, session: &mut Session) {
-    let is_even = session.sides[SOURCE].is_even();
+    let is_even = session.sides[SOURCE].is_even;
+    let is_on_its_way = session.look.source.is_estimate() && session.is_estimating();
     let estimate = session.estimate.as_ref();
-    if is_even {
+    if is_on_its_way {
+        ui.label("even light, until the light is estimated from the object");
+    } else if is_even {
         ui.label("even light (assumed): nobody told what it was captured under");
     } else {
         ui.label("estimated from the object");
@@ -127,8 +131,8 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     }
     ui.weak("Drop the environment of the capture on the slot “captured under”, if there is one.");
     let can_tell = estimate.is_none_or(Estimate::is_good);
-    if is_even && can_tell && ui.button("Estimate it from the object").clicked() {
-        session.set_light(SOURCE, ESTIMATE.into());
+    if is_even && can_tell && !is_on_its_way && ui.button("Estimate it from the object").clicked() {
+        session.ask_for_estimate();
     }
 }
 

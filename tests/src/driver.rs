@@ -7,21 +7,34 @@ use eframe::egui;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use transplat::viewer::{Opening, Viewer, wgpu_setup};
-use transplat_tests::{Folder, asset, psnr};
 
+use crate::{Folder, asset};
+
+/// Of the window.
 pub const SIZE: egui::Vec2 = egui::vec2(1000.0, 640.0);
 
 /// How long a job may take on a slow machine.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
+/// A viewer that is driven.
 pub struct Driver {
+    /// The window.
     pub harness: Harness<'static, Viewer>,
     /// Keeps the files of the scene.
     pub folder: Folder,
 }
 
+impl Default for Driver {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Driver {
     /// The viewer on a copy of the bundled scene, so that bakes are kept apart.
+    ///
+    /// # Panics
+    /// If there is no room for it.
     pub fn new() -> Self {
         let folder = Folder::new();
         for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
@@ -40,6 +53,10 @@ impl Driver {
         driver
     }
 
+    /// The viewer with what it is opened with.
+    ///
+    /// # Panics
+    /// If it cannot be made, or does not come to rest.
     pub fn open(opening: Opening, folder: Folder) -> Self {
         let harness = Harness::builder()
             .with_size(SIZE)
@@ -51,11 +68,15 @@ impl Driver {
         driver
     }
 
+    /// The viewer itself.
     pub fn viewer(&mut self) -> &mut Viewer {
         self.harness.state_mut()
     }
 
     /// Runs until nothing is being computed any more.
+    ///
+    /// # Panics
+    /// If that takes too long.
     pub fn settle(&mut self) {
         let start = Instant::now();
         let mut quiet = 0;
@@ -73,6 +94,10 @@ impl Driver {
         }
     }
 
+    /// What the viewport shows, `[height * width]`.
+    ///
+    /// # Panics
+    /// If it cannot be read.
     pub fn picture(&mut self) -> Vec<[f32; 3]> {
         self.settle();
         let viewer = self.harness.state();
@@ -84,15 +109,11 @@ impl Driver {
         values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
     }
 
+    /// Clicks what has a label.
     pub fn click(&mut self, label: &str) {
         self.harness.get_by_label(label).scroll_to_me();
         self.settle();
         self.harness.get_by_label(label).click();
         self.settle();
     }
-}
-
-/// How different two pictures are, in dB; more is more alike.
-pub fn alike(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
-    psnr(a, b)
 }

@@ -1,0 +1,108 @@
+//! A splat whose light nobody tells.
+
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+
+use egui_kittest::kittest::Queryable;
+use transplat_core::surfels::UpAxis;
+use transplat_core::transfer::Preset;
+use transplat_tests::driver::{Driver, PATIENCE};
+use transplat_tests::{asset, small_splat};
+
+#[test]
+fn the_light_is_estimated_where_nobody_tells_it() {
+    let mut d = Driver::new();
+    let own = d.folder.path("own.ply");
+    fs::copy(asset("teapot.ply"), &own).expect("room for it");
+    d.viewer().open(&own);
+    d.settle();
+    d.harness
+        .get_by_label("captured under: estimated from the object");
+    let session = &d.viewer().session;
+    let estimate = session.estimate.clone().expect("it was asked");
+    assert!(estimate.is_good() && estimate.confidence > 0.9);
+    assert!(!session.source_is_assumed() && session.live().has_relit());
+    assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
+    let toward = |d: &mut Driver| {
+        let [source, _] = d.viewer().session.oriented_lights();
+        source.light.beams.clone().expect("read for best").suns[0].direction
+    };
+    let before = toward(&mut d);
+    // Wherever the asset's up is said to be, its light shines on it from where it did.
+    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.settle();
+    assert!(toward(&mut d).dot(before) > 0.999);
+    for (light, is_even) in [("even", true), ("estimate", false)] {
+        d.viewer().session.set_light(0, light.into());
+        d.settle();
+        assert_eq!(d.viewer().session.source_is_assumed(), is_even);
+    }
+}
+
+#[test]
+fn where_it_cannot_be_told_even_light_stands_in_and_the_setting_stays() {
+    let mut d = Driver::new();
+    let few = d.folder.write("few.ply", small_splat(30));
+    d.viewer().open(Path::new(&few));
+    d.settle();
+    d.harness
+        .get_by_label("captured under: even light (assumed)");
+    let session = &d.viewer().session;
+    assert!(session.source_is_assumed() && session.estimate.as_ref().is_some_and(|e| !e.is_good()));
+    let mut told = session.messages.iter();
+    assert!(told.any(|m| m.text.contains("cannot be told")));
+    assert!(session.look.source.is_estimate() && session.look_to_save().source.is_estimate());
+    // A file that is no light changes nothing of that.
+    let broken = d.folder.write("broken.hdr", "no light");
+    d.viewer().session.set_light(0, broken.into());
+    d.settle();
+    assert!(d.viewer().session.look.source.is_estimate());
+    // The next asset may tell its light.
+    let own = d.folder.path("own.ply");
+    fs::copy(asset("teapot.ply"), &own).expect("room for it");
+    d.viewer().open(&own);
+    d.settle();
+    assert!(!d.viewer().session.source_is_assumed());
+    // Taken as linear it tells another, which is estimated anew.
+    let before = d.viewer().session.estimate.clone();
+    d.viewer().session.look.linear = true;
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.look.source.is_estimate() && session.estimate.is_some());
+    assert_ne!(
+        session.estimate.as_ref().map(|e| e.confidence),
+        before.map(|e| e.confidence)
+    );
+}
+
+#[test]
+fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
+    let mut d = Driver::new();
+    // Preset paper's own bake tells nothing of the light: another is made after it.
+    d.viewer().session.look.transfer.preset = Preset::Paper;
+    let own = d.folder.path("own.ply");
+    fs::copy(asset("teapot.ply"), &own).expect("room for it");
+    d.viewer().open(&own);
+    let start = Instant::now();
+    let is_baked_for = |d: &mut Driver| {
+        let mut jobs = d.viewer().session.jobs.running().iter();
+        jobs.any(|j| j.label.contains("what tells the light"))
+    };
+    while !is_baked_for(&mut d) {
+        d.harness.step();
+        assert!(start.elapsed() < PATIENCE, "it is baked for");
+    }
+    let session = &d.viewer().session;
+    assert!(session.is_estimating() && session.source_is_assumed());
+    session.jobs.running().iter().for_each(|j| j.cancel());
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.estimate.is_none() && session.source_is_assumed());
+    d.viewer().session.ask_for_estimate();
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.estimate.as_ref().is_some_and(|e| e.is_good()));
+    assert!(!session.source_is_assumed());
+    assert_eq!(session.look.transfer.preset, Preset::Paper);
+}
