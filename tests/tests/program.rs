@@ -475,6 +475,17 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
         fs::read(out).expect("a splat")
     });
     assert!(relit[0] == relit[1]);
+    // A bake that does not fit is told before anything is baked for the estimate.
+    let output = run(&[
+        "relight", &teapot, "--preset", "paper", "--bake", &bake, "--source", "estimate",
+        "--target", &sunset, "--device", "cpu", "-o", &light,
+    ]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success(), "{message}");
+    assert!(
+        message.contains(&bake) && message.contains("for preset best"),
+        "{message}"
+    );
     // What cannot be told is said, and no light is invented.
     let few = folder.write("few.ply", small_splat(20));
     let none = folder.name("none.exr");

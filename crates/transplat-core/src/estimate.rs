@@ -26,7 +26,7 @@ use fit::{Fit, Fitted, Light};
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
 
-/// The albedo that the whitest surfels, the ones that preset `best` takes for white, are taken to have.
+/// The albedo that the whitest twentieth of the object is taken to have.
 pub const WHITEST_ALBEDO: f64 = 0.65;
 
 /// From this confidence on, the estimate is better than even light.
@@ -96,7 +96,7 @@ impl Obstacle {
 pub struct Estimate {
     /// The most probable light; even where nothing is told.
     pub light: EstimatedLight,
-    /// Share of what neighbours differ in that the light explains and that is no chance, 0 to 1.
+    /// How sure it is, 0 to 1: of the variance of the light over the object, and of the noise that no light explains, the share that is told.
     pub confidence: f32,
     /// Why even light is to be taken instead, where it is.
     pub obstacle: Option<Obstacle>,
@@ -196,6 +196,13 @@ impl EstimatedLight {
                 (sun.direction.to_array(), energy)
             }),
         }
+    }
+
+    /// Whether it has all its coefficients, and nothing but numbers.
+    pub(crate) fn is_sound(&self) -> bool {
+        let sun = self.sun.iter().flat_map(|(d, e)| [d, e]);
+        let mut values = self.log_radiance.iter().chain(sun).flatten();
+        self.log_radiance.len() == fit::SKY + 1 && values.all(|v| v.is_finite())
     }
 
     /// Where most of the light comes from, in the asset's coordinates: the unit vector along the sum of all light.

@@ -57,6 +57,14 @@ impl Default for LightSettings {
 }
 
 impl LightSettings {
+    /// A light as it is.
+    pub fn of(file: impl Into<PathBuf>) -> Self {
+        Self {
+            file: Some(file.into()),
+            ..Self::default()
+        }
+    }
+
     /// Whether it is the light that the asset tells of.
     pub fn is_estimate(&self) -> bool {
         self.file.as_deref().is_some_and(is_estimate)
@@ -393,6 +401,24 @@ fn relative(path: &Path, folder: &Path) -> PathBuf {
 mod tests {
     use super::*;
     use crate::environment::{Beams, EnvironmentMap, project_environment};
+
+    #[test]
+    fn a_light_keeps_its_turn_among_files_and_none_of_an_estimate() {
+        let mut light = LightSettings {
+            rotation: 90.0,
+            strength: 1.0,
+            ..LightSettings::of("a.hdr")
+        };
+        light.set_file("b.hdr".into());
+        assert_eq!((light.rotation, light.strength), (90.0, 1.0));
+        light.set_file(ESTIMATE.into());
+        assert_eq!(light, LightSettings::of(ESTIMATE));
+        light.strength = 2.0;
+        light.set_file(ESTIMATE.into());
+        assert_eq!(light.strength, 2.0);
+        light.set_file("a.hdr".into());
+        assert_eq!(light, LightSettings::of("a.hdr"));
+    }
 
     #[test]
     fn a_partial_look_keeps_the_defaults_and_a_misspelt_one_is_refused() {

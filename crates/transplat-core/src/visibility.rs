@@ -115,6 +115,19 @@ pub fn refining_order(directions: usize) -> Vec<usize> {
         .collect()
 }
 
+/// Whether what was baked for a preset serves another.
+pub(crate) fn check_preset(baked: Preset, wanted: Preset) -> Result<()> {
+    if baked == wanted {
+        return Ok(());
+    }
+    Err(Error::Mismatch(format!(
+        "the bake is for preset {}, and the preset is {}; `transplat bake --preset {}` makes the other",
+        baked.name(),
+        wanted.name(),
+        wanted.name()
+    )))
+}
+
 /// What a preset needs of the geometry alone.
 #[derive(Clone, Debug)]
 pub enum Bake {
@@ -154,15 +167,8 @@ impl Bake {
     /// # Errors
     /// It is for the other one.
     pub fn of_preset(&self, preset: Preset) -> Result<&Self> {
-        if self.preset() == preset {
-            return Ok(self);
-        }
-        Err(Error::Mismatch(format!(
-            "the bake is for preset {}, and the preset is {}; `transplat bake --preset {}` makes the other",
-            self.preset().name(),
-            preset.name(),
-            preset.name()
-        )))
+        check_preset(self.preset(), preset)?;
+        Ok(self)
     }
 
     /// Number of surfels.

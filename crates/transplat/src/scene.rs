@@ -14,7 +14,7 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::ground::Ground;
 use transplat_core::load::{
-    AssetFile, AssetKind, load_asset, load_bake, load_environment, load_look,
+    AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
 };
 use transplat_core::look::{Look, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
@@ -191,6 +191,11 @@ impl Scene {
         let Some(source_file) = &self.look.source.file else {
             bail!("no source light");
         };
+        if let Some(path) = &args.bake {
+            inspect_bake(path)?
+                .of_preset(self.look.transfer.preset)
+                .with_context(|| path.display().to_string())?;
+        }
         let saved = args.bake.as_deref();
         let mut light = |path: &Path| {
             let map = self.load_light(path, saved, report)?;
@@ -330,13 +335,14 @@ impl Scene {
 /// An estimate for programs.
 pub fn told_of(estimate: &Estimate) -> serde_json::Value {
     let light = &estimate.light;
+    let sun = light.sun.filter(|_| estimate.is_good());
     serde_json::json!({
         "confidence": estimate.confidence,
         "is_good": estimate.is_good(),
         "obstacle": estimate.obstacle,
         "dominant_direction": estimate.is_good().then(|| light.dominant_direction().to_array()),
-        "sun_direction": light.sun.map(|(direction, _)| direction),
-        "sun_irradiance": light.sun.map(|(_, energy)| energy),
+        "sun_direction": sun.map(|(direction, _)| direction),
+        "sun_irradiance": sun.map(|(_, energy)| energy),
     })
 }
 

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
+use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use transplat_core::surfels::UpAxis;
 use transplat_core::transfer::Preset;
@@ -55,9 +56,12 @@ fn where_it_cannot_be_told_even_light_stands_in_and_the_setting_stays() {
     assert!(session.look.source.is_estimate() && session.look_to_save().source.is_estimate());
     // A file that is no light changes nothing of that.
     let broken = d.folder.write("broken.hdr", "no light");
+    d.viewer().session.look.source.strength = 1.5;
+    d.settle();
     d.viewer().session.set_light(0, broken.into());
     d.settle();
-    assert!(d.viewer().session.look.source.is_estimate());
+    let source = &d.viewer().session.look.source;
+    assert!(source.is_estimate() && source.strength == 1.5);
     // The next asset may tell its light.
     let own = d.folder.path("own.ply");
     fs::copy(asset("teapot.ply"), &own).expect("room for it");
@@ -105,4 +109,54 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     assert!(session.estimate.as_ref().is_some_and(|e| e.is_good()));
     assert!(!session.source_is_assumed());
     assert_eq!(session.look.transfer.preset, Preset::Paper);
+}
+
+#[test]
+fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
+    let mut d = Driver::new();
+    let own = d.folder.path("own.ply");
+    fs::copy(asset("teapot.ply"), &own).expect("room for it");
+    d.viewer().open(&own);
+    d.settle();
+    let first = d.viewer().session.estimate.clone().expect("estimated");
+    // Another splat, dropped while nothing of the last one's light fits it, and with a preset that has no bake for an estimate.
+    d.viewer().session.look.transfer.preset = Preset::Paper;
+    let few = d.folder.write("few.ply", small_splat(30));
+    d.viewer().open(Path::new(&few));
+    d.settle();
+    assert!(d.viewer().session.source_is_assumed());
+    // A kept estimate needs no bake.
+    fs::remove_file(d.folder.path("own.ply.best.bake")).expect("it was kept");
+    d.viewer().open(&own);
+    d.settle();
+    let session = &d.viewer().session;
+    assert_eq!(session.estimate.as_ref(), Some(&first));
+    assert!(!session.source_is_assumed() && !session.bakes.contains_key(&Preset::Best));
+    // Undone and done again, swapped and swapped back.
+    d.viewer().session.set_light(0, "even".into());
+    d.settle();
+    for (keys, is_even) in [("undo", false), ("redo", true), ("undo", false)] {
+        let modifiers = if keys == "redo" {
+            egui::Modifiers::COMMAND | egui::Modifiers::SHIFT
+        } else {
+            egui::Modifiers::COMMAND
+        };
+        d.harness.key_press_modifiers(modifiers, egui::Key::Z);
+        d.settle();
+        assert_eq!(d.viewer().session.source_is_assumed(), is_even, "{keys}");
+    }
+    d.viewer().session.swap_lights();
+    d.settle();
+    assert_eq!(d.viewer().session.sides[1].path, Path::new("estimate"));
+    d.viewer().session.swap_lights();
+    // A look without a light of the capture leaves that to the asset.
+    let look = format!(
+        "{{\"asset\": {:?}, \"target\": {{\"file\": \"even\"}}}}",
+        few
+    );
+    let look = d.folder.write("few.json", look);
+    d.viewer().open(Path::new(&look));
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.look.source.is_estimate() && session.source_is_assumed());
 }

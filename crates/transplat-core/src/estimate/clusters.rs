@@ -33,8 +33,11 @@ const CHROMA: f64 = 0.06;
 /// A channel below this share of [`Clusters::bright`] is too dark to be compared.
 const DARK: f64 = 0.01;
 
-/// Share of the object that is darker than what counts as bright. Not the mean: a floater may be brighter than all the rest together.
+/// Share of the object that is darker than what counts as bright. Not the mean: a floater may be brighter than all the rest together. Nor
+/// of all of it: most may be a black backdrop, which is what lies below that share of the brightest twentieth.
 const BRIGHT: f64 = 0.8;
+const BRIGHTEST: f64 = 0.95;
+const BLACK: f64 = 1e-3;
 
 /// Edges of the cells at which the search begins and ends, and how many it tries.
 const FIRST_EDGE: f32 = 0.1;
@@ -257,8 +260,12 @@ impl Clusters {
     /// The radiance of what is bright of the object, the mean of the channels.
     pub fn bright(&self) -> f64 {
         let each = self.radiance.iter().zip(&self.mass);
-        let each = each.map(|(b, m)| (b.iter().sum::<f64>() / 3.0, *m));
-        weighted_quantile(each.collect(), BRIGHT).unwrap_or(0.0)
+        let mut each: Vec<_> = each
+            .map(|(b, m)| (b.iter().sum::<f64>() / 3.0, *m))
+            .collect();
+        let brightest = weighted_quantile(each.clone(), BRIGHTEST).unwrap_or(0.0);
+        each.retain(|(b, _)| *b > BLACK * brightest);
+        weighted_quantile(each, BRIGHT).unwrap_or(0.0)
     }
 }
 

@@ -235,6 +235,36 @@ fn a_few_broken_surfels_change_little() {
 }
 
 #[test]
+fn a_black_backdrop_changes_little() {
+    let (mut cloud, _) = lit(1500, slanted, None);
+    // Below the plate, where it takes no light from the rest, and much larger.
+    let plate = scenes::sheet(40);
+    let n = cloud.len();
+    cloud
+        .positions
+        .extend(plate.positions.iter().map(|p| 3.2 * *p - 4.0 * Vec3::Z));
+    cloud.tangents.extend(&plate.tangents);
+    cloud.scales.extend(plate.scales.iter().map(|s| 3.2 * *s));
+    cloud.opacities.extend(&plate.opacities);
+    cloud.sh.extend(vec![[0.0; 3]; plate.len()]);
+    let share: f32 = cloud.scales[n..]
+        .iter()
+        .map(|s| s.element_product())
+        .sum::<f32>()
+        / cloud
+            .scales
+            .iter()
+            .map(|s| s.element_product())
+            .sum::<f32>();
+    assert!(share > 0.8, "{share}");
+    let bake = Occlusion::bake(&cloud, &no_progress).expect("small");
+    let found = estimate_light(&cloud, &bake);
+    assert!(found.is_good(), "{:?}", found.obstacle);
+    let off = unlike(&found.light, slanted);
+    assert!(off < 0.1, "{off}");
+}
+
+#[test]
 fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));

@@ -14,7 +14,7 @@ use crate::surfels::SurfelCloud;
 use crate::transfer::Preset;
 use crate::visibility::occlusion::{self, Found, Hit, MOST_SURFELS, Occlusion, PATCHES, WORDS};
 use crate::visibility::trace::Tracer;
-use crate::visibility::{Bake, DIRECTIONS, Visibility};
+use crate::visibility::{Bake, DIRECTIONS, Visibility, check_preset};
 
 /// What bake files of all versions begin with.
 pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
@@ -36,6 +36,16 @@ pub struct BakeHeader {
     pub preset: Preset,
     /// Directions that were asked.
     pub directions: u64,
+}
+
+impl BakeHeader {
+    /// Whether the bake is for a preset.
+    ///
+    /// # Errors
+    /// It is for the other one.
+    pub fn of_preset(&self, preset: Preset) -> Result<()> {
+        check_preset(self.preset, preset)
+    }
 }
 
 /// The number that stands for a preset.

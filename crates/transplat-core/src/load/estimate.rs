@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 use crate::estimate::Estimate;
 use crate::surfels::SurfelCloud;
 
-/// Another one for each change of the estimate's mathematics.
-const VERSION: u32 = 2;
+/// Another one for each change of the estimate's mathematics, or of what it shares with preset `best` (its epsilon, what is white).
+const VERSION: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
 pub(crate) struct EstimateFile {
@@ -52,6 +52,10 @@ pub fn load_estimate(path: &Path, cloud: &SurfelCloud) -> Result<Estimate> {
         .map_err(|e| Error::invalid(path, format!("no estimate of a light: {e}")))?;
     if file.version != VERSION || file.asset_key != asset_key(cloud) {
         let message = "the estimate of a light is of another asset or version";
+        return Err(Error::invalid(path, message));
+    }
+    if !file.estimate.light.is_sound() {
+        let message = "the estimate of a light is broken";
         return Err(Error::invalid(path, message));
     }
     Ok(file.estimate)

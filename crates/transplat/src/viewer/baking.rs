@@ -112,7 +112,7 @@ pub fn bake(
         }
     };
     let ms = ms();
-    let file = match keep(&files, wanted.cloud, &bake) {
+    let file = match keep(&files, |file| save_bake(file, wanted.cloud, &bake)) {
         Ok(file) => Some(file),
         Err(why) => {
             complaint.get_or_insert(format!("the bake could not be kept: {why}"));
@@ -167,15 +167,18 @@ fn bake_visibility(
     Ok(Bake::Visibility(whole))
 }
 
-/// Writes the bake to the first place that takes it.
-fn keep(files: &[PathBuf], cloud: &SurfelCloud, bake: &Bake) -> Result<PathBuf, String> {
+/// Saves to the first place that takes it.
+pub fn keep(
+    files: &[PathBuf],
+    save: impl Fn(&Path) -> transplat_core::Result<()>,
+) -> Result<PathBuf, String> {
     let mut why = String::new();
     for file in files {
         if let Some(folder) = file.parent().filter(|f| !f.is_dir()) {
             // A missing cache is made; what goes wrong with it is told below.
             let _ = std::fs::create_dir_all(folder);
         }
-        match save_bake(file, cloud, bake) {
+        match save(file) {
             Ok(()) => return Ok(file.clone()),
             Err(error) => why = error.to_string(),
         }

@@ -3,36 +3,28 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Result;
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::export::save_estimate;
 use transplat_core::load::load_estimate;
 use transplat_core::look::ESTIMATE;
-use transplat_core::surfels::{SurfelCloud, UpAxis};
+use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Preset;
 use transplat_core::visibility::Bake;
 use transplat_core::visibility::occlusion::{DIRECTIONS, Occlusion};
 
-use super::baking::Wanted;
+use super::baking::{self, Wanted};
 use super::jobs::{Handle, Kind};
 use super::lights::Light;
 use super::session::{Event, SOURCE, Session};
 
-/// What the estimate was asked for: asset and up axis.
-pub type EstimateKey = (u64, UpAxis);
-
-/// An estimate, and the light that it makes where it is good.
-pub struct Estimated {
-    pub(super) key: EstimateKey,
-    pub estimate: Estimate,
-    pub light: Option<Light>,
-}
+/// For the user, where nobody told the light.
+pub const DROP_IT: &str =
+    "Drop the environment of the capture on “captured under”, if there is one";
 
 impl Session {
-    /// Whether the settings, or the pinned ones, ask for the light that the asset tells of.
+    /// Whether the settings ask for the light that the asset tells of.
     fn asks_for_estimate(&self) -> bool {
-        let mut looks = std::iter::once(&self.look).chain(&self.pinned);
-        looks.any(|look| look.source.is_estimate() || look.target.is_estimate())
+        self.look.source.is_estimate() || self.look.target.is_estimate()
     }
 
     /// Whether a bake is needed to estimate the light.
@@ -40,72 +32,91 @@ impl Session {
         self.estimate.is_none() && self.asks_for_estimate()
     }
 
-    /// Estimates the light of the capture where the settings ask for it, once there is a bake; makes a light of it for the asset's up axis.
+    /// Estimates the light of the capture where the settings ask for it, once there is a bake.
     pub(super) fn update_estimate(&mut self) {
-        let key = (self.asset_id, self.up());
+        if !self.asks_for_estimate() {
+            return;
+        }
+        self.show_estimate();
         let Some(asset) = &self.asset else {
             return;
         };
-        if !self.asks_for_estimate()
-            || self.estimate_asked == Some(key)
-            || self.jobs.is_running(Kind::Estimate)
-        {
+        if self.estimate.is_some() || self.estimate_asked {
             return;
         }
-        let known = self.estimate.clone();
         let state = self.bakes.get(&Preset::Best).filter(|b| b.share == 1.0);
-        let occlusion = match state.and_then(|b| b.bake.as_deref()) {
-            Some(Bake::Occlusion(occlusion)) => Some(occlusion.clone()),
-            _ => None,
+        let Some(Bake::Occlusion(occlusion)) = state.and_then(|b| b.bake.as_deref()) else {
+            return;
         };
+        let occlusion = occlusion.clone();
         let (path, cloud) = (asset.path.clone(), asset.cloud.clone());
-        let make: Box<dyn FnOnce() -> Estimate + Send> = match (known, occlusion) {
-            (Some(known), _) => Box::new(|| known),
-            (None, Some(occlusion)) => Box::new(move || estimate(&path, &cloud, &occlusion)),
-            // It is on its way.
-            (None, None) => return,
-        };
         let label = format!("estimating the light of {}", asset.name());
-        self.estimate_asked = Some(key);
+        self.estimate_asked = true;
+        let id = self.asset_id;
         let work = move |_: &Handle<Event>| {
-            Some(match Estimated::new(key, make()) {
-                Ok(estimated) => Event::Estimated(Box::new(estimated)),
-                Err(error) => Event::Failed(format!("the light could not be estimated: {error:#}")),
+            let estimate = Box::new(estimate(&path, &cloud, &occlusion));
+            Some(Event::Estimated {
+                asset: id,
+                estimate,
             })
         };
         self.jobs.start(Kind::Estimate, label, work, Event::Failed);
     }
 
-    /// Has the light estimated, also where that was cancelled before or failed.
-    pub fn ask_for_estimate(&mut self) {
-        self.set_light(SOURCE, ESTIMATE.into());
-        if self.estimate.is_none() && !self.is_estimating() {
-            self.estimate_asked = None;
-            if let Some(state) = self.bakes.get_mut(&Preset::Best) {
-                state.asked = state.asked.filter(|_| state.share == 1.0);
+    /// Makes a light of the estimate where it is good, upright as the asset is.
+    fn show_estimate(&mut self) {
+        let shown = (self.asset_id, self.up());
+        let Some(estimate) = self
+            .estimate
+            .as_ref()
+            .filter(|_| self.estimate_shown != Some(shown))
+        else {
+            return;
+        };
+        let message = match estimate.obstacle {
+            None => format!(
+                "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. {DROP_IT}",
+                100.0 * estimate.confidence
+            ),
+            Some(obstacle) => format!(
+                "what it was captured under cannot be told from the object: {}. Even light is assumed. {DROP_IT}",
+                obstacle.reason()
+            ),
+        };
+        let is_good = estimate.is_good();
+        let light = is_good.then(|| Light::estimated(estimate.light.map(shown.1)));
+        let is_new = self
+            .estimate_shown
+            .is_none_or(|(asset, _)| asset != shown.0);
+        if is_new && self.look.source.is_estimate() {
+            self.info(message);
+        }
+        self.estimate_shown = Some(shown);
+        match light {
+            Some(Ok(light)) => {
+                self.lights.insert(ESTIMATE.into(), Arc::new(light));
             }
+            Some(Err(error)) => self.error(format!("{error:#}")),
+            None => {}
         }
     }
 
-    pub(super) fn take_estimate(&mut self, estimated: Estimated) {
-        let estimate = &estimated.estimate;
-        if !self.estimate_told {
-            self.estimate_told = true;
-            self.info(match estimate.obstacle {
-                None => format!(
-                    "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. Drop the environment of the capture on “captured under”, if there is one",
-                    100.0 * estimate.confidence
-                ),
-                Some(obstacle) => format!(
-                    "what it was captured under cannot be told from the object: {}. Even light is assumed. Drop the environment of the capture on “captured under”, if there is one",
-                    obstacle.reason()
-                ),
-            });
+    /// Has the light estimated, also where that was cancelled before or failed.
+    pub fn ask_for_estimate(&mut self) {
+        self.set_light(SOURCE, ESTIMATE.into());
+        if self.estimate.is_some() {
+            return;
         }
-        self.estimate = Some(estimated.estimate);
-        // One for another up axis than that of now is followed by another.
-        if let Some(light) = estimated.light {
-            self.lights.insert(ESTIMATE.into(), Arc::new(light));
+        if !self.jobs.is_awaited(Kind::Estimate) {
+            self.estimate_asked = false;
+        }
+        if self.bake_share() < 1.0 && !self.is_baking() {
+            self.rebake();
+        }
+        if !self.jobs.is_awaited(Kind::Bake(Preset::Best))
+            && let Some(state) = self.bakes.get_mut(&Preset::Best)
+        {
+            state.asked = state.asked.filter(|_| state.share == 1.0);
         }
     }
 
@@ -113,31 +124,18 @@ impl Session {
     pub(super) fn reset_estimate(&mut self, kept: Option<Estimate>) {
         self.jobs.cancel(Kind::Estimate);
         self.estimate = kept;
-        self.estimate_asked = None;
-        self.estimate_told = false;
+        self.estimate_asked = false;
+        self.estimate_shown = None;
         self.lights
             .insert(ESTIMATE.into(), Arc::new(Light::assumed()));
     }
 
     /// Whether the estimate is on its way.
     pub fn is_estimating(&self) -> bool {
-        self.jobs.is_running(Kind::Estimate)
-            || (self.jobs.is_running(Kind::Bake) && self.estimate_needs_bake())
-    }
-}
-
-impl Estimated {
-    fn new(key: EstimateKey, estimate: Estimate) -> Result<Self> {
-        let light = if estimate.is_good() {
-            Some(Light::estimated(estimate.light.map(key.1))?)
-        } else {
-            None
-        };
-        Ok(Self {
-            key,
-            estimate,
-            light,
-        })
+        let needs_bake = self.estimate_needs_bake();
+        self.jobs.is_awaited(Kind::Estimate)
+            || (needs_bake && self.jobs.is_awaited(Kind::Bake(Preset::Best)))
+            || (needs_bake && self.is_baking() && self.best_is_next())
     }
 }
 
@@ -162,12 +160,9 @@ pub fn kept_estimate(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate>
 /// Makes the estimate, and keeps it.
 fn estimate(asset: &Path, cloud: &Arc<SurfelCloud>, occlusion: &Occlusion) -> Estimate {
     let estimate = estimate_light(cloud, occlusion);
-    let files = cache_files(asset, cloud);
-    for folder in files.iter().filter_map(|f| f.parent()) {
-        // A missing cache is made; where nothing can be kept, it is estimated again the next time.
-        let _ = std::fs::create_dir_all(folder);
-    }
-    let mut files = files.iter();
-    let _ = files.find(|f| save_estimate(f, cloud, &estimate).is_ok());
+    // Where nothing can be kept, it is estimated again the next time.
+    let _ = baking::keep(&cache_files(asset, cloud), |file| {
+        save_estimate(file, cloud, &estimate)
+    });
     estimate
 }

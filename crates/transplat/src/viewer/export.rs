@@ -24,7 +24,7 @@ use super::adapter::BackgroundDevice;
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, load_map};
 use super::navigation::wrap;
-use super::session::{Event, SOURCE, Session, TARGET};
+use super::session::{Event, Pinned, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
 use crate::device::{Painter, Transfer};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
@@ -183,8 +183,8 @@ struct Snapshot {
     ground: Option<Ground>,
     lights: [Arc<Light>; 2],
     shelf: Vec<Arc<Light>>,
-    /// A pinned look with its lights, where that is compared with.
-    pinned: Option<(Look, [Arc<Light>; 2])>,
+    /// A pinned look, where that is compared with.
+    pinned: Option<Pinned>,
     settings: ExportSettings,
 }
 
@@ -201,20 +201,6 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
-    let of = |path: &Option<PathBuf>| {
-        let path = path.as_deref()?;
-        session.lights.get(path).cloned()
-    };
-    let pinned = session
-        .pinned
-        .as_ref()
-        .filter(|_| session.against_pinned)
-        .and_then(|look| {
-            Some((
-                look.clone(),
-                [of(&look.source.file)?, of(&look.target.file)?],
-            ))
-        });
     let mut look = session.look.clone();
     if settings.transparent {
         look.background = Background::Transparent;
@@ -239,7 +225,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             .iter()
             .filter_map(|p| session.lights.get(p).cloned())
             .collect(),
-        pinned,
+        pinned: session.pinned.clone().filter(|_| session.against_pinned),
         settings,
         look,
     };
@@ -340,7 +326,7 @@ impl Snapshot {
 
     /// The bake of a pinned look whose preset has none yet.
     fn missing_bake(&self, handle: &Handle<Event>) -> Result<Option<Arc<Bake>>> {
-        let Some((look, _)) = &self.pinned else {
+        let Some(Pinned { look, .. }) = &self.pinned else {
             return Ok(None);
         };
         let preset = look.transfer.preset;
@@ -450,7 +436,11 @@ impl Snapshot {
         } else {
             Lit::default()
         };
-        if let (Some((pinned, lights)), true) = (&self.pinned, view.has_two_sides()) {
+        if let (Some(pinned), true) = (&self.pinned, view.has_two_sides()) {
+            let Pinned {
+                look: pinned,
+                sides: lights,
+            } = pinned;
             if self.pinned_relit.get().is_none() {
                 let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
                 let [source, target] = pinned.lights(maps[0], maps[1], self.up);
@@ -473,7 +463,10 @@ impl Snapshot {
             let matched = look.match_gain(&source.illumination, &target.illumination);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
-                Some((pinned, lights)) if view.has_two_sides() => {
+                Some(Pinned {
+                    look: pinned,
+                    sides: lights,
+                }) if view.has_two_sides() => {
                     let gain = pinned
                         .match_gain(&lights[SOURCE].illumination, &lights[TARGET].illumination);
                     (&lights[TARGET], &pinned.target, gain)

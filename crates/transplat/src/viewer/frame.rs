@@ -1,6 +1,5 @@
 //! What the viewport shows: the camera, the lights behind the object, the ground, as the settings have them.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use transplat_core::camera::Camera;
@@ -11,7 +10,7 @@ use transplat_gpu::live::Frame;
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
 use super::lights::Light;
-use super::session::{SOURCE, Session, TARGET};
+use super::session::{Pinned, SOURCE, Session, TARGET};
 use crate::picture::half;
 
 impl Session {
@@ -80,15 +79,14 @@ impl Session {
         let target_of = |look: &Look, lights: [&Light; 2]| {
             look.match_gain(&lights[0].illumination, &lights[1].illumination)
         };
-        let find = |file: &Option<PathBuf>| self.lights.get(file.as_deref()?);
         if side == SOURCE
             && view.has_two_sides()
-            && let Some(pinned) = self.pinned.as_ref().filter(|_| self.against_pinned)
-            && let (Some(source), Some(target)) =
-                (find(&pinned.source.file), find(&pinned.target.file))
+            && let Some(Pinned { look, sides }) =
+                self.pinned.as_ref().filter(|_| self.against_pinned)
         {
-            let gain = target_of(pinned, [source, target]);
-            return (target, &pinned.target, gain);
+            let [source, target] = sides;
+            let gain = target_of(look, [source, target]);
+            return (target, &look.target, gain);
         }
         let [source, target] = &self.sides;
         if side == SOURCE {
@@ -99,7 +97,7 @@ impl Session {
     }
 }
 
-/// A round spacing of the grid, about a fifth of the object's radius.
+/// A round spacing of the grid, a quarter of the object's radius and more.
 fn grid_spacing(radius: f32) -> f32 {
     let raw = radius / 4.0;
     let power = 10f32.powf(raw.log10().floor());

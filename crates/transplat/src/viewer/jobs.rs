@@ -8,12 +8,13 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
 use eframe::egui;
+use transplat_core::transfer::Preset;
 
 /// What a job is doing, for those who must not start it twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Load,
-    Bake,
+    Bake(Preset),
     Ground,
     Light,
     Estimate,
@@ -51,8 +52,12 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Load | Kind::Bake | Kind::Ground | Kind::Export
+            Kind::Load | Kind::Bake(_) | Kind::Ground | Kind::Export
         )
+    }
+
+    pub fn is_cancelled(&self) -> bool {
+        self.signals.cancelled.load(Ordering::Relaxed)
     }
 
     /// Asks it to stop; what it would have yielded is dropped.
@@ -169,8 +174,7 @@ impl<E: Send + 'static> Jobs<E> {
         let mut events = Vec::new();
         while let Ok(message) = self.receiver.try_recv() {
             let at = self.running.iter().position(|j| j.id == message.id);
-            let cancelled =
-                at.is_none_or(|i| self.running[i].signals.cancelled.load(Ordering::Relaxed));
+            let cancelled = at.is_none_or(|i| self.running[i].is_cancelled());
             if message.ended
                 && let Some(i) = at
             {
@@ -192,6 +196,12 @@ impl<E: Send + 'static> Jobs<E> {
 
     pub fn is_running(&self, kind: Kind) -> bool {
         self.running.iter().any(|j| j.kind == kind)
+    }
+
+    /// Whether a job of a kind runs whose result is still wanted.
+    pub fn is_awaited(&self, kind: Kind) -> bool {
+        let mut of_kind = self.running.iter().filter(|j| j.kind == kind);
+        of_kind.any(|j| !j.is_cancelled())
     }
 
     /// Cancels all jobs of a kind.

@@ -64,10 +64,7 @@ pub struct Capture {
 impl Default for Capture {
     fn default() -> Self {
         Self {
-            source: LightSettings {
-                file: Some(ESTIMATE.into()),
-                ..LightSettings::default()
-            },
+            source: LightSettings::of(ESTIMATE),
             up: None,
             linear: false,
             hide: Hide::default(),

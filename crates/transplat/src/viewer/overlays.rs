@@ -32,7 +32,7 @@ impl Viewer {
             ui.label(format!("transfer {}", milliseconds(session.transfer_ms())))
                 .on_hover_text("The last change of light, from the click to its end.");
             ui.separator();
-            let running = session.jobs.running().iter().find(|j| j.kind == Kind::Bake);
+            let running = session.jobs.running().iter().find(|j| matches!(j.kind, Kind::Bake(_)));
             let bake = if let Some(job) = running {
                 format!("bake {:.0} %", 100.0 * job.progress())
             } else if session.bake_share() < 1.0 {

@@ -5,7 +5,7 @@ use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::Part;
 use transplat_gpu::rasterize::ResidentSh;
 
-use super::session::Session;
+use super::session::{Pinned, Session};
 
 impl Session {
     /// Keeps the settings as they are, to compare others with them.
@@ -15,7 +15,7 @@ impl Session {
             return;
         }
         if self.pin_what_is_shown(self.look.display) {
-            self.pinned = Some(self.look.clone());
+            self.pinned = Some(self.to_pin());
             self.against_pinned = true;
         }
     }
@@ -24,10 +24,17 @@ impl Session {
     pub fn swap_pinned(&mut self) {
         // What is on the screen is what is pinned now.
         if self.pinned.is_some() && self.pin_what_is_shown(self.look.display) {
-            let now = self.look.clone();
+            let now = self.to_pin();
             if let Some(pinned) = self.pinned.replace(now) {
-                self.look = pinned;
+                self.look = pinned.look;
             }
+        }
+    }
+
+    fn to_pin(&self) -> Pinned {
+        Pinned {
+            look: self.look.clone(),
+            sides: self.sides.clone(),
         }
     }
 

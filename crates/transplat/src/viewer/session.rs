@@ -12,7 +12,7 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, LightSettings, Look, is_even};
+use transplat_core::look::{CameraPose, ESTIMATE, EVEN, LightSettings, Look, is_even};
 use transplat_core::present::{self, Doubt};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
@@ -27,7 +27,7 @@ use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
-use super::estimating::{EstimateKey, Estimated};
+use super::estimating::DROP_IT;
 use super::jobs::{Jobs, Kind};
 use super::lights::Light;
 use super::navigation;
@@ -86,7 +86,10 @@ pub enum Event {
         path: PathBuf,
         why: String,
     },
-    Estimated(Box<Estimated>),
+    Estimated {
+        asset: u64,
+        estimate: Box<Estimate>,
+    },
     Prepared(Box<Prepared>),
     /// Relit on the CPU.
     Relit(Box<RelitBy>),
@@ -192,6 +195,13 @@ pub struct Message {
     pub since: Instant,
 }
 
+/// Settings that others are compared with, and what the sides were lit by.
+#[derive(Clone)]
+pub struct Pinned {
+    pub look: Look,
+    pub sides: [Arc<Light>; 2],
+}
+
 /// How often the stages before the GPU's own ran, beside [`Passes`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stages {
@@ -224,17 +234,20 @@ pub struct Session {
     pub asset: Option<Asset>,
     pub look: Look,
     pub pose: CameraPose,
-    /// What the asset tells of its light, once it was asked.
+    /// What the asset tells of its light, once it was asked, or from an earlier time.
     pub estimate: Option<Estimate>,
-    pub(super) estimate_asked: Option<EstimateKey>,
-    /// Whether the user knows of it.
-    pub(super) estimate_told: bool,
-    /// Settings that are compared with.
-    pub pinned: Option<Look>,
+    pub(super) estimate_asked: bool,
+    /// Asset and up axis that a light was made of it for.
+    pub(super) estimate_shown: Option<(u64, UpAxis)>,
+    pub pinned: Option<Pinned>,
     pub against_pinned: bool,
     pub lights: HashMap<PathBuf, Arc<Light>>,
     /// What the sides are lit by: what was asked for last, and could be loaded.
     pub sides: [Arc<Light>; 2],
+    /// And by which settings.
+    pub(super) resolved: [LightSettings; 2],
+    /// What the open asset was to be taken as when it was last loaded again.
+    pub(super) reload_asked: Option<bool>,
     pub bakes: HashMap<Preset, BakeState>,
     pub prepared: Option<PreparedTransfer>,
     /// What was relit last for a readout, and of which asset and relight it is.
@@ -317,12 +330,14 @@ impl Session {
                 orthographic: false,
             },
             estimate: None,
-            estimate_asked: None,
-            estimate_told: false,
+            estimate_asked: false,
+            estimate_shown: None,
             pinned: None,
             against_pinned: false,
             lights: HashMap::from([&even, &assumed].map(|l| (l.path.clone(), l.clone()))),
             sides: [even.clone(), even],
+            resolved: [EVEN, EVEN].map(LightSettings::of),
+            reload_asked: None,
             bakes: HashMap::new(),
             prepared: None,
             readout: None,
@@ -408,11 +423,11 @@ impl Session {
         for event in self.jobs.events() {
             left.extend(self.take(event));
         }
-        self.resolve_lights();
-        self.start_lights();
         self.update_asset();
         self.start_bake();
         self.update_estimate();
+        self.resolve_lights();
+        self.start_lights();
         self.start_prepare();
         self.relight();
         self.update_hidden();
@@ -463,7 +478,7 @@ impl Session {
                     .enumerate()
                 {
                     if settings.file.as_ref() == Some(&path) {
-                        settings.file = Some(self.sides[side].path.clone());
+                        *settings = self.resolved[side].clone();
                     }
                 }
                 return Some(Event::LightFailed {
@@ -471,8 +486,8 @@ impl Session {
                     why: String::new(),
                 });
             }
-            Event::Estimated(estimated) if estimated.key.0 == self.asset_id => {
-                self.take_estimate(*estimated);
+            Event::Estimated { asset, estimate } if asset == self.asset_id => {
+                self.estimate = Some(*estimate);
             }
             Event::Prepared(prepared) if prepared.key.asset == self.asset_id => {
                 self.stages.prepare += 1;
@@ -522,7 +537,7 @@ impl Session {
                 self.show_doubts(doubts);
             }
             Event::Baked { .. }
-            | Event::Estimated(_)
+            | Event::Estimated { .. }
             | Event::Prepared(_)
             | Event::Relit(_)
             | Event::Ground { .. }
@@ -548,9 +563,16 @@ impl Session {
             settings,
             asked,
         } = loaded;
-        let look = settings.over(&asked, &self.look, self.pose);
+        let is_new = self.asset.as_ref().is_none_or(|a| a.path != asset.path);
+        let mut look = settings.over(&asked, &self.look, self.pose);
+        // Where nobody tells it, and as long as what is told cannot be read.
+        look.source.file.get_or_insert(ESTIMATE.into());
+        if is_new {
+            self.resolved[SOURCE] = LightSettings::of(ESTIMATE);
+        }
         for kind in [
-            Kind::Bake,
+            Kind::Bake(Preset::Best),
+            Kind::Bake(Preset::Paper),
             Kind::Ground,
             Kind::Prepare,
             Kind::Relight,
@@ -595,7 +617,9 @@ impl Session {
             self.info(warning);
         }
         if look.source.file.as_deref().is_some_and(is_even) {
-            self.info("what it was captured under is not known: even light is assumed. Drop the environment of the capture on “captured under”, if there is one");
+            self.info(format!(
+                "what it was captured under is not known: even light is assumed. {DROP_IT}"
+            ));
         }
         self.reset_estimate(estimate);
         self.look = Look {

@@ -40,9 +40,16 @@ impl Session {
             asset.ground = ground_plane(&asset.cloud, up);
             self.ground = None;
         }
-        if reload && !is_loading {
+        let linear = self.look.linear;
+        if !reload {
+            self.reload_asked = None;
+        } else if !is_loading && self.reload_asked == Some(linear) {
+            // It was cancelled.
+            self.look.linear = !linear;
+        } else if !is_loading {
+            self.reload_asked = Some(linear);
             let path = asset.path.clone();
-            self.load_asset(path, Settings::Again(self.look.linear));
+            self.load_asset(path, Settings::Again(linear));
         }
     }
 
@@ -58,10 +65,14 @@ impl Session {
                 continue;
             };
             match self.lights.get(&file) {
-                Some(light) if light.id != self.sides[side].id => {
-                    self.sides[side] = light.clone();
+                Some(light) => {
+                    if light.id != self.sides[side].id {
+                        self.sides[side] = light.clone();
+                    }
+                    if self.resolved[side] != *settings {
+                        self.resolved[side] = settings.clone();
+                    }
                 }
-                Some(_) => {}
                 None => self.request_light(&file),
             }
         }
@@ -76,31 +87,57 @@ impl Session {
         (self.asset_id, directions)
     }
 
+    /// Whether a bake runs whose result is wanted.
+    pub(super) fn is_baking(&self) -> bool {
+        let mut presets = Preset::ALL.into_iter();
+        presets.any(|preset| self.jobs.is_awaited(Kind::Bake(preset)))
+    }
+
+    /// Whether preset `best` is baked for the estimate when that for the preset that is set is done.
+    pub(super) fn best_is_next(&self) -> bool {
+        let asked = self.bakes.get(&Preset::Best).and_then(|b| b.asked);
+        self.estimate_needs_bake() && asked != Some(self.bake_key(Preset::Best))
+    }
+
+    /// Breaks off what is being baked; it is asked for again when it is wanted.
+    fn cancel_bakes(&mut self) {
+        for preset in Preset::ALL {
+            if !self.jobs.is_awaited(Kind::Bake(preset)) {
+                continue;
+            }
+            self.jobs.cancel(Kind::Bake(preset));
+            if let Some(state) = self.bakes.get_mut(&preset) {
+                state.asked = None;
+            }
+        }
+    }
+
     /// Starts the bake for the preset that is set, and after it what the estimate of the light needs.
     pub(super) fn start_bake(&mut self) {
-        let Some(asset) = &self.asset else {
+        if self.asset.is_none() {
             return;
-        };
+        }
         let preset = self.look.transfer.preset;
         let is_asked = |preset| {
             let state = self.bakes.get(&preset);
             state.is_some_and(|b| b.asked == Some(self.bake_key(preset)))
         };
-        let is_running = self.jobs.is_running(Kind::Bake);
+        let is_for_estimate =
+            preset != Preset::Best && self.jobs.is_awaited(Kind::Bake(Preset::Best));
         let preset = if !is_asked(preset) {
             preset
-        } else if !is_running && self.estimate_needs_bake() && !is_asked(Preset::Best) {
+        } else if self.best_is_next() && self.bake_share() == 1.0 {
             Preset::Best
         } else {
+            if is_for_estimate && !self.estimate_needs_bake() {
+                self.cancel_bakes();
+            }
             return;
         };
-        if is_running {
-            self.jobs.cancel(Kind::Bake);
-            // What was cancelled is asked for again when it is wanted.
-            for state in self.bakes.values_mut().filter(|b| b.share < 1.0) {
-                state.asked = None;
-            }
-        }
+        self.cancel_bakes();
+        let Some(asset) = &self.asset else {
+            return;
+        };
         let key @ (_, directions) = self.bake_key(preset);
         let state = self.bakes.entry(preset).or_default();
         (state.asked, state.share) = (Some(key), 0.0);
@@ -146,7 +183,8 @@ impl Session {
             }
         };
         // The reporting closure is shared with the bake's own threads.
-        self.jobs.start(Kind::Bake, label, work, Event::Failed);
+        self.jobs
+            .start(Kind::Bake(preset), label, work, Event::Failed);
     }
 
     /// Starts the bake again after it was cancelled.

@@ -5,6 +5,7 @@ use transplat_core::estimate::Estimate;
 use transplat_core::surfels::UpAxis;
 
 use crate::viewer::app::Viewer;
+use crate::viewer::estimating::DROP_IT;
 use crate::viewer::session::{SOURCE, Session, TARGET};
 use crate::viewer::widgets::{Control, angle, fact, file, switch};
 
@@ -26,7 +27,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
-    if (!light.is_even || (side == SOURCE && session.is_estimating()))
+    if (!light.is_even || (side == SOURCE && is_on_its_way(session)))
         && ui.button("Use even light instead").clicked()
     {
         session.set_light(side, transplat_core::look::EVEN.into());
@@ -92,10 +93,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     }
 }
 
+fn is_on_its_way(session: &Session) -> bool {
+    session.look.source.is_estimate() && session.is_estimating()
+}
+
 /// What is said of the light of the capture where nobody told it.
 fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let is_even = session.sides[SOURCE].is_even;
-    let is_on_its_way = session.look.source.is_estimate() && session.is_estimating();
+    let is_on_its_way = is_on_its_way(session);
     let estimate = session.estimate.as_ref();
     if is_on_its_way {
         ui.label("even light, until the light is estimated from the object");
@@ -129,7 +134,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
             (None, true) => {}
         }
     }
-    ui.weak("Drop the environment of the capture on the slot “captured under”, if there is one.");
+    ui.weak(format!("{DROP_IT}."));
     let can_tell = estimate.is_none_or(Estimate::is_good);
     if is_even && can_tell && !is_on_its_way && ui.button("Estimate it from the object").clicked() {
         session.ask_for_estimate();

@@ -8,7 +8,6 @@ use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::jobs::Kind;
 use crate::viewer::widgets::{Control, fact, name, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
@@ -155,7 +154,7 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
 
 fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if session.bake_share() < 1.0 && !session.jobs.is_running(Kind::Bake) {
+    if session.bake_share() < 1.0 && !session.is_baking() {
         ui.label("The bake is not finished: shadows are coarse.");
         if ui
             .button("Bake on")
