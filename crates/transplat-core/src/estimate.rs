@@ -43,6 +43,9 @@ const ONE_WAY: f32 = 0.97;
 const EVEN: f64 = 0.08;
 const QUIET: f64 = 0.3;
 
+/// Height of the light (sine of its elevation) below which the up axis is doubtful.
+const LOW_LIGHT: f32 = 0.2;
+
 /// Rows of the estimate's map.
 const MAP_ROWS: usize = 256;
 
@@ -62,7 +65,7 @@ pub struct EstimatedLight {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Obstacle {
-    /// Too few surfels see the light.
+    /// Too few visible surfels see the light.
     TooLittle,
     /// The object is black.
     Black,
@@ -78,12 +81,10 @@ impl Obstacle {
     /// For the user.
     pub fn reason(self) -> &'static str {
         match self {
-            Self::TooLittle => "too few surfels see the light",
+            Self::TooLittle => "too few visible surfels see the light",
             Self::Black => "the object is black",
             Self::OneWay => "the whole object faces one way",
-            Self::EvenLight => {
-                "the light of the capture was about even, as far as the object tells"
-            }
+            Self::EvenLight => "the object shows hardly any shading, as under even light",
             Self::Noise => {
                 "neighbouring surfels differ more than any light explains (paint, noise, or normals that are none)"
             }
@@ -103,6 +104,16 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// The confidence for people: nothing is wholly sure.
+    pub fn percent(&self) -> f32 {
+        (100.0 * self.confidence).min(99.0)
+    }
+
+    /// Whether most of the light comes from the side or from below: an asset whose up axis is wrong looks so.
+    pub fn may_lie_on_its_side(&self, up: UpAxis) -> bool {
+        self.is_good() && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
+    }
+
     /// Whether the estimate is better than even light.
     pub fn is_good(&self) -> bool {
         self.obstacle.is_none()

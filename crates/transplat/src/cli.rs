@@ -78,7 +78,7 @@ pub struct OutputArgs {
 
 #[derive(Debug, Args)]
 pub struct AssetArgs {
-    /// The splat: a 2DGS or 3DGS .ply; default: the one that --look names
+    /// The splat: a 2DGS or 3DGS .ply; where there is a --look, by default the one that it names
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -115,8 +115,8 @@ pub struct LightArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
     #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
-    /// The light to relight by; several, or a folder of them, give one output each
-    #[arg(long, value_name = "ENV|even")]
+    /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
+    #[arg(long, value_name = "ENV|even|estimate")]
     pub target: Vec<PathBuf>,
     /// Which mathematics [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_preset)]

@@ -15,6 +15,7 @@ pub struct Report {
     fields: Map<String, Value>,
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
+    notes: Vec<String>,
     skipped: Vec<Value>,
     warnings: Vec<String>,
 }
@@ -28,6 +29,7 @@ impl Report {
             fields: Map::new(),
             stages_ms: Map::new(),
             targets: Vec::new(),
+            notes: Vec::new(),
             skipped: Vec::new(),
             warnings: Vec::new(),
         }
@@ -81,6 +83,13 @@ impl Report {
         }
     }
 
+    /// Notes something for people, once.
+    pub fn note(&mut self, text: String) {
+        if !self.notes.contains(&text) {
+            self.notes.push(text);
+        }
+    }
+
     /// Warns: at once for people, and in the JSON object.
     pub fn warn(&mut self, text: impl Into<String>) {
         let text = text.into();
@@ -122,12 +131,10 @@ impl Report {
             writeln!(out, "{}", Value::Object(object))?;
         } else if !self.quiet {
             for (name, stops) in &self.targets {
-                let word = if *stops < 0.0 { "darker" } else { "brighter" };
-                writeln!(
-                    out,
-                    "{name}: {:.1} stops {word} than the source light",
-                    stops.abs()
-                )?;
+                writeln!(out, "{name}: {} the source light", compared(*stops))?;
+            }
+            for note in &self.notes {
+                writeln!(out, "{note}")?;
             }
             for entry in &self.skipped {
                 writeln!(
@@ -151,6 +158,14 @@ impl Report {
         }
         out.flush()
     }
+}
+
+fn compared(stops: f32) -> String {
+    if stops.abs() < 0.05 {
+        return "as strong as".into();
+    }
+    let word = if stops < 0.0 { "darker" } else { "brighter" };
+    format!("{:.1} stops {word} than", stops.abs())
 }
 
 /// A time for people.

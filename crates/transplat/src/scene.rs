@@ -24,6 +24,7 @@ use transplat_core::visibility::occlusion::Occlusion;
 use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Progress, Visibility};
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs};
+use crate::commands;
 use crate::device::{Device, Transfer};
 use crate::report::Report;
 
@@ -277,6 +278,7 @@ impl Scene {
                 ));
                 return Ok(None);
             }
+            report.note(commands::estimate::summary(estimate, self.cloud.up));
             return Ok(Some(estimate.light.map(self.cloud.up)));
         }
         let map = report.time("load", || load_environment(path))?;
@@ -477,9 +479,7 @@ pub fn asset_of(args: &AssetArgs, look: &Look) -> PathBuf {
         .clone()
         .or_else(|| look.asset.clone())
         .unwrap_or_else(|| {
-            crate::commands::usage(
-                "the splat to work on is needed: ASSET, or --look FILE with one in it",
-            )
+            commands::usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
         })
 }
 

@@ -8,6 +8,7 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+use crate::rasterize::MIN_ALPHA;
 use crate::surfels::SurfelCloud;
 use crate::transfer::best::Sides;
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, directions};
@@ -97,6 +98,7 @@ impl Clusters {
                     && occlusion.normals[i].is_finite()
                     && radiance[i][0].iter().all(|v| v.is_finite())
                     && weight.is_finite()
+                    && cloud.opacities[i] > MIN_ALPHA
                     && weight > 0.0;
                 let seen = is_sound.then(|| Seen {
                     position: surfels[i].position,

@@ -207,6 +207,12 @@ fn what_cannot_be_told_is_said() {
             Some(Obstacle::TooLittle)
         );
     }
+    let (mut unseen, bake) = lit(1500, slanted, None);
+    unseen.opacities.fill(1e-4);
+    assert_eq!(
+        estimate_light(&unseen, &bake).obstacle,
+        Some(Obstacle::TooLittle)
+    );
     let flat = scenes::sheet(40);
     let bake = Occlusion::bake(&flat, &no_progress).expect("small");
     assert_eq!(

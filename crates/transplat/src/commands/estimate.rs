@@ -4,6 +4,7 @@ use anyhow::{Result, bail};
 use transplat_core::estimate::Estimate;
 use transplat_core::export::{ExrFloats, check_output, write_exr};
 use transplat_core::rasterize::Raster;
+use transplat_core::surfels::UpAxis;
 
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
@@ -50,13 +51,13 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     report.finish(&format!(
         "wrote {}: {}",
         args.output.display(),
-        summary(estimate)
+        summary(estimate, scene.cloud.up)
     ))
 }
 
 /// For the user.
-pub fn summary(estimate: &Estimate) -> String {
-    let percent = 100.0 * estimate.confidence;
+pub fn summary(estimate: &Estimate, up: UpAxis) -> String {
+    let percent = estimate.percent();
     if let Some(obstacle) = estimate.obstacle {
         return format!(
             "the light of the capture cannot be told: {} (confidence {percent:.0} %)",
@@ -68,8 +69,16 @@ pub fn summary(estimate: &Estimate) -> String {
         Some((d, _)) => format!("a sun at {:.2} {:.2} {:.2}", d[0], d[1], d[2]),
         None => "no sun".into(),
     };
+    let doubtful = if estimate.may_lie_on_its_side(up) {
+        format!(
+            "; that is the side or below, with {} up: is it (--up)?",
+            up.name()
+        )
+    } else {
+        String::new()
+    };
     format!(
-        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed",
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed{doubtful}",
         from.x, from.y, from.z
     )
 }

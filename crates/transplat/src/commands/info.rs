@@ -34,7 +34,8 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
                 let scene = Scene::of(cloud, file, Look::default(), device);
-                lines.push(estimate::summary(scene.estimate(None, &mut report)?));
+                let told = scene.estimate(None, &mut report)?;
+                lines.push(estimate::summary(told, scene.cloud.up));
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {

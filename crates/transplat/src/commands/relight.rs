@@ -17,7 +17,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let named = targets_of(&args.light, &look)?;
     if look.source.file.is_none() || named.is_empty() {
         crate::commands::usage(
-            "relight needs --source and --target (each an environment, or \"even\")",
+            "relight needs --source and --target (each an environment; --source estimate for a light that nobody knows)",
         );
     }
     let asset = asset_of(&args.asset, &look);
@@ -31,8 +31,15 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             args.output.clone()
         }
     };
-    let is_named_as_file = args.output.extension().is_some_and(|e| e == "ply");
-    if many && is_named_as_file && !args.output.is_dir() {
+    let extension = args.output.extension().filter(|_| !args.output.is_dir());
+    let is_named_as_file = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+    if !many && !is_named_as_file {
+        bail!(
+            "{}: a splat is written as .ply; a folder ends with a slash",
+            args.output.display()
+        );
+    }
+    if many && is_named_as_file {
         bail!(
             "{}: more than one splat may be written; give a folder",
             args.output.display()

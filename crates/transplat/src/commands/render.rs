@@ -39,7 +39,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let targets = targets_of(&args.light, &look)?;
     if relit == targets.is_empty() {
         crate::commands::usage(
-            "--source and --target belong together; \"even\" stands for a light that nobody knows",
+            "--source and --target belong together; --source estimate stands for a light that nobody knows",
         );
     }
     if look.background == Background::Environment && !relit {
@@ -233,12 +233,13 @@ impl<'a> Output<'a> {
                     "exr" => Some(PictureFormat::Exr),
                     _ => None,
                 });
-        let is_file = named.is_some() && !path.is_dir();
+        let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
+        let is_file = named.is_some() && !is_folder;
         let is_other = path.extension().is_some_and(|e| {
             let extension = e.to_string_lossy().to_lowercase();
             OTHER_PICTURES.contains(&&*extension)
         });
-        if is_other && !path.is_dir() {
+        if is_other && !is_folder {
             bail!("{}: a picture is .png or .exr", path.display());
         }
         if is_file && frames * targets.max(1) > 1 {

@@ -38,12 +38,19 @@ impl Session {
             return;
         }
         self.show_estimate();
-        let Some(asset) = &self.asset else {
-            return;
-        };
         if self.estimate.is_some() || self.estimate_asked {
             return;
         }
+        let is_on_its_way = self.is_estimating();
+        if std::mem::replace(&mut self.estimate_awaited, is_on_its_way)
+            && !is_on_its_way
+            && !self.has_best_bake()
+        {
+            self.info("the light of the capture was not estimated; even light is assumed. The panel Source light has it estimated again");
+        }
+        let Some(asset) = &self.asset else {
+            return;
+        };
         let state = self.bakes.get(&Preset::Best).filter(|b| b.share == 1.0);
         let Some(Bake::Occlusion(occlusion)) = state.and_then(|b| b.bake.as_deref()) else {
             return;
@@ -63,6 +70,11 @@ impl Session {
         self.jobs.start(Kind::Estimate, label, work, Event::Failed);
     }
 
+    fn has_best_bake(&self) -> bool {
+        let state = self.bakes.get(&Preset::Best);
+        state.is_some_and(|b| b.share == 1.0 && b.bake.is_some())
+    }
+
     /// Makes a light of the estimate where it is good, upright as the asset is.
     fn show_estimate(&mut self) {
         let shown = (self.asset_id, self.up());
@@ -76,7 +88,7 @@ impl Session {
         let message = match estimate.obstacle {
             None => format!(
                 "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. {DROP_IT}",
-                100.0 * estimate.confidence
+                estimate.percent()
             ),
             Some(obstacle) => format!(
                 "what it was captured under cannot be told from the object: {}. Even light is assumed. {DROP_IT}",
@@ -125,6 +137,7 @@ impl Session {
         self.jobs.cancel(Kind::Estimate);
         self.estimate = kept;
         self.estimate_asked = false;
+        self.estimate_awaited = false;
         self.estimate_shown = None;
         self.lights
             .insert(ESTIMATE.into(), Arc::new(Light::assumed()));

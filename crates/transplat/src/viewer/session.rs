@@ -237,6 +237,7 @@ pub struct Session {
     /// What the asset tells of its light, once it was asked, or from an earlier time.
     pub estimate: Option<Estimate>,
     pub(super) estimate_asked: bool,
+    pub(super) estimate_awaited: bool,
     /// Asset and up axis that a light was made of it for.
     pub(super) estimate_shown: Option<(u64, UpAxis)>,
     pub pinned: Option<Pinned>,
@@ -331,6 +332,7 @@ impl Session {
             },
             estimate: None,
             estimate_asked: false,
+            estimate_awaited: false,
             estimate_shown: None,
             pinned: None,
             against_pinned: false,

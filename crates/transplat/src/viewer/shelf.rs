@@ -97,7 +97,11 @@ impl Shelf {
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click());
             self.slots[side] = Some(rect);
             let name = if side == SOURCE && light.is_even {
-                "even light (assumed)".to_owned()
+                if session.is_loading(&wanted) {
+                    "being estimated".to_owned()
+                } else {
+                    "even light (assumed)".to_owned()
+                }
             } else {
                 light.name()
             };

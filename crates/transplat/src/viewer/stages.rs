@@ -170,19 +170,19 @@ impl Session {
             };
             let report = |done: f64| handle.progress(done);
             let preview = |baked: Baked| handle.send(event(baked));
-            match baking::bake(
-                &background.fastest(),
-                &wanted,
-                saved.as_deref(),
-                &report,
-                preview,
-            ) {
+            let device = background.fastest();
+            let bake = || baking::bake(&device, &wanted, saved.as_deref(), &report, preview);
+            // In a pool of its own: what is opened meanwhile is not to wait for it.
+            let made = match rayon::ThreadPoolBuilder::new().build() {
+                Ok(pool) => pool.install(bake),
+                Err(_) => bake(),
+            };
+            match made {
                 Ok(baked) => Some(event(baked)),
                 Err(_) if handle.is_cancelled() => None,
                 Err(error) => Some(Event::Failed(format!("the bake failed: {error:#}"))),
             }
         };
-        // The reporting closure is shared with the bake's own threads.
         self.jobs
             .start(Kind::Bake(preset), label, work, Event::Failed);
     }

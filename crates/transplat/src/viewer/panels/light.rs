@@ -14,6 +14,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let light = session.sides[side].clone();
     if side == SOURCE && !light.is_file() {
         source_without_file(ui, session);
+    } else if !light.is_file() {
+        ui.label(light.name());
     } else {
         file(ui, &light.path);
         if light.size[0] > 0 {
@@ -31,6 +33,16 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         && ui.button("Use even light instead").clicked()
     {
         session.set_light(side, transplat_core::look::EVEN.into());
+    }
+    let can_tell = session.estimate.as_ref().is_none_or(Estimate::is_good);
+    let is_estimated =
+        session.look.source.is_estimate() && (session.estimate.is_some() || is_on_its_way(session));
+    if side == SOURCE
+        && can_tell
+        && !is_estimated
+        && ui.button("Estimate it from the object").clicked()
+    {
+        session.ask_for_estimate();
     }
     let settings = if side == SOURCE {
         &mut session.look.source
@@ -109,12 +121,13 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     } else {
         ui.label("estimated from the object");
     }
-    if let Some(estimate) = estimate {
-        fact(
-            ui,
-            "confidence",
-            format!("{:.0} %", 100.0 * estimate.confidence),
-        );
+    if let Some(estimate) = estimate.filter(|_| session.look.source.is_estimate()) {
+        fact(ui, "confidence", format!("{:.0} %", estimate.percent()));
+        if estimate.may_lie_on_its_side(session.up()) {
+            ui.weak(
+                "Most of it comes from the side or from below: is the up axis right (panel Asset)?",
+            );
+        }
         match (estimate.obstacle, is_even) {
             (Some(obstacle), _) => {
                 ui.weak(format!(
@@ -135,10 +148,6 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
         }
     }
     ui.weak(format!("{DROP_IT}."));
-    let can_tell = estimate.is_none_or(Estimate::is_good);
-    if is_even && can_tell && !is_on_its_way && ui.button("Estimate it from the object").clicked() {
-        session.ask_for_estimate();
-    }
 }
 
 fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
