@@ -475,10 +475,23 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
         fs::read(out).expect("a splat")
     });
     assert!(relit[0] == relit[1]);
+    let relit_name = folder.name("relit.ply");
     // A bake that does not fit is told before anything is baked for the estimate.
     let output = run(&[
-        "relight", &teapot, "--preset", "paper", "--bake", &bake, "--source", "estimate",
-        "--target", &sunset, "--device", "cpu", "-o", &light,
+        "relight",
+        &teapot,
+        "--preset",
+        "paper",
+        "--bake",
+        &bake,
+        "--source",
+        "estimate",
+        "--target",
+        &sunset,
+        "--device",
+        "cpu",
+        "-o",
+        &relit_name,
     ]);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success(), "{message}");
