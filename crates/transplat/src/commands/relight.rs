@@ -33,12 +33,6 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     };
     let extension = args.output.extension().filter(|_| !args.output.is_dir());
     let is_named_as_file = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
-    if !many && !is_named_as_file {
-        bail!(
-            "{}: a splat is written as .ply; a folder ends with a slash",
-            args.output.display()
-        );
-    }
     if many && is_named_as_file {
         bail!(
             "{}: more than one splat may be written; give a folder",
@@ -50,6 +44,12 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
     if !many {
         check_output(&args.output)?;
+    }
+    if !many && !is_named_as_file {
+        bail!(
+            "{}: a splat is written as .ply; a folder ends with a slash",
+            args.output.display()
+        );
     }
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let lights = scene.lights(&args.light, &mut report)?;
