@@ -45,7 +45,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     if !many {
         check_output(&args.output)?;
     }
-    if !many && !is_named_as_file {
+    if !many && extension.is_some() && !is_named_as_file {
         bail!(
             "{}: a splat is written as .ply; a folder ends with a slash",
             args.output.display()
