@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::rasterize::ColorSpace;
 use crate::sh::{evaluate_sh, fibonacci_sphere};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::visibility::{BakeInput, BakeSettings, BakeSurfel, Progress, bake_receivers};
+use crate::visibility::{BakeInput, BakeSettings, BakeSurfel, Progress, Softness, bake_receivers};
 
 /// Receivers along an edge of the ground.
 pub const GROUND_CELLS: usize = 96;
@@ -95,7 +95,7 @@ impl Ground {
             half,
             normal,
             directions: settings.directions,
-            open: bake_receivers(&input, &receivers, progress)?,
+            open: bake_receivers(&input, &receivers, Softness::default(), progress)?,
         })
     }
 

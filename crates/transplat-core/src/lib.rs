@@ -36,6 +36,7 @@ pub mod environment;
 mod error;
 pub mod estimate;
 pub mod export;
+pub mod extremes;
 pub mod ground;
 pub mod load;
 pub mod look;

@@ -14,7 +14,7 @@ use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, V
 
 pub use best::OracleBest;
 pub use estimate::EstimateProblem;
-pub use transfer::{OracleTransfer, relight_surfel};
+pub use transfer::{OracleTransfer, relight_asset, relight_surfel};
 
 /// `L_k = sum over pixels of L(d) Y_k(d) omega`, `[K][3]`.
 pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]> {
@@ -30,6 +30,24 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]>
                 for (s, p) in sum.iter_mut().zip(pixel) {
                     *s += omega * y * f64::from(p);
                 }
+            }
+        }
+    }
+    sums
+}
+
+/// The same from point samples, evenly spread: what they miss of a sun is lost.
+pub fn project_samples(map: &EnvironmentMap, degree: usize, samples: usize) -> Vec<[f64; 3]> {
+    let k = coefficient_count(degree);
+    let mut sums = vec![[0f64; 3]; k];
+    let mut y = vec![0f64; k];
+    let weight = 4.0 * std::f64::consts::PI / samples.max(1) as f64;
+    for d in fibonacci_sphere(samples) {
+        evaluate_basis(d, degree, &mut y);
+        let radiance = map.sample(DVec3::from_array(d).as_vec3());
+        for (sum, y) in sums.iter_mut().zip(&y) {
+            for (s, r) in sum.iter_mut().zip(radiance) {
+                *s += weight * y * f64::from(r);
             }
         }
     }

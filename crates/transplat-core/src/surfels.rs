@@ -51,6 +51,23 @@ impl SurfelCloud {
         &self.sh[i * k..][..k]
     }
 
+    /// At most `count` surfels of it, taken evenly from their order and so much larger that they cover as much.
+    pub fn thinned(&self, count: usize) -> Self {
+        let n = self.len();
+        let taken: Vec<usize> = (0..count.min(n)).map(|i| i * n / count.min(n)).collect();
+        let larger = (n as f32 / taken.len().max(1) as f32).sqrt();
+        Self {
+            positions: taken.iter().map(|i| self.positions[*i]).collect(),
+            tangents: taken.iter().map(|i| self.tangents[*i]).collect(),
+            scales: taken.iter().map(|i| self.scales[*i] * larger).collect(),
+            opacities: taken.iter().map(|i| self.opacities[*i]).collect(),
+            sh: taken.iter().flat_map(|i| self.sh_of(*i)).copied().collect(),
+            sh_degree: self.sh_degree,
+            encoding: self.encoding,
+            up: self.up,
+        }
+    }
+
     /// Whether colour depends on the view at all.
     pub fn has_view_dependence(&self) -> bool {
         let k = coefficient_count(self.sh_degree);

@@ -9,6 +9,8 @@ mod settings;
 
 use std::sync::Arc;
 
+use half::f16;
+
 use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
@@ -133,6 +135,22 @@ impl PreparedTransfer {
         }
     }
 
+    /// Bytes that a change of light reads, beside the asset's own colour.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Paper(paper) => paper.bytes(),
+            Self::Best(best) => best.bytes(),
+        }
+    }
+
+    /// The same with all that it holds rounded to half precision: what storing it so would do to the result.
+    pub fn rounded_to_half(&self) -> Self {
+        match self {
+            Self::Paper(paper) => Self::Paper(Arc::new(paper.rounded_to_half())),
+            Self::Best(best) => Self::Best(Arc::new(best.rounded_to_half())),
+        }
+    }
+
     /// Whether the source was black, and even light was taken in its place.
     pub fn source_was_black(&self) -> bool {
         match self {
@@ -224,6 +242,15 @@ impl TransferAsset {
         asset.prepare(cloud, visibility, bake_id, &source, settings)
     }
 }
+
+/// Rounds to half precision, in place; beyond its range to its largest number.
+fn round_to_half(values: &mut [[f32; 3]]) {
+    for v in values.iter_mut().flatten() {
+        *v = f16::from_f32(v.clamp(-HALF_MAX, HALF_MAX)).to_f32();
+    }
+}
+
+const HALF_MAX: f32 = 65504.0;
 
 #[cfg(test)]
 mod tests {

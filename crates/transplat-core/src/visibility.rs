@@ -16,8 +16,8 @@ use crate::transfer::Preset;
 
 pub use depth_maps::{
     BakeInput, BakeSettings, DEFAULT_DIRECTIONS, DIRECTION_BATCH, DIRECTIONS, EDGE_ON, EMPTY,
-    MIN_SLOPE_COSINE, MapFrame, SHARPNESS, TAPS, Visibility, bake, bake_receivers, bake_visibility,
-    fill_unfinished, quantize_open,
+    MIN_SLOPE_COSINE, MapFrame, SHARPNESS, Softness, TAPS, Visibility, bake, bake_receivers,
+    bake_visibility, fill_unfinished, quantize_open,
 };
 use occlusion::Occlusion;
 

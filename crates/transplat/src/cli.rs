@@ -284,26 +284,72 @@ pub struct EstimateArgs {
 
 #[derive(Debug, Args)]
 pub struct ReportArgs {
-    /// Objects with their assets, lights, cameras and true pictures
+    /// The splat to report on, with --source; default: the bundled scene, with its path-traced truth
+    pub asset: Option<PathBuf>,
+    #[command(flatten)]
+    pub options: AssetOptions,
+    /// The light it was captured under
+    #[arg(long, value_name = "ENV|estimate|even", requires = "asset")]
+    pub source: Option<PathBuf>,
+    /// The light to relight it by [default: the bundled sunset]
+    #[arg(long, value_name = "ENV", requires = "asset")]
+    pub target: Option<PathBuf>,
+    /// Also compare presets and terms with these objects' true pictures
     #[arg(long, value_name = "DIR")]
-    pub ground_truth: PathBuf,
+    pub ground_truth: Option<PathBuf>,
     /// Only these objects
-    #[arg(long, value_delimiter = ',', value_name = "NAME,...")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "NAME,...",
+        requires = "ground_truth"
+    )]
     pub objects: Vec<String>,
-    /// Only the presets as they are, without switching terms off
+    /// Only these parts
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,...")]
+    pub only: Vec<ReportPart>,
+    /// Fewer settings; only the presets as they are, without switching terms off
     #[arg(long)]
     pub quick: bool,
     /// Also without being told the light of the capture: estimated, and even, as it comes and with its strength fitted
-    #[arg(long)]
+    #[arg(long, requires = "ground_truth")]
     pub unknown_light: bool,
-    /// The folder that truth.csv, truth.md and the pictures are written to
+    /// The folder for the page, the tables and pictures
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Where to compute
-    #[arg(long, value_enum, default_value_t = DeviceChoice::Auto)]
-    pub device: DeviceChoice,
     #[command(flatten)]
     pub out: OutputArgs,
+}
+
+/// What a report consists of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReportPart {
+    /// Error against run time of all settings
+    Time,
+    /// Presets and terms against the true pictures of --ground-truth
+    Truth,
+}
+
+impl ReportPart {
+    /// Files that it writes, beside the page.
+    pub fn files(self) -> &'static [&'static str] {
+        match self {
+            Self::Time => &["error_vs_time.csv"],
+            Self::Truth => &["truth.csv", "truth.md"],
+        }
+    }
+}
+
+impl ReportArgs {
+    /// Parts that are asked for.
+    pub fn parts(&self) -> Vec<ReportPart> {
+        if !self.only.is_empty() {
+            return self.only.clone();
+        }
+        let all = ReportPart::value_variants().iter().copied();
+        all.filter(|p| *p != ReportPart::Truth || self.ground_truth.is_some())
+            .collect()
+    }
 }
 
 #[derive(Debug, Args)]

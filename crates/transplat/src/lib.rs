@@ -1,5 +1,6 @@
 //! The program `transplat`: its commands and its viewer. The mathematics is in `transplat_core`, its GPU passes in `transplat_gpu`.
 
+mod bundled;
 mod cli;
 mod commands;
 mod device;
@@ -7,6 +8,7 @@ mod metrics;
 mod picture;
 mod report;
 mod scene;
+mod sweep;
 mod truth;
 pub mod viewer;
 

@@ -259,6 +259,12 @@ impl Scene {
         Ok(prepared)
     }
 
+    /// A light as its map holds it.
+    pub fn light_of(&self, path: &Path, report: &mut Report) -> Result<Illumination> {
+        let map = self.load_light(path, None, report)?;
+        self.light(map.as_ref(), report)
+    }
+
     /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the preset that is set.
     pub fn load_light(
         &self,

@@ -5,6 +5,8 @@
 //! (`source.ply`) and `gt_of`, another object whose cameras and pictures serve. Lights are `envs/<light>.hdr` or `.exr`, cameras
 //! `<set>/<object>/transforms_test.json`, pictures `<set>/<object>/gt/<light>/*.exr` (linear, premultiplied), one a camera.
 
+pub mod views;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -124,6 +126,36 @@ impl TruthObject {
                 .map(|l| light(l))
                 .collect::<Result<_>>()?,
             pictures,
+        })
+    }
+
+    /// The bundled scene's, in the folder of the assets.
+    ///
+    /// # Errors
+    /// Some of it is missing.
+    pub fn bundled(assets: &Path) -> Result<Self> {
+        let file = |name: &str| {
+            let path = assets.join(name);
+            if path.exists() {
+                Ok(path)
+            } else {
+                bail!("{}: is missing", path.display())
+            }
+        };
+        let light = |name: &str| -> Result<TruthLight> {
+            Ok(TruthLight {
+                name: name.to_owned(),
+                path: file(&format!("{name}.hdr"))?,
+            })
+        };
+        Ok(Self {
+            name: "teapot".into(),
+            set: String::new(),
+            asset: file("teapot.ply")?,
+            cameras: file("teapot_cameras.json")?,
+            source: light("city")?,
+            targets: vec![light("sunset")?, light("interior")?],
+            pictures: file("truth")?,
         })
     }
 

@@ -567,6 +567,28 @@ impl<'a> OracleBest<'a> {
             .collect()
     }
 
+    /// How many times a relative change of the source's beams is amplified in the tau of surfel `i`'s front (norms over the beams; the
+    /// worst channel): `|t| |L| / divisor`, `t` the cosines of the beams that reach it. No beam is negative, and nothing cancels.
+    pub fn condition(&self, i: usize) -> f64 {
+        let n = self.n(i);
+        let sky = self.source.sky.iter().enumerate();
+        let sky = sky.map(|(j, (d, e))| (*d, *e, self.bake.is_open(i, j)));
+        let suns = self.source.suns.iter();
+        let suns = suns.map(|(d, e, open)| (*d, *e, open[i]));
+        let beams: Vec<(DVec3, Rgb, bool)> = sky.chain(suns).collect();
+        let cosines = beams.iter().map(|(d, _, open)| {
+            let cosine = if *open { n.dot(*d).max(0.0) } else { 0.0 };
+            cosine * cosine
+        });
+        let cosines = cosines.sum::<f64>().sqrt();
+        (0..3)
+            .map(|c| {
+                let light: f64 = beams.iter().map(|(_, e, _)| e[c] * e[c]).sum();
+                cosines * light.sqrt() / self.divisor[i][0][c].max(1e-300)
+            })
+            .fold(0.0, f64::max)
+    }
+
     /// Relights: colour as the asset's own is stored. `[n][K][3]`
     pub fn relight(&self, target: &Beams) -> Vec<Rgb> {
         let light = self.light(target);

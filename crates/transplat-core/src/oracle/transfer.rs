@@ -1,12 +1,18 @@
 //! The paper's transfer of one surfel in f64. Shadowing goes by the explicit tensor, reflection by sampling and projecting,
 //! as the paper has them: other ways to the same numbers than production takes.
 
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::visibility_coefficients;
 use crate::environment::IncidentRadiance;
 use crate::sh::{
-    SphereQuadrature, band, coefficient_count, cosine_kernel, evaluate_basis, triple_product_tensor,
+    SphereQuadrature, band, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere,
+    triple_product_tensor,
 };
 use crate::transfer::TransferSettings;
 use crate::transfer::paper::UNATTENUATED;
+use crate::visibility::Visibility;
 
 /// What the oracle needs of lights and settings; made once, since the tensor takes a while.
 pub struct OracleTransfer {
@@ -15,6 +21,8 @@ pub struct OracleTransfer {
     source: Vec<[f64; 3]>,
     target: Vec<[f64; 3]>,
     epsilon: f64,
+    /// Directions and weights of the reflection's projection.
+    nodes: Vec<([f64; 3], f64)>,
 }
 
 impl OracleTransfer {
@@ -40,7 +48,68 @@ impl OracleTransfer {
             source,
             target: wide(target),
             epsilon: f64::from(settings.epsilon()) * mean,
+            nodes: SphereQuadrature::exact(2 * settings.sh_degree)
+                .nodes()
+                .collect(),
         }
+    }
+
+    /// With a reflection that is projected by so many samples, evenly spread over the sphere, as the paper has it.
+    pub fn with_samples(mut self, samples: usize) -> Self {
+        let weight = 4.0 * std::f64::consts::PI / samples as f64;
+        self.nodes = fibonacci_sphere(samples)
+            .into_iter()
+            .map(|d| (d, weight))
+            .collect();
+        self
+    }
+
+    /// How many times a relative change of the source light is amplified in tau, and how many times one of the visibility is (norms of
+    /// coefficients; the worst channel). With `E = t.L = g.V` it is `|t| |L| / (E + eps)` and `|g| |V| / (E + eps)`: where the series
+    /// cancels, `E` is small and neither product is.
+    pub fn conditions(&self, normal: [f64; 3], visibility: &[f64]) -> [f64; 2] {
+        let degree = self.settings.sh_degree;
+        let k = coefficient_count(degree);
+        let mut y = vec![0.0; k];
+        evaluate_basis(normal, degree, &mut y);
+        let kernel: Vec<f64> = (0..=degree)
+            .flat_map(|l| band(l).map(move |i| (l, i)))
+            .map(|(l, i)| cosine_kernel(l) * y[i])
+            .collect();
+        let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|v| v * v).sum::<f64>().sqrt();
+        let mut worst = [0f64; 2];
+        for c in 0..3 {
+            let light = |i: usize| self.source[i][c];
+            let (mut of_light, mut of_visibility) = (vec![0.0; k], vec![0.0; k]);
+            for i in 0..k {
+                for p in 0..k {
+                    for q in 0..k {
+                        let g = kernel[i] * self.tensor[(i * k + p) * k + q];
+                        of_light[p] += g * visibility[q];
+                        of_visibility[q] += g * light(p);
+                    }
+                }
+            }
+            let irradiance: f64 = (0..k).map(|p| of_light[p] * light(p)).sum();
+            let divisor = irradiance.max(0.0) + self.epsilon;
+            let products = [
+                norm(&mut of_light.into_iter()) * norm(&mut (0..k).map(light)),
+                norm(&mut of_visibility.into_iter()) * norm(&mut visibility.iter().copied()),
+            ];
+            for (worst, product) in worst.iter_mut().zip(products) {
+                *worst = worst.max(product / divisor);
+            }
+        }
+        worst
+    }
+
+    /// The target light as a surface with that normal mirrors it (eq. 7), all of its coefficients' sum: to time it alone.
+    pub fn reflection(&self, normal: [f64; 3]) -> f64 {
+        let channel = |c: usize| {
+            let light: Vec<f64> = self.target.iter().map(|l| l[c]).collect();
+            self.mirrored(&light, normal).iter().sum::<f64>()
+        };
+        (0..3).map(channel).sum()
     }
 
     /// Eq. 4, with visibility coefficients `[K]`.
@@ -78,7 +147,7 @@ impl OracleTransfer {
         let degree = self.settings.sh_degree;
         let mut out = vec![0.0; f.len()];
         let (mut y, mut y_mirrored) = (vec![0.0; f.len()], vec![0.0; f.len()]);
-        for (d, w) in SphereQuadrature::exact(2 * degree).nodes() {
+        for (d, w) in self.nodes.iter().copied() {
             let dn = d[0] * n[0] + d[1] * n[1] + d[2] * n[2];
             let r = std::array::from_fn(|i| d[i] - 2.0 * dn * n[i]);
             evaluate_basis(d, degree, &mut y);
@@ -90,6 +159,26 @@ impl OracleTransfer {
         }
         out
     }
+}
+
+/// Linear radiance SH of a whole asset under the target light, from its linear colour `[n][K]`, normals and visibility. `[n][K]`
+pub fn relight_asset(
+    oracle: &OracleTransfer,
+    color: &[[f32; 3]],
+    normals: &[Vec3],
+    visibility: &Visibility,
+) -> Vec<[f64; 3]> {
+    let k = color.len() / normals.len().max(1);
+    color
+        .par_chunks_exact(k.max(1))
+        .enumerate()
+        .flat_map_iter(|(i, color)| {
+            let color: Vec<[f64; 3]> = color.iter().map(|c| c.map(f64::from)).collect();
+            let v = visibility_coefficients(visibility, i, oracle.settings.sh_degree);
+            let v: Vec<f64> = v.into_iter().map(|(v, _)| v).collect();
+            relight_surfel(oracle, &color, normals[i].to_array().map(f64::from), &v)
+        })
+        .collect()
 }
 
 /// Linear radiance SH `[K][3]` of one surfel under the target light, from its linear colour `[K][3]`, normal and visibility.

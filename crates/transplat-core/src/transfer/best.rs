@@ -14,7 +14,7 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::{Part, Relit, TransferSettings};
+use super::{Part, Relit, TransferSettings, round_to_half};
 use crate::color::Encoding;
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::coefficient_count;
@@ -92,7 +92,7 @@ pub struct BestLight {
 }
 
 /// An asset under its source light, ready for any other.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct BestTransfer {
     /// Of what.
     pub asset: Arc<BestAsset>,
@@ -408,6 +408,31 @@ impl BestTransfer {
             residual,
             encoded_mean,
         }
+    }
+
+    /// Bytes that a change of light reads: of the bake, of the colour and of what was prepared.
+    pub fn bytes(&self) -> usize {
+        let occlusion = &self.asset.occlusion;
+        size_of_val(&occlusion.open[..])
+            + size_of_val(&occlusion.normals[..])
+            + size_of_val(&occlusion.hits[..])
+            + size_of_val(&self.asset.means[..])
+            + size_of_val(&self.gloss[..])
+            + size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..])
+            + size_of_val(&self.encoded_mean[..])
+    }
+
+    /// Divisor and colours in half precision.
+    pub(super) fn rounded_to_half(&self) -> Self {
+        let mut rounded = self.clone();
+        for sides in &mut rounded.divisor {
+            round_to_half(sides);
+        }
+        round_to_half(&mut rounded.matte);
+        round_to_half(&mut rounded.residual);
+        rounded
     }
 
     /// A target light, taken in.

@@ -8,9 +8,10 @@ mod lanes;
 use std::sync::Arc;
 
 use glam::Vec3;
+use half::f16;
 use rayon::prelude::*;
 
-use super::{Part, Relit, TransferSettings};
+use super::{Part, Relit, TransferSettings, round_to_half};
 use crate::color::{Encoding, decode_sh};
 use crate::environment::IncidentRadiance;
 use crate::error::{Error, Result};
@@ -224,11 +225,34 @@ impl PaperTransfer {
             dark,
             blocks: Vec::new(),
         };
-        prepared.blocks = (0..cloud.len().div_ceil(LANES))
-            .into_par_iter()
-            .map(|b| Block::new(&prepared, b * LANES))
-            .collect();
+        prepared.make_blocks();
         prepared
+    }
+
+    /// Bytes that a change of light reads.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.normals[..])
+            + size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..])
+    }
+
+    /// Visibility, attenuation and colour in half precision.
+    pub(super) fn rounded_to_half(&self) -> Self {
+        let mut rounded = self.clone();
+        let round = |v: &f32| f16::from_f32(*v).to_f32();
+        rounded.visibility = Arc::new(self.visibility.iter().map(round).collect());
+        round_to_half(&mut rounded.dc_over_irradiance);
+        round_to_half(&mut rounded.attenuation);
+        rounded.make_blocks();
+        rounded
+    }
+
+    fn make_blocks(&mut self) {
+        self.blocks = (0..self.surfels.div_ceil(LANES))
+            .into_par_iter()
+            .map(|b| Block::new(self, b * LANES))
+            .collect();
     }
 
     /// Whether the source on surfel `i` is darker than epsilon in some channel.

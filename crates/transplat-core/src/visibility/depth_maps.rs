@@ -38,6 +38,24 @@ pub const TAPS: [[f32; 2]; 8] = [
 /// Sharpness of the exponential shadow, per object radius.
 pub const SHARPNESS: f32 = 200.0;
 
+/// How a surfel is compared with a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Softness {
+    /// The first so many of [`TAPS`].
+    pub taps: usize,
+    /// Of the exponential shadow, per object radius.
+    pub sharpness: f32,
+}
+
+impl Default for Softness {
+    fn default() -> Self {
+        Self {
+            taps: TAPS.len(),
+            sharpness: SHARPNESS,
+        }
+    }
+}
+
 /// A disc whose area on the map is below this share of its own is seen edge-on, and casts no shadow.
 pub const EDGE_ON: f32 = 1e-4;
 
@@ -199,7 +217,14 @@ fn draw_height_map(input: &BakeInput, frame: &MapFrame, map: &mut [f32]) {
 
 /// How open a surfel is towards a map's direction, 0 to 1.
 #[multiversion(targets("x86_64+avx2", "aarch64+neon"))]
-fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel) -> f32 {
+fn look_up(
+    input: &BakeInput,
+    frame: &MapFrame,
+    map: &[f32],
+    surfel: &BakeSurfel,
+    softness: Softness,
+) -> f32 {
+    let Softness { taps, sharpness } = softness;
     let texel = 2.0 / input.resolution as f32;
     let (px, py) = (
         surfel.position.dot(frame.right),
@@ -215,7 +240,7 @@ fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel
     );
     let (u, v) = ((px + 1.0) / texel, (py + 1.0) / texel);
     let mut sum = 0.0;
-    for [ox, oy] in TAPS {
+    for [ox, oy] in &TAPS[..taps] {
         let (x, y) = ((u + ox).floor(), (v + oy).floor());
         let size = input.resolution as f32;
         if !(x >= 0.0 && y >= 0.0 && x < size && y < size) {
@@ -229,11 +254,11 @@ fn look_up(input: &BakeInput, frame: &MapFrame, map: &[f32], surfel: &BakeSurfel
         // Beyond 20 e-foldings nothing is left of a byte.
         if above <= 0.0 {
             sum += 1.0;
-        } else if SHARPNESS * above < 20.0 {
-            sum += (-SHARPNESS * above).exp();
+        } else if sharpness * above < 20.0 {
+            sum += (-sharpness * above).exp();
         }
     }
-    sum / TAPS.len() as f32
+    sum / taps as f32
 }
 
 /// A share 0 to 1 as a byte, as CPU and GPU both round it.
@@ -248,16 +273,21 @@ pub fn quantize_open(open: f32) -> u8 {
 /// # Errors
 /// [`Error::Cancelled`] when `progress` asked for it.
 pub fn bake_visibility(input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
-    bake_receivers(input, &input.surfels, progress)
+    bake_receivers(input, &input.surfels, Softness::default(), progress)
 }
 
-/// The same for any receivers among the input's surfels, as a ground under them. Returns openness `[receivers][N]` in bytes.
+/// The same for any receivers among the input's surfels, as a ground under them, and of any softness. Returns openness `[receivers][N]` in
+/// bytes.
 ///
 /// # Errors
 /// [`Error::Cancelled`] when `progress` asked for it.
+///
+/// # Panics
+/// If there are not so many taps.
 pub fn bake_receivers(
     input: &BakeInput,
     receivers: &[BakeSurfel],
+    softness: Softness,
     progress: Progress<'_>,
 ) -> Result<Vec<u8>> {
     let directions = input.frames.len();
@@ -277,7 +307,7 @@ pub fn bake_receivers(
             .for_each(|(row, surfel)| {
                 for (i, frame) in frames.iter().enumerate() {
                     let map = &maps[i * texels..][..texels];
-                    row[first + i] = quantize_open(look_up(input, frame, map, surfel));
+                    row[first + i] = quantize_open(look_up(input, frame, map, surfel, softness));
                 }
             });
     }

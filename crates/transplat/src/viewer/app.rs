@@ -10,7 +10,7 @@ use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
 use super::export::{self, Task};
-use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
+use super::files::{Dialog, ask};
 use super::jobs::Kind;
 use super::opening::{Capture, Settings};
 use super::overlays::PathField;
@@ -21,6 +21,7 @@ use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
 use super::shelf::{self, Shelf};
 use super::viewport::Viewport;
 use super::widgets::thousands;
+use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::scene;
 
 /// Where the preferences are kept.

@@ -1,34 +1,9 @@
 //! Files in and out: dialogs, drops, and the bundled scene.
 
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::jobs::{Handle, Kind};
 use super::session::{Event, SaveKind, Session};
-
-/// A file of the bundled scene: beside the program, where a package puts it, or in the sources that it was built from.
-pub fn bundled(name: &str) -> Option<PathBuf> {
-    let program = std::env::current_exe().ok();
-    let folder = program.as_deref().and_then(Path::parent);
-    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets");
-    let places = [
-        folder.map(|f| f.join("assets")),
-        folder.map(|f| f.join("../share/transplat/assets")),
-        Some(sources),
-    ];
-    places
-        .into_iter()
-        .flatten()
-        .map(|place| place.join(name))
-        .find(|path| path.is_file())
-        .map(|path| path.canonicalize().unwrap_or(path))
-}
-
-/// The environments of the bundled scene; the first is the one that its splat was captured under.
-pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"];
-
-/// The splat of the bundled scene.
-pub const BUNDLED_SPLAT: &str = "teapot.ply";
 
 /// What a file dialog is for.
 #[derive(Clone, Debug)]

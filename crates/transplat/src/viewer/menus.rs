@@ -8,12 +8,13 @@ use transplat_core::present::View;
 
 use super::app::Viewer;
 use super::export::Task;
-use super::files::{BUNDLED_LIGHTS, BUNDLED_SPLAT, Dialog, ask, bundled};
+use super::files::{Dialog, ask};
 use super::opening::Settings;
 use super::overlays::PathField;
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};
+use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 
 impl Viewer {
     pub(super) fn menus(&mut self, ui: &mut Ui) {

@@ -67,7 +67,7 @@ pub fn csv(rows: &[Row]) -> String {
 }
 
 /// A name as a field of a CSV (RFC 4180).
-fn quoted(name: &str) -> String {
+pub fn quoted(name: &str) -> String {
     if name.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", name.replace('"', "\"\""))
     } else {

@@ -1,0 +1,310 @@
+//! Stiff and extreme cases: what is asked of the transfer in each, how far f32 is from f64 there, and how ill-conditioned it is.
+//!
+//! The same battery serves the tests and `transplat report`: another way to relight (the GPU's) is held against it too.
+
+mod cases;
+
+use std::cell::RefCell;
+
+use crate::color::decode_sh;
+use crate::environment::{EnvironmentMap, Illumination};
+use crate::error::{Error, Result};
+use crate::oracle::{OracleBest, OracleTransfer, relight_asset, visibility_coefficients};
+use crate::sh::MAX_DEGREE;
+use crate::surfels::SurfelCloud;
+use crate::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use crate::visibility::{Bake, BakeSettings, no_progress};
+
+pub use cases::all;
+
+/// Directions of preset `paper`'s bake here.
+const DIRECTIONS: usize = 64;
+
+/// A target as much stronger than the source is held, and so is nothing to be compared.
+const HELD: f32 = 1e11;
+
+/// One extreme case.
+pub struct Case {
+    /// For people.
+    pub name: &'static str,
+    /// What must hold beside that all numbers are finite.
+    pub property: &'static str,
+    /// The asset, or why it cannot be one: what a loader refuses is as good.
+    make: fn() -> Result<Input>,
+    check: fn(&Trial<'_>) -> std::result::Result<(), String>,
+}
+
+/// What a case is made of.
+pub struct Input {
+    /// The asset.
+    pub cloud: SurfelCloud,
+    /// The light of the capture.
+    pub source: EnvironmentMap,
+    /// The new light.
+    pub target: EnvironmentMap,
+    /// What the lights are multiplied by.
+    pub gains: [f32; 2],
+    /// Epsilon, where it is not the preset's.
+    pub epsilon: Option<f32>,
+    /// SH degree of the light.
+    pub degree: usize,
+}
+
+/// Another way to relight than the CPU's.
+pub type Relight<'a> = &'a dyn Fn(&PreparedTransfer, &Illumination) -> Result<Relit>;
+
+/// One case under way: what a property may look at and try.
+pub struct Trial<'a> {
+    /// Of which preset.
+    pub settings: TransferSettings,
+    /// The asset.
+    pub cloud: &'a SurfelCloud,
+    /// Source and target.
+    pub lights: [Illumination; 2],
+    /// What came out.
+    pub relit: Relit,
+    /// Whether the source told anything.
+    pub source_was_black: bool,
+    bake: Bake,
+    note: RefCell<String>,
+}
+
+impl Trial<'_> {
+    /// Tells something beside whether it holds.
+    fn note(&self, text: String) {
+        self.note.replace(text);
+    }
+
+    /// Relights the same asset, or one of the same geometry, by other lights or settings.
+    ///
+    /// # Errors
+    /// What is asked for is no valid input.
+    pub fn again(
+        &self,
+        cloud: &SurfelCloud,
+        lights: [&Illumination; 2],
+        settings: &TransferSettings,
+    ) -> Result<Relit> {
+        let prepared = PreparedTransfer::new(cloud, &self.bake, lights[0], settings)?;
+        prepared.relight(lights[1], Part::Whole)
+    }
+
+    /// Linear colour `[n][K]` of a result.
+    pub fn linear(&self, relit: Relit) -> Vec<[f32; 3]> {
+        relit.linear(self.cloud.sh_degree).sh
+    }
+}
+
+/// What a case came to with a preset.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The case's name.
+    pub case: &'static str,
+    /// With which preset.
+    pub preset: Preset,
+    /// What was asked.
+    pub property: &'static str,
+    /// Why it does not hold, if it does not.
+    pub failure: Option<String>,
+    /// Relative L2 distance of the f32 result from the f64 oracle's; none where there is nothing to compare.
+    pub f32_error: Option<f64>,
+    /// The same of another way to relight.
+    pub other_error: Option<f64>,
+    /// How many times a relative change of the source light is amplified in tau, at the worst surfel.
+    pub condition: Option<f64>,
+    /// What is to be known beside that.
+    pub note: String,
+}
+
+/// Runs a case with a preset, on the CPU and, if there is one, by another way.
+pub fn run(case: &Case, preset: Preset, other: Option<Relight<'_>>) -> Outcome {
+    let mut outcome = Outcome {
+        case: case.name,
+        preset,
+        property: case.property,
+        failure: None,
+        f32_error: None,
+        other_error: None,
+        condition: None,
+        note: String::new(),
+    };
+    let result = (case.make)().and_then(|input| try_out(case, &input, preset, other, &mut outcome));
+    if let Err(error) = result {
+        match error {
+            // A clear refusal is an answer.
+            Error::Mismatch(_) | Error::Invalid { .. } => {
+                outcome.note = format!("refused: {error}")
+            }
+            error => outcome.failure = Some(error.to_string()),
+        }
+    }
+    outcome
+}
+
+fn try_out(
+    case: &Case,
+    input: &Input,
+    preset: Preset,
+    other: Option<Relight<'_>>,
+    outcome: &mut Outcome,
+) -> Result<()> {
+    let settings = TransferSettings {
+        epsilon: input.epsilon,
+        sh_degree: input.degree,
+        ..TransferSettings::of(preset)
+    };
+    let cloud = &input.cloud;
+    let bake = bake(cloud, preset)?;
+    let maps = [&input.source, &input.target];
+    let lights =
+        [0, 1].map(|side| Illumination::of(maps[side], MAX_DEGREE).scaled(input.gains[side]));
+    let prepared = PreparedTransfer::new(cloud, &bake, &lights[0], &settings)?;
+    let relit = prepared.relight(&lights[1], Part::Whole)?;
+    let exact = if cloud.is_empty() {
+        None
+    } else {
+        exact(cloud, &bake, &prepared, &lights, &settings)?
+    };
+    if let Some((exact, condition)) = &exact {
+        outcome.f32_error = Some(relative_error(&relit.sh, exact));
+        outcome.condition = Some(*condition);
+    }
+    if let Some(other) = other.filter(|_| !cloud.is_empty()) {
+        let by_other = other(&prepared, &lights[1])?;
+        outcome.failure = not_finite(&by_other).map(|why| format!("on the other device: {why}"));
+        if let Some((exact, _)) = &exact {
+            outcome.other_error = Some(relative_error(&by_other.sh, exact));
+        }
+    }
+    let source_was_black = prepared.source_was_black();
+    let ratio = lights[1].mean_irradiance() * prepared.light_gain();
+    if ratio > HELD && !source_was_black {
+        outcome.note = "the target is held to 1e12 times the source".into();
+        (outcome.f32_error, outcome.other_error) = (None, None);
+    }
+    if source_was_black {
+        outcome.note = "the source is black: even light is assumed".into();
+    }
+    let trial = Trial {
+        settings,
+        cloud,
+        lights,
+        relit,
+        source_was_black,
+        bake,
+        note: RefCell::default(),
+    };
+    let held = match not_finite(&trial.relit) {
+        Some(why) => Err(why),
+        None => (case.check)(&trial),
+    };
+    let noted = trial.note.into_inner();
+    if !noted.is_empty() {
+        outcome.note = noted;
+    }
+    if let Err(why) = held {
+        outcome.failure.get_or_insert(why);
+    }
+    Ok(())
+}
+
+fn bake(cloud: &SurfelCloud, preset: Preset) -> Result<Bake> {
+    let settings = BakeSettings {
+        directions: DIRECTIONS,
+    };
+    Bake::new(cloud, preset, &settings, &no_progress)
+}
+
+fn not_finite(relit: &Relit) -> Option<String> {
+    let count = |values: &[[f32; 3]]| values.iter().flatten().filter(|v| !v.is_finite()).count();
+    let (sh, tau) = (count(&relit.sh), count(&relit.tau));
+    (sh + tau > 0).then(|| format!("{sh} coefficients and {tau} ratios are no numbers"))
+}
+
+/// The oracle's colour and the worst condition number; none where the oracle has no such case.
+fn exact(
+    cloud: &SurfelCloud,
+    bake: &Bake,
+    prepared: &PreparedTransfer,
+    lights: &[Illumination; 2],
+    settings: &TransferSettings,
+) -> Result<Option<(Vec<[f64; 3]>, f64)>> {
+    let even = Illumination::even(MAX_DEGREE);
+    let source = if prepared.source_was_black() {
+        &even
+    } else {
+        &lights[0]
+    };
+    Ok(match (bake, prepared) {
+        (Bake::Occlusion(occlusion), PreparedTransfer::Best(_)) => {
+            let (_, source) = source.for_best()?;
+            let (_, target) = lights[1].for_best()?;
+            // A channel that is missing is filled up, which the oracle leaves out.
+            let mean = source.mean_irradiance();
+            if source.mean_irradiances().iter().any(|e| *e < 0.05 * mean) {
+                return Ok(None);
+            }
+            let oracle = OracleBest::new(cloud, occlusion, source, settings.epsilon());
+            let condition = (0..cloud.len()).map(|i| oracle.condition(i));
+            let condition = condition.fold(0.0, f64::max);
+            Some((oracle.relight(target), condition))
+        }
+        (Bake::Visibility(visibility), PreparedTransfer::Paper(paper)) => {
+            let degree = settings.sh_degree;
+            let [source, target] = [source, &lights[1]].map(|l| l.radiance.truncated(degree));
+            let oracle = OracleTransfer::new(&source, &target, settings);
+            let color = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
+            let relit = relight_asset(&oracle, &color, &paper.normals, visibility);
+            let condition = (0..cloud.len().min(64)).map(|i| {
+                let v = visibility_coefficients(visibility, i, degree);
+                let v: Vec<f64> = v.into_iter().map(|(v, _)| v).collect();
+                oracle.conditions(paper.normals[i].to_array().map(f64::from), &v)[0]
+            });
+            Some((relit, condition.fold(0.0, f64::max)))
+        }
+        _ => None,
+    })
+}
+
+fn relative_error(got: &[[f32; 3]], exact: &[[f64; 3]]) -> f64 {
+    let (mut off, mut all) = (0.0, 0.0);
+    for (got, exact) in got.iter().flatten().zip(exact.iter().flatten()) {
+        off += (f64::from(*got) - exact).powi(2);
+        all += exact * exact;
+    }
+    (off / f64::max(all, 1e-30)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(v: Option<f64>) -> String {
+        v.map_or("-".into(), |v| format!("{v:.1e}"))
+    }
+
+    #[test]
+    fn every_case_holds_with_both_presets() {
+        let mut failures = Vec::new();
+        for case in all() {
+            for preset in Preset::ALL {
+                let outcome = run(&case, preset, None);
+                println!(
+                    "{} ({}): {:?} f32 {} condition {} {}",
+                    case.name,
+                    preset.name(),
+                    outcome.failure,
+                    number(outcome.f32_error),
+                    number(outcome.condition),
+                    outcome.note
+                );
+                failures.extend(
+                    outcome
+                        .failure
+                        .map(|why| format!("{} ({}): {why}", case.name, preset.name())),
+                );
+            }
+        }
+        assert!(failures.is_empty(), "{failures:#?}");
+    }
+}

@@ -1,0 +1,660 @@
+//! The battery.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::{Case, Input, Trial, relative_error};
+use crate::color::Encoding;
+use crate::environment::{EnvironmentMap, Illumination};
+use crate::error::Result;
+use crate::scenes;
+use crate::sh::coefficient_count;
+use crate::surfels::SurfelCloud;
+use crate::transfer::best::mean_radiance;
+use crate::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+
+/// Surfels of the usual scene, about half of them on the ball.
+const SURFELS: usize = 60;
+
+/// Relights of a chain there and back.
+const CHAIN: usize = 50;
+
+type Check = fn(&Trial<'_>) -> std::result::Result<(), String>;
+
+/// All cases.
+pub fn all() -> Vec<Case> {
+    let mut cases = lights();
+    cases.extend(settings());
+    cases.extend(assets());
+    cases
+}
+
+fn case(
+    name: &'static str,
+    property: &'static str,
+    make: fn() -> Result<Input>,
+    check: Check,
+) -> Case {
+    Case {
+        name,
+        property,
+        make,
+        check,
+    }
+}
+
+const FINITE: &str = "finite";
+
+fn nothing_more(_: &Trial<'_>) -> std::result::Result<(), String> {
+    Ok(())
+}
+
+// ---- inputs ----
+
+fn cloud() -> SurfelCloud {
+    let mut cloud = scenes::glossy_sphere_over_plate(SURFELS, 3);
+    // As trainers store it.
+    cloud.encoding = Encoding::Stored;
+    for sh in &mut cloud.sh {
+        *sh = sh.map(|v| 0.5 * v);
+    }
+    cloud
+}
+
+/// A map of its directions.
+fn map(radiance: impl Fn(DVec3) -> [f32; 3]) -> EnvironmentMap {
+    let (width, height) = (64, 32);
+    let blank = EnvironmentMap::new(width, height, vec![[0.0; 3]; width * height]);
+    let pixels = (0..width * height)
+        .map(|i| radiance(DVec3::from_array(blank.direction(i % width, i / width))));
+    EnvironmentMap::new(width, height, pixels.collect())
+}
+
+fn sky(d: DVec3) -> [f32; 3] {
+    let up = 1.0 + 0.6 * d.z as f32;
+    [up, up + 0.2 * d.x as f32, up + 0.3 * d.y as f32]
+}
+
+fn other_sky(d: DVec3) -> [f32; 3] {
+    let side = 0.4 + 0.5 * (d.x as f32).max(0.0);
+    [1.5 * side, side, 0.7 * side]
+}
+
+fn usual() -> Input {
+    Input {
+        cloud: cloud(),
+        source: map(sky),
+        target: map(other_sky),
+        gains: [1.0; 2],
+        epsilon: None,
+        degree: 3,
+    }
+}
+
+fn with_source(radiance: impl Fn(DVec3) -> [f32; 3]) -> Result<Input> {
+    Ok(Input {
+        source: map(radiance),
+        ..usual()
+    })
+}
+
+fn with_target(radiance: impl Fn(DVec3) -> [f32; 3]) -> Result<Input> {
+    Ok(Input {
+        target: map(radiance),
+        ..usual()
+    })
+}
+
+fn with_cloud(change: impl Fn(&mut SurfelCloud)) -> Result<Input> {
+    let mut cloud = cloud();
+    change(&mut cloud);
+    Ok(Input { cloud, ..usual() })
+}
+
+fn with_epsilon(epsilon: f32) -> Result<Input> {
+    Ok(Input {
+        epsilon: Some(epsilon),
+        ..usual()
+    })
+}
+
+fn strong(gains: [f32; 2]) -> Result<Input> {
+    Ok(Input { gains, ..usual() })
+}
+
+/// Of one pixel of the map.
+fn pixel(d: DVec3, radiance: f32) -> [f32; 3] {
+    let toward = DVec3::new(0.5, -0.3, 0.8).normalize();
+    if d.dot(toward) > 0.998 {
+        [radiance; 3]
+    } else {
+        [0.0; 3]
+    }
+}
+
+// ---- properties ----
+
+/// Within what the ratio of the lights allows: what divides is at least epsilon's share.
+fn bounded(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let [source, target] = &trial.lights;
+    let mean = source.mean_irradiance();
+    if trial.source_was_black || mean <= 0.0 {
+        return Ok(());
+    }
+    // No irradiance is above that of the whole light from one side, and bounces at most double it; a truncated series overshoots by half.
+    let most = 4.0 * 2.0 * 1.5 * (target.mean_irradiance() / mean).max(1.0);
+    let limit = most / trial.settings.epsilon().max(1e-6) + most;
+    let largest = trial
+        .relit
+        .tau
+        .iter()
+        .flatten()
+        .fold(0f32, |a, t| a.max(t.abs()));
+    if largest <= limit {
+        Ok(())
+    } else {
+        Err(format!(
+            "tau is {largest:.1e}, and the lights allow {limit:.1e}"
+        ))
+    }
+}
+
+fn black(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let linear = trial.linear(trial.relit.clone());
+    let largest = linear.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
+    if largest < 1e-4 {
+        Ok(())
+    } else {
+        Err(format!("under a black light it still shows {largest:.1e}"))
+    }
+}
+
+fn same(a: &Relit, b: &Relit, tolerance: f32) -> std::result::Result<(), String> {
+    let size = a.sh.iter().flatten().fold(1e-6f32, |s, v| s.max(v.abs()));
+    let pairs = a.sh.iter().flatten().zip(b.sh.iter().flatten());
+    let off = pairs.fold(0f32, |off, (a, b)| off.max((a - b).abs())) / size;
+    if off <= tolerance {
+        Ok(())
+    } else {
+        Err(format!(
+            "differs by {off:.1e} of the largest, {tolerance:.0e} is allowed"
+        ))
+    }
+}
+
+fn told<T>(result: Result<T>) -> std::result::Result<T, String> {
+    result.map_err(|e| e.to_string())
+}
+
+/// The same as with an even source.
+fn as_with_even_light(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let even = Illumination::even(crate::sh::MAX_DEGREE);
+    let lights = [&even, &trial.lights[1]];
+    let relit = told(trial.again(trial.cloud, lights, &trial.settings))?;
+    same(&relit, &trial.relit, 1e-6)
+}
+
+/// Both lights a thousand times as strong change nothing.
+fn scale_invariant(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let stronger = trial.lights.each_ref().map(|l| l.scaled(1e3));
+    let relit = told(trial.again(trial.cloud, [&stronger[0], &stronger[1]], &trial.settings))?;
+    same(&trial.relit, &relit, 1e-4)
+}
+
+/// More epsilon never makes the largest change larger.
+fn monotone_in_epsilon(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let mut last = f32::INFINITY;
+    for epsilon in [1e-6, 1e-4, 1e-2, 1.0, 1e2] {
+        let settings = TransferSettings {
+            epsilon: Some(epsilon),
+            ..trial.settings.clone()
+        };
+        let [source, target] = &trial.lights;
+        let relit = told(trial.again(trial.cloud, [source, target], &settings))?;
+        // How unlike the change is from surfel to surfel.
+        let tau = || relit.tau.iter().map(|t| t[1]);
+        let (low, high) = tau().fold((f32::INFINITY, 0f32), |(l, h), t| (l.min(t), h.max(t)));
+        let range = high - low;
+        if range > 1.02 * last + 1e-4 {
+            return Err(format!(
+                "at {epsilon} the change ranges over {range}, before {last}"
+            ));
+        }
+        last = range;
+    }
+    Ok(())
+}
+
+/// There and back many times: preset `best` is to come back the first time, and what becomes of it is told.
+fn converging(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let [source, target] = &trial.lights;
+    let mut cloud = trial.cloud.clone();
+    let normals = trial.bake.normals();
+    let start = mean_radiance(&cloud, normals);
+    let mut drifts = Vec::new();
+    for turn in 1..=CHAIN {
+        for lights in [[source, target], [target, source]] {
+            let relit = told(trial.again(&cloud, lights, &trial.settings))?;
+            cloud.sh = relit.stored(&cloud);
+        }
+        let now = mean_radiance(&cloud, normals);
+        let fronts = || {
+            now.iter()
+                .zip(&start)
+                .flat_map(|(a, b)| a[0].into_iter().zip(b[0]))
+        };
+        let off: f32 = fronts().map(|(a, b)| (a - b) * (a - b)).sum();
+        let all: f32 = fronts().map(|(_, b)| b * b).sum();
+        let drift = (off / all).sqrt();
+        if !drift.is_finite() {
+            return Err(format!("no numbers after {turn} turns"));
+        }
+        drifts.push(drift);
+    }
+    trial.note(format!(
+        "drift after 1, 10 and {CHAIN} turns: {:.1e}, {:.1e}, {:.1e}",
+        drifts[0],
+        drifts[9],
+        drifts[CHAIN - 1]
+    ));
+    // Less than a tenth of a stop is not seen.
+    let limit = match trial.settings.preset {
+        Preset::Best => 0.05,
+        Preset::Paper => f32::INFINITY,
+    };
+    if drifts[0] <= limit {
+        Ok(())
+    } else {
+        Err(format!("once there and back it is off by {}", drifts[0]))
+    }
+}
+
+/// What the usual scene comes to, whatever its unit.
+fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
+    let usual = usual();
+    let bake = told(super::bake(&usual.cloud, trial.settings.preset))?;
+    let prepared = PreparedTransfer::new(&usual.cloud, &bake, &trial.lights[0], &trial.settings);
+    let relit = told(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
+    // Powers of two round nothing; all else is relative to the object's radius.
+    let off = relative_error(&trial.relit.sh, &wide(&relit.sh));
+    if off < 1e-6 {
+        Ok(())
+    } else {
+        Err(format!("it is {off:.1e} off what it is at scale 1"))
+    }
+}
+
+fn wide(values: &[[f32; 3]]) -> Vec<[f64; 3]> {
+    values.iter().map(|v| v.map(f64::from)).collect()
+}
+
+// ---- the cases ----
+
+fn lights() -> Vec<Case> {
+    vec![
+        case("the usual scene", "bounded", || Ok(usual()), bounded),
+        case(
+            "near-black source",
+            "scale-invariant",
+            || strong([1e-20; 2]),
+            scale_invariant,
+        ),
+        case(
+            "black source",
+            "as with even light",
+            || with_source(|_| [0.0; 3]),
+            as_with_even_light,
+        ),
+        case(
+            "source without red",
+            "bounded",
+            || {
+                with_source(|d| {
+                    let [_, g, b] = sky(d);
+                    [0.0, g, b]
+                })
+            },
+            bounded,
+        ),
+        case(
+            "source of one colour alone",
+            "bounded",
+            || with_source(|d| [sky(d)[0], 0.0, 0.0]),
+            bounded,
+        ),
+        case(
+            "source from one half",
+            "bounded",
+            || with_source(|d| if d.x > 0.0 { sky(d) } else { [0.0; 3] }),
+            bounded,
+        ),
+        case(
+            "source from below alone",
+            "bounded",
+            || with_source(|d| if d.z < 0.0 { [1.0; 3] } else { [0.0; 3] }),
+            bounded,
+        ),
+        case(
+            "a sun of a million skies as source",
+            "bounded",
+            || {
+                with_source(|d| {
+                    let (sun, sky) = (pixel(d, 1e6), sky(d));
+                    std::array::from_fn(|c| sun[c] + sky[c])
+                })
+            },
+            bounded,
+        ),
+        case(
+            "a sun of a million skies as target",
+            "bounded",
+            || {
+                with_target(|d| {
+                    let (sun, sky) = (pixel(d, 1e6), sky(d));
+                    std::array::from_fn(|c| sun[c] + sky[c])
+                })
+            },
+            bounded,
+        ),
+        case(
+            "a source of one pixel",
+            "bounded",
+            || with_source(|d| pixel(d, 1.0)),
+            bounded,
+        ),
+        case(
+            "a target of one pixel",
+            "bounded",
+            || with_target(|d| pixel(d, 1.0)),
+            bounded,
+        ),
+        case("black target", "black", || with_target(|_| [0.0; 3]), black),
+        case(
+            "pixels that are no numbers, negative or 1e30",
+            FINITE,
+            || {
+                with_target(|d| {
+                    if d.z > 0.9 {
+                        [f32::NAN, f32::INFINITY, -1.0]
+                    } else if d.z < -0.9 {
+                        [1e30; 3]
+                    } else {
+                        sky(d)
+                    }
+                })
+            },
+            nothing_more,
+        ),
+        case(
+            "a map of one pixel",
+            "bounded",
+            || {
+                Ok(Input {
+                    target: EnvironmentMap::new(1, 1, vec![[2.0, 1.0, 0.5]]),
+                    ..usual()
+                })
+            },
+            bounded,
+        ),
+        case(
+            "maps of one row and of one column",
+            "bounded",
+            || {
+                Ok(Input {
+                    source: EnvironmentMap::new(512, 1, vec![[1.0; 3]; 512]),
+                    target: EnvironmentMap::new(1, 512, vec![[0.5, 1.0, 1.0]; 512]),
+                    ..usual()
+                })
+            },
+            bounded,
+        ),
+        case(
+            "a map 16384 pixels wide",
+            "bounded",
+            || {
+                let (width, height) = (16384, 256);
+                let pixels = (0..width * height).map(|i| [0.5 + (i % 7) as f32; 3]);
+                Ok(Input {
+                    target: EnvironmentMap::new(width, height, pixels.collect()),
+                    ..usual()
+                })
+            },
+            bounded,
+        ),
+    ]
+}
+
+fn settings() -> Vec<Case> {
+    vec![
+        case("epsilon 0", "bounded", || with_epsilon(0.0), bounded),
+        case("epsilon 1e-6", "bounded", || with_epsilon(1e-6), bounded),
+        case("epsilon 1e3", "bounded", || with_epsilon(1e3), bounded),
+        case(
+            "epsilon from 1e-6 to 1e2",
+            "monotone",
+            || Ok(usual()),
+            monotone_in_epsilon,
+        ),
+        case(
+            "degree 8",
+            "scale-invariant",
+            || {
+                Ok(Input {
+                    degree: 8,
+                    ..usual()
+                })
+            },
+            scale_invariant,
+        ),
+        case(
+            "degree 0",
+            "bounded",
+            || {
+                Ok(Input {
+                    degree: 0,
+                    ..usual()
+                })
+            },
+            bounded,
+        ),
+        case(
+            "target 40 stops stronger",
+            FINITE,
+            || strong([1.0, 40f32.exp2()]),
+            nothing_more,
+        ),
+        case(
+            "target 40 stops weaker",
+            "black",
+            || strong([1.0, (-40f32).exp2()]),
+            black,
+        ),
+        case(
+            "both 40 stops stronger",
+            "scale-invariant",
+            || strong([40f32.exp2(); 2]),
+            scale_invariant,
+        ),
+        case(
+            "both 40 stops weaker",
+            "scale-invariant",
+            || strong([(-40f32).exp2(); 2]),
+            scale_invariant,
+        ),
+        case(
+            "there and back fifty times",
+            "converging",
+            || Ok(usual()),
+            converging,
+        ),
+    ]
+}
+
+fn assets() -> Vec<Case> {
+    vec![
+        case(
+            "no surfel",
+            FINITE,
+            || with_cloud(|c| *c = scenes::sphere(0)),
+            nothing_more,
+        ),
+        case(
+            "one surfel",
+            "bounded",
+            || with_cloud(|c| *c = scenes::sphere(1)),
+            bounded,
+        ),
+        case(
+            "surfels without extent",
+            "bounded",
+            || with_cloud(|c| c.scales.iter_mut().step_by(2).for_each(|s| *s = Vec2::ZERO)),
+            bounded,
+        ),
+        case(
+            "surfels of 1e-20 and of 1e6",
+            "bounded",
+            || {
+                with_cloud(|c| {
+                    c.scales
+                        .iter_mut()
+                        .step_by(3)
+                        .for_each(|s| *s = Vec2::splat(1e-20));
+                    c.scales[1] = Vec2::splat(1e6);
+                })
+            },
+            bounded,
+        ),
+        case(
+            "needles",
+            "bounded",
+            || with_cloud(|c| c.scales.iter_mut().for_each(|s| s.y *= 1e-4)),
+            bounded,
+        ),
+        case(
+            "all transparent",
+            "bounded",
+            || with_cloud(|c| c.opacities.fill(0.0)),
+            bounded,
+        ),
+        case(
+            "all opaque",
+            "bounded",
+            || with_cloud(|c| c.opacities.fill(1.0)),
+            bounded,
+        ),
+        case(
+            "all at one point",
+            "bounded",
+            || with_cloud(|c| c.positions.fill(Vec3::ONE)),
+            bounded,
+        ),
+        case(
+            "all on a line",
+            "bounded",
+            || with_cloud(|c| c.positions.iter_mut().for_each(|p| *p = Vec3::X * p.x)),
+            bounded,
+        ),
+        case(
+            "every surfel buried",
+            "bounded",
+            || {
+                with_cloud(|c| {
+                    let shell = scenes::sphere(400);
+                    c.positions.iter_mut().for_each(|p| *p *= 0.05);
+                    c.scales.iter_mut().for_each(|s| *s *= 0.05);
+                    let k = coefficient_count(c.sh_degree);
+                    c.positions.extend(shell.positions.iter().map(|p| 2.0 * *p));
+                    c.tangents.extend(&shell.tangents);
+                    c.scales.extend(shell.scales.iter().map(|s| 3.0 * *s));
+                    c.opacities.extend(&shell.opacities);
+                    c.sh.extend(vec![[0.1; 3]; k * shell.len()]);
+                })
+            },
+            bounded,
+        ),
+        case(
+            "coefficients of 1e4",
+            FINITE,
+            || {
+                with_cloud(|c| {
+                    c.sh.iter_mut()
+                        .step_by(5)
+                        .for_each(|f| *f = [1e4, -1e4, 1e4])
+                })
+            },
+            nothing_more,
+        ),
+        case(
+            "a black asset",
+            "black",
+            || {
+                with_cloud(|c| {
+                    c.encoding = Encoding::StoredLinear;
+                    c.sh.fill([0.0; 3]);
+                    let offset = c.encoding.offset();
+                    let k = coefficient_count(c.sh_degree);
+                    for f in c.sh.chunks_exact_mut(k) {
+                        f[0] = [-offset * crate::sh::SQRT_4PI as f32; 3];
+                    }
+                })
+            },
+            black,
+        ),
+        case(
+            "colour of degree 8",
+            "scale-invariant",
+            || {
+                let mut input = usual();
+                input.cloud = scenes::glossy_sphere_over_plate(SURFELS, 8);
+                Ok(input)
+            },
+            scale_invariant,
+        ),
+        case(
+            "a scene of 2^-20",
+            "as at scale 1",
+            || {
+                with_cloud(|c| {
+                    c.positions.iter_mut().for_each(|p| *p *= (-20f32).exp2());
+                    c.scales.iter_mut().for_each(|s| *s *= (-20f32).exp2());
+                })
+            },
+            as_at_unit_scale,
+        ),
+        case(
+            "a scene of 2^20",
+            "as at scale 1",
+            || {
+                with_cloud(|c| {
+                    c.positions.iter_mut().for_each(|p| *p *= 20f32.exp2());
+                    c.scales.iter_mut().for_each(|s| *s *= 20f32.exp2());
+                })
+            },
+            as_at_unit_scale,
+        ),
+        case(
+            "a thousand radii from the origin",
+            "bounded",
+            || {
+                with_cloud(|c| {
+                    c.positions
+                        .iter_mut()
+                        .for_each(|p| *p += Vec3::new(1e3, -1e3, 1e3))
+                })
+            },
+            bounded,
+        ),
+        case(
+            "detail of 1e-3 at 1e5 from the origin",
+            "bounded",
+            || {
+                with_cloud(|c| {
+                    c.positions
+                        .iter_mut()
+                        .for_each(|p| *p = *p * 1e-2 + Vec3::splat(1e5));
+                    c.scales.iter_mut().for_each(|s| *s *= 1e-2);
+                })
+            },
+            bounded,
+        ),
+    ]
+}

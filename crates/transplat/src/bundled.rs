@@ -1,0 +1,27 @@
+//! The scene that comes with the program.
+
+use std::path::{Path, PathBuf};
+
+/// A file or folder of the bundled scene: beside the program, where a package puts it, or in the sources that it was built from.
+pub fn bundled(name: &str) -> Option<PathBuf> {
+    let program = std::env::current_exe().ok();
+    let folder = program.as_deref().and_then(Path::parent);
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets");
+    let places = [
+        folder.map(|f| f.join("assets")),
+        folder.map(|f| f.join("../share/transplat/assets")),
+        Some(sources),
+    ];
+    places
+        .into_iter()
+        .flatten()
+        .map(|place| place.join(name))
+        .find(|path| path.exists())
+        .map(|path| path.canonicalize().unwrap_or(path))
+}
+
+/// The environments of the bundled scene; the first is the one that its splat was captured under.
+pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"];
+
+/// The splat of the bundled scene.
+pub const BUNDLED_SPLAT: &str = "teapot.ply";

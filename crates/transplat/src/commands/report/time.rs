@@ -1,0 +1,233 @@
+//! Error against run time, for programs and for people.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+
+use super::page::{Dot, Page, Plot};
+use super::tables::quoted;
+use crate::report::milliseconds;
+use crate::sweep::{Point, Stage};
+
+/// The table's name.
+pub const CSV: &str = "error_vs_time.csv";
+
+/// All points, for programs; what does not apply is empty.
+pub fn csv(points: &[Point]) -> String {
+    let mut out = String::from(
+        "setting,device,stage,time_ms,time_spread_ms,memory_bytes,rel_l2,max_abs,psnr_numeric,psnr_truth,on_front,is_default\n",
+    );
+    for p in points {
+        let or_empty =
+            |v: Option<f64>, digits: usize| v.map_or(String::new(), |v| format!("{v:.digits$}"));
+        let small = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{},{},{},{},{},{},{},{}",
+            quoted(&p.setting.name),
+            quoted(&p.device),
+            p.stage.name(),
+            or_empty(p.time.map(|t| t.ms), 3),
+            or_empty(p.time.and_then(|t| t.spread_ms), 3),
+            p.memory_bytes.map_or(String::new(), |b| b.to_string()),
+            small(p.numeric.map(|n| n.rel_l2)),
+            small(p.numeric.map(|n| n.max_abs)),
+            or_empty(p.numeric.and_then(|n| n.psnr), 2),
+            or_empty(p.psnr_truth, 3),
+            p.on_front,
+            p.setting.is_default,
+        );
+    }
+    out
+}
+
+/// Plots and tables, stage by stage.
+pub fn onto(page: &mut Page, points: &[Point], words: &[String]) -> Result<()> {
+    page.heading("Error against run time");
+    page.paragraph(
+        "Two errors, never mixed. Numerical: against the f64 oracle of the same mathematics with everything at its best (SH degree 8, visibility by rays in 2048 directions), on a thinned asset. Model: against path-traced pictures, on the whole asset. Times are medians; the spread is half the distance between the quartiles. The grey line is the front: what nothing beats in both. Rings mark the defaults.",
+    );
+    page.list(words);
+    let mut devices: Vec<&str> = points.iter().map(|p| &*p.device).collect();
+    devices.dedup();
+    devices.sort_unstable();
+    devices.dedup();
+    for stage in Stage::ALL {
+        for device in &devices {
+            let here = |p: &&Point| p.stage == stage && p.device == *device;
+            let these: Vec<&Point> = points.iter().filter(here).collect();
+            if these.len() > 1 {
+                plots(page, stage, device, &these)?;
+            }
+        }
+    }
+    let head = [
+        "setting",
+        "device",
+        "time",
+        "spread",
+        "memory",
+        "relative L2",
+        "largest",
+        "PSNR to oracle",
+        "PSNR to truth",
+        "front",
+    ];
+    for stage in Stage::ALL {
+        let these = points.iter().filter(|p| p.stage == stage);
+        let rows: Vec<(&str, Vec<String>)> = these
+            .map(|p| {
+                let class = if p.setting.is_default { "default" } else { "" };
+                (class, row(p))
+            })
+            .collect();
+        if !rows.is_empty() {
+            page.table(stage.name(), &head, &rows);
+        }
+    }
+    Ok(())
+}
+
+fn row(p: &Point) -> Vec<String> {
+    let decibels = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.2} dB"));
+    vec![
+        p.setting.name.clone(),
+        p.device.clone(),
+        p.time.map_or(String::new(), |t| milliseconds(t.ms)),
+        p.time
+            .and_then(|t| t.spread_ms)
+            .map_or(String::new(), milliseconds),
+        p.memory_bytes
+            .map_or(String::new(), |b| format!("{:.1} MB", b as f64 / 1e6)),
+        p.numeric
+            .map_or(String::new(), |n| format!("{:.1e}", n.rel_l2)),
+        p.numeric
+            .map_or(String::new(), |n| format!("{:.1e}", n.max_abs)),
+        decibels(p.numeric.and_then(|n| n.psnr)),
+        decibels(p.psnr_truth),
+        if p.on_front {
+            "yes".into()
+        } else {
+            String::new()
+        },
+    ]
+}
+
+/// The model's error over time, and the numerical one.
+fn plots(page: &mut Page, stage: Stage, device: &str, points: &[&Point]) -> Result<()> {
+    let groups = ["preset best", "preset paper", "both presets"];
+    let group = |p: &Point| match p.setting.preset() {
+        "best" => 0,
+        "paper" => 1,
+        _ => 2,
+    };
+    let mut add =
+        |what: &str, y: &str, is_y_logarithmic: bool, of: &dyn Fn(&Point) -> Option<f64>| {
+            let has_truth = points.iter().any(|p| p.psnr_truth.is_some());
+            let dots: Vec<Dot> = points
+                .iter()
+                .filter_map(|p| {
+                    Some(Dot {
+                        x: p.time?.ms,
+                        y: of(p)?,
+                        label: p.setting.name.clone(),
+                        group: group(p),
+                        is_default: p.setting.is_default,
+                        // The front is that of the error which counts.
+                        on_front: p.on_front && has_truth != is_y_logarithmic,
+                    })
+                })
+                .collect();
+            let title = format!("{}, {device}: {what}", stage.name());
+            let plot = Plot {
+                title: &title,
+                x: "time in ms",
+                y,
+                is_y_logarithmic,
+                groups: &groups,
+            };
+            page.plot(&plot, &dots)
+        };
+    add("to path-traced truth", "PSNR in dB", false, &|p| {
+        p.psnr_truth
+    })?;
+    add("to the f64 oracle", "relative L2", true, &|p| {
+        p.numeric.map(|n| n.rel_l2)
+    })
+}
+
+/// For a terminal.
+pub fn summary(points: &[Point], words: &[String]) -> String {
+    let mut out = String::from("Error against run time (defaults):\n");
+    for p in points.iter().filter(|p| p.setting.is_default) {
+        let time = p.time.map_or(String::new(), |t| milliseconds(t.ms));
+        let truth = p
+            .psnr_truth
+            .map_or(String::new(), |v| format!(", {v:.2} dB to the truth"));
+        let numeric = p.numeric.map_or(String::new(), |n| {
+            format!(", {:.1e} off the oracle", n.rel_l2)
+        });
+        let front = if p.numeric.is_some() && !p.on_front {
+            ", not on the front"
+        } else {
+            ""
+        };
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "  {} ({}), {}: {time}{truth}{numeric}{front}",
+            p.stage.name(),
+            p.device,
+            p.setting.name
+        );
+    }
+    out.push_str("What the next steps buy:\n");
+    for line in words {
+        let _ = writeln!(out, "  {line}");
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::{Numeric, Setting, Timing};
+    use transplat_core::transfer::TransferSettings;
+
+    #[test]
+    fn the_table_leaves_empty_what_does_not_apply() {
+        let whole = Point {
+            setting: Setting::plain(TransferSettings::default()),
+            device: "a, b".into(),
+            stage: Stage::Transfer,
+            time: Some(Timing {
+                ms: 1.5,
+                spread_ms: Some(0.25),
+            }),
+            memory_bytes: Some(7),
+            numeric: Some(Numeric {
+                rel_l2: 1e-6,
+                max_abs: 2e-5,
+                psnr: None,
+            }),
+            psnr_truth: Some(33.0),
+            on_front: true,
+        };
+        let empty = Point {
+            time: None,
+            memory_bytes: None,
+            numeric: None,
+            psnr_truth: None,
+            on_front: false,
+            ..whole.clone()
+        };
+        let csv = csv(&[whole, empty]);
+        let lines: Vec<&str> = csv.lines().collect();
+        assert_eq!(
+            lines[1],
+            "preset best,\"a, b\",transfer,1.500,0.250,7,1.000e-6,2.000e-5,,33.000,true,false"
+        );
+        assert_eq!(lines[2], "preset best,\"a, b\",transfer,,,,,,,,false,false");
+    }
+}

@@ -1,0 +1,278 @@
+//! Presets and single terms against path-traced truth.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+use transplat_core::environment::Illumination;
+use transplat_core::export::{PngBits, write_png};
+use transplat_core::load::load_asset;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
+use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+
+use super::tables::{RoundTrip, Row, ToldOfLight, csv, markdown};
+use super::unknown::Unknown;
+use super::variants::Variant;
+use super::write;
+use crate::cli::ReportArgs;
+use crate::device::Device;
+use crate::metrics::Picture;
+use crate::report::Report;
+use crate::scene::progress_bar;
+use crate::truth::TruthObject;
+use crate::truth::views::{TruthTarget, Views, light};
+
+/// Changes of light whose median time is told.
+const REPEATS: usize = 3;
+
+/// What the difference in the pictures is multiplied by.
+const DIFFERENCE_SCALE: f32 = 4.0;
+
+/// The objects of a folder that are asked for.
+pub fn objects(folder: &Path, asked: &[String]) -> Result<Vec<TruthObject>> {
+    let mut objects = TruthObject::all_in(folder)?;
+    for asked in asked {
+        if !objects.iter().any(|o| o.name == *asked) {
+            let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();
+            bail!("--objects {asked}: there are {}", names.join(", "));
+        }
+    }
+    if !asked.is_empty() {
+        objects.retain(|o| asked.contains(&o.name));
+    }
+    Ok(objects)
+}
+
+/// Compares all objects with their truth; writes `truth.csv`, `truth.md` and pictures, and returns the tables for people.
+pub fn run(
+    objects: &[TruthObject],
+    args: &ReportArgs,
+    device: &Device,
+    report: &mut Report,
+) -> Result<String> {
+    let pictures = args.output.join("pictures");
+    std::fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())?;
+    let variants = Variant::all(args.quick, args.unknown_light);
+    let bar = progress_bar("comparing with the truth", report);
+    let mut rows: Vec<Row> = Vec::new();
+    let mut round_trips: Vec<RoundTrip> = Vec::new();
+    let mut estimates: Vec<ToldOfLight> = Vec::new();
+    for (i, object) in objects.iter().enumerate() {
+        bar.set_position((1000 * i / objects.len()) as u64);
+        if bar.is_hidden() && !report.is_quiet() {
+            eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
+        }
+        let scene = TruthScene::load(object, device)
+            .with_context(|| format!("the object {}", object.name))?;
+        let unknown = args
+            .unknown_light
+            .then(|| scene.unknown(device))
+            .transpose()?;
+        for variant in &variants {
+            let light = unknown.as_ref().and_then(|u| u.light(variant.source));
+            let prepared = scene.prepare(variant, light.as_ref())?;
+            rows.extend(scene.score(variant, prepared.as_ref(), device, &pictures)?);
+            if let Some(prepared) = prepared.filter(|_| variant.is_whole_preset()) {
+                round_trips.push(scene.round_trip(variant, &prepared, device)?);
+            }
+        }
+        estimates.extend(unknown.map(|u| u.told));
+    }
+    bar.finish_and_clear();
+    let table = args.output.join(TRUTH_CSV);
+    write(&table, &csv(&rows))?;
+    let text = markdown(&rows, &round_trips, &estimates, &variants);
+    write(&args.output.join(TRUTH_TABLES), &text)?;
+    report.set(
+        "pairs",
+        rows.iter().filter(|r| r.variant == variants[0]).count(),
+    );
+    report.set("table", table.display().to_string());
+    Ok(text)
+}
+
+/// What [`run`] writes beside the pictures.
+pub const TRUTH_CSV: &str = "truth.csv";
+/// See [`TRUTH_CSV`].
+pub const TRUTH_TABLES: &str = "truth.md";
+
+/// An object, ready to be relit and compared.
+struct TruthScene<'a> {
+    object: &'a TruthObject,
+    cloud: Arc<SurfelCloud>,
+    views: Views,
+    source: Illumination,
+    bakes: Vec<Bake>,
+}
+
+impl<'a> TruthScene<'a> {
+    fn load(object: &'a TruthObject, device: &Device) -> Result<Self> {
+        let (cloud, _) = load_asset(&object.asset)?;
+        let cloud = Arc::new(cloud);
+        let bakes =
+            Preset::ALL.map(|p| Bake::new(&cloud, p, &BakeSettings::default(), &no_progress));
+        Ok(Self {
+            object,
+            views: Views::load(object, &cloud, device)?,
+            source: light(&object.source, device)?,
+            bakes: bakes.into_iter().collect::<transplat_core::Result<_>>()?,
+            cloud,
+        })
+    }
+
+    fn bake(&self, preset: Preset) -> Result<&Bake> {
+        let of_preset = self.bakes.iter().find(|b| b.preset() == preset);
+        of_preset.context("a bake for each preset")
+    }
+
+    /// Prepares from a light of the capture; from the one that is told where none is given.
+    fn prepare(
+        &self,
+        variant: &Variant,
+        light: Option<&Illumination>,
+    ) -> Result<Option<PreparedTransfer>> {
+        let Some(settings) = &variant.settings else {
+            return Ok(None);
+        };
+        let bake = self.bake(settings.preset)?;
+        let light = light.unwrap_or(&self.source);
+        let prepared = PreparedTransfer::new(&self.cloud, bake, light, settings)?;
+        Ok(Some(prepared))
+    }
+
+    fn unknown(&self, device: &Device) -> Result<Unknown> {
+        let bake = self.bake(Preset::Best)?;
+        Unknown::new(&self.object.name, &self.cloud, bake, &self.source, device)
+    }
+
+    /// Relights by the light of the capture, which should return it.
+    fn round_trip(
+        &self,
+        variant: &Variant,
+        prepared: &PreparedTransfer,
+        device: &Device,
+    ) -> Result<RoundTrip> {
+        let (relit, _) = relight(device, prepared, &self.source)?;
+        let (captured, back) = (
+            self.views.pictures(None)?,
+            self.views.pictures(Some(&relit))?,
+        );
+        let scores: Vec<f64> = captured
+            .iter()
+            .zip(&back)
+            .map(|(a, b)| b.psnr(a, None))
+            .collect::<Result<_>>()?;
+        Ok(RoundTrip {
+            object: self.object.name.clone(),
+            preset: variant.preset(),
+            psnr: scores.iter().sum::<f64>() / scores.len() as f64,
+        })
+    }
+
+    /// Relights by all targets and compares; of what the program does of itself it writes the pictures, too.
+    fn score(
+        &self,
+        variant: &Variant,
+        prepared: Option<&PreparedTransfer>,
+        device: &Device,
+        folder: &Path,
+    ) -> Result<Vec<Row>> {
+        let mut rows = Vec::new();
+        for target in &self.views.targets {
+            let (relit, ms) = match prepared {
+                Some(prepared) => {
+                    let (relit, ms) = relight(device, prepared, &target.illumination)?;
+                    (Some(relit), Some(ms))
+                }
+                None => (None, None),
+            };
+            let ours = self.views.pictures(relit.as_ref())?;
+            if variant.is_default() {
+                let name = format!("{}_{}.png", self.object.name, target.light.name);
+                write_side_by_side(&folder.join(name), &target.pictures, &ours)?;
+            }
+            rows.push(self.row(variant, target, &ours, ms)?);
+        }
+        Ok(rows)
+    }
+
+    fn row(
+        &self,
+        variant: &Variant,
+        target: &TruthTarget,
+        ours: &[Picture],
+        transfer_ms: Option<f64>,
+    ) -> Result<Row> {
+        let scores: Vec<[f64; 4]> = ours
+            .par_iter()
+            .zip(&target.pictures)
+            .zip(&target.masks)
+            .map(|((ours, truth), mask)| {
+                Ok([
+                    ours.psnr(truth, None)?,
+                    ours.psnr(truth, Some(mask))?,
+                    ours.ssim(truth)?,
+                    truth.perceptual(ours)?,
+                ])
+            })
+            .collect::<Result<_>>()?;
+        let mean = |i: usize| scores.iter().map(|s| s[i]).sum::<f64>() / scores.len() as f64;
+        Ok(Row {
+            object: self.object.name.clone(),
+            source: self.object.source.name.clone(),
+            target: target.light.name.clone(),
+            variant: variant.clone(),
+            psnr: mean(0),
+            psnr_mask: mean(1),
+            ssim: mean(2),
+            perceptual: mean(3),
+            transfer_ms,
+        })
+    }
+}
+
+/// Relights, and tells how long a change of light takes.
+fn relight(
+    device: &Device,
+    prepared: &PreparedTransfer,
+    light: &Illumination,
+) -> Result<(Relit, f64)> {
+    let mut transfer = device.transfer(prepared)?.0;
+    let mut times = Vec::new();
+    for _ in 0..REPEATS {
+        let start = Instant::now();
+        transfer.change_light(light, Part::Whole)?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    times.sort_by(f64::total_cmp);
+    Ok((transfer.result()?, times[REPEATS / 2]))
+}
+
+/// A row a camera: the truth, ours, and how far they are apart.
+fn write_side_by_side(path: &Path, truth: &[Picture], ours: &[Picture]) -> Result<()> {
+    let Some(first) = truth.first() else {
+        return Ok(());
+    };
+    let (width, height) = (first.width, first.height);
+    let mut pixels = Vec::with_capacity(3 * width * height * truth.len());
+    for (truth, ours) in truth.iter().zip(ours) {
+        for (t, o) in truth
+            .pixels
+            .chunks_exact(width)
+            .zip(ours.pixels.chunks_exact(width))
+        {
+            let opaque = |v: &[f32; 3]| [v[0], v[1], v[2], 1.0];
+            pixels.extend(t.iter().map(opaque));
+            pixels.extend(o.iter().map(opaque));
+            pixels.extend(t.iter().zip(o).map(|(t, o)| {
+                let d = |c: usize| (DIFFERENCE_SCALE * (t[c] - o[c]).abs()).min(1.0);
+                [d(0), d(1), d(2), 1.0]
+            }));
+        }
+    }
+    let rows = height * truth.len();
+    Ok(write_png(path, 3 * width, rows, &pixels, PngBits::Eight)?)
+}

@@ -1,0 +1,579 @@
+//! What settings cost and what they are worth: for each of them how long its stage takes on an asset, and how far the result is off.
+//!
+//! Two errors, never mixed. *Numerical*: against the f64 oracle of the same mathematics with everything at its best, on a thinned asset, since
+//! the oracle asks every surfel about every other. *Model*: against path-traced truth, where there is any, on the whole asset.
+
+mod reference;
+mod settings;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::oracle;
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use transplat_core::visibility::{
+    Bake, BakeInput, BakeSettings, Visibility, bake_receivers, no_progress,
+};
+
+use crate::device::Device;
+use crate::truth::views::Views;
+use reference::Reference;
+pub use settings::{Change, MapBake, Setting};
+
+/// What is measured.
+pub struct Subject {
+    pub cloud: Arc<SurfelCloud>,
+    /// The target light as its file has it.
+    pub map: EnvironmentMap,
+    /// Source and target as the asset sees them.
+    pub lights: [Illumination; 2],
+    /// Truth, where there is any.
+    pub views: Option<Views>,
+}
+
+/// One setting of one stage on one device.
+#[derive(Clone, Debug)]
+pub struct Point {
+    pub setting: Setting,
+    pub device: String,
+    pub stage: Stage,
+    pub time: Option<Timing>,
+    pub memory_bytes: Option<usize>,
+    pub numeric: Option<Numeric>,
+    /// PSNR in dB to path-traced truth, the mean over lights and views.
+    pub psnr_truth: Option<f64>,
+    /// Whether nothing that was measured is both quicker and nearer.
+    pub on_front: bool,
+}
+
+/// How far a result is from the f64 oracle's.
+#[derive(Clone, Copy, Debug)]
+pub struct Numeric {
+    /// L2 norm of the difference over that of the oracle's.
+    pub rel_l2: f64,
+    pub max_abs: f64,
+    /// Of the picture, in dB; none where there is none.
+    pub psnr: Option<f64>,
+}
+
+/// The pipeline's stages that are measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    Project,
+    Bake,
+    Prepare,
+    Transfer,
+}
+
+impl Stage {
+    pub const ALL: [Self; 4] = [Self::Project, Self::Bake, Self::Prepare, Self::Transfer];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Project => "project environment",
+            Self::Bake => "bake",
+            Self::Prepare => "prepare",
+            Self::Transfer => "transfer",
+        }
+    }
+}
+
+/// A median time with what repeats spread: half the distance between the quartiles.
+#[derive(Clone, Copy, Debug)]
+pub struct Timing {
+    pub ms: f64,
+    pub spread_ms: Option<f64>,
+}
+
+/// Repeats of what is quick, and how long all of them may take in seconds.
+const REPEATS: usize = 9;
+const PATIENCE: f64 = 2.0;
+
+/// Runs once for the result, and again for the time.
+fn timed<T>(mut work: impl FnMut() -> Result<T>) -> Result<(T, Timing)> {
+    let start = Instant::now();
+    let result = work()?;
+    let first = start.elapsed().as_secs_f64();
+    let mut times = Vec::new();
+    while times.len() < REPEATS && start.elapsed().as_secs_f64() < PATIENCE {
+        let start = Instant::now();
+        work()?;
+        times.push(start.elapsed().as_secs_f64());
+    }
+    // What took too long to be repeated was not warmed up either.
+    if times.is_empty() {
+        times.push(first);
+    }
+    times.sort_by(f64::total_cmp);
+    let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize] * 1e3;
+    let spread = 0.5 * (at(0.75) - at(0.25));
+    Ok((
+        result,
+        Timing {
+            ms: at(0.5),
+            spread_ms: (times.len() > 2).then_some(spread),
+        },
+    ))
+}
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// What the viewer offers to change.
+    Offered,
+    Quick,
+    Full,
+}
+
+/// Measures, and tells how far it is; a `Break` ends it.
+pub struct Sweep<'a> {
+    subject: &'a Subject,
+    devices: &'a [Device],
+    effort: Effort,
+    reference: Reference,
+    progress: &'a (dyn Fn(f64, &str) -> std::ops::ControlFlow<()> + Sync),
+    points: Vec<Point>,
+    planned: usize,
+}
+
+impl<'a> Sweep<'a> {
+    /// Measures all that the effort asks for; `devices` has the CPU first.
+    pub fn run(
+        subject: &'a Subject,
+        devices: &'a [Device],
+        effort: Effort,
+        progress: &'a (dyn Fn(f64, &str) -> std::ops::ControlFlow<()> + Sync),
+    ) -> Result<Vec<Point>> {
+        if progress(0.0, "the f64 reference").is_break() {
+            bail!("cancelled");
+        }
+        let mut sweep = Self {
+            subject,
+            devices,
+            effort,
+            reference: Reference::new(subject)?,
+            progress,
+            points: Vec::new(),
+            planned: settings::count(subject, devices.len(), effort),
+        };
+        if effort != Effort::Offered {
+            sweep.project()?;
+        }
+        sweep.bakes_of_paper()?;
+        let bakes = sweep.bakes_of_best()?;
+        sweep.transfers(&bakes)?;
+        Ok(mark_front(sweep.points))
+    }
+
+    /// Tells what is next.
+    fn next(&self, what: &str) -> Result<()> {
+        let done = self.points.len() as f64 / self.planned.max(1) as f64;
+        if (self.progress)(done.min(1.0), what).is_break() {
+            bail!("cancelled");
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, setting: &Setting, device: &Device, stage: Stage, measured: Measured) {
+        self.points.push(Point {
+            setting: setting.clone(),
+            device: device.name(),
+            stage,
+            time: measured.time,
+            memory_bytes: measured.memory_bytes,
+            numeric: measured.numeric,
+            psnr_truth: measured.psnr_truth,
+            on_front: false,
+        });
+    }
+
+    fn project(&mut self) -> Result<()> {
+        let map = &self.subject.map;
+        let exact = oracle::project_environment(map, MAX_DEGREE);
+        let errors = |got: &[[f64; 3]]| reference::errors(got.iter().flatten().copied(), &exact);
+        for (setting, samples) in settings::projections() {
+            self.next(&setting.name)?;
+            let Some(samples) = samples else {
+                for device in self.devices {
+                    let (light, time) = timed(|| device.project_environment(map, MAX_DEGREE))?;
+                    let got: Vec<[f64; 3]> = light
+                        .coefficients
+                        .iter()
+                        .map(|c| c.map(f64::from))
+                        .collect();
+                    let measured = Measured {
+                        time: Some(time),
+                        memory_bytes: Some(size_of_val(map.pixels())),
+                        numeric: Some(errors(&got)),
+                        psnr_truth: None,
+                    };
+                    self.add(&setting, device, Stage::Project, measured);
+                }
+                continue;
+            };
+            let (got, time) = timed(|| Ok(oracle::project_samples(map, MAX_DEGREE, samples)))?;
+            let measured = Measured {
+                time: Some(time),
+                numeric: Some(errors(&got)),
+                ..Measured::default()
+            };
+            self.add(&setting, &Device::Cpu, Stage::Project, measured);
+        }
+        Ok(())
+    }
+
+    fn bakes_of_paper(&mut self) -> Result<()> {
+        let settings = TransferSettings::of(Preset::Paper);
+        for (setting, map_bake) in settings::map_bakes(&self.subject.cloud, self.effort) {
+            let devices = if setting.is_default {
+                self.devices
+            } else {
+                &self.devices[..1]
+            };
+            for device in devices {
+                self.next(&setting.name)?;
+                let mut time = None;
+                let mut bake = |cloud: &SurfelCloud| -> Result<Bake> {
+                    let start = Instant::now();
+                    let baked = bake_maps(device, cloud, map_bake)?;
+                    time.get_or_insert(Timing {
+                        ms: start.elapsed().as_secs_f64() * 1e3,
+                        spread_ms: None,
+                    });
+                    Ok(baked)
+                };
+                let whole = bake(&self.subject.cloud)?;
+                let thinned = bake(&self.reference.cloud)?;
+                let measured = self.relit(&Device::Cpu, &settings, &whole, &thinned)?;
+                let measured = Measured {
+                    time,
+                    memory_bytes: Some(whole.bytes()),
+                    ..measured
+                };
+                self.add(&setting, device, Stage::Bake, measured);
+            }
+        }
+        Ok(())
+    }
+
+    /// Bakes for preset `best`, and for preset `paper` as they are by default, of the whole asset and of the thinned one.
+    fn bakes_of_best(&mut self) -> Result<[[Bake; 2]; 2]> {
+        let settings = TransferSettings::of(Preset::Best);
+        self.next("bake for preset best")?;
+        let mut stages = Vec::new();
+        for cloud in [&*self.subject.cloud, &self.reference.cloud] {
+            stages.push(settings::staged_bakes(cloud)?);
+        }
+        let (mut wholes, thinned) = (stages.swap_remove(0), stages.swap_remove(0));
+        for (i, (share, ms, bake)) in wholes.iter().enumerate() {
+            let setting = settings::staged(*share);
+            self.next(&setting.name)?;
+            let measured = self.relit(&Device::Cpu, &settings, bake, &thinned[i].2)?;
+            let measured = Measured {
+                time: Some(Timing {
+                    ms: *ms,
+                    spread_ms: None,
+                }),
+                memory_bytes: Some(bake.bytes()),
+                ..measured
+            };
+            self.add(&setting, &Device::Cpu, Stage::Bake, measured);
+        }
+        let default = |cloud: &SurfelCloud| {
+            Bake::new(cloud, Preset::Paper, &BakeSettings::default(), &no_progress)
+        };
+        let best = wholes.pop().context("a whole bake")?.2;
+        Ok([
+            [best, self.reference.occlusion.clone()],
+            [
+                default(&self.subject.cloud)?,
+                default(&self.reference.cloud)?,
+            ],
+        ])
+    }
+
+    fn transfers(&mut self, bakes: &[[Bake; 2]; 2]) -> Result<()> {
+        let source = &self.subject.lights[0];
+        let subject = self.subject;
+        for setting in settings::transfers(self.effort) {
+            let wanted = &setting.settings;
+            let [whole, thinned] = match wanted.preset {
+                Preset::Best => &bakes[0],
+                Preset::Paper => &bakes[1],
+            };
+            let only_cpu = setting.is_rounded || setting.samples.is_some();
+            let devices = if only_cpu {
+                &self.devices[..1]
+            } else {
+                self.devices
+            };
+            for device in devices {
+                self.next(&setting.name)?;
+                let prepare = || {
+                    Ok(PreparedTransfer::new(
+                        &subject.cloud,
+                        whole,
+                        source,
+                        wanted,
+                    )?)
+                };
+                let (prepared, time_to_prepare) = if setting.is_default {
+                    timed(prepare)?
+                } else {
+                    (
+                        prepare()?,
+                        Timing {
+                            ms: 0.0,
+                            spread_ms: None,
+                        },
+                    )
+                };
+                if setting.is_default && matches!(device, Device::Cpu) {
+                    let measured = Measured {
+                        time: Some(time_to_prepare),
+                        memory_bytes: Some(prepared.bytes()),
+                        ..Measured::default()
+                    };
+                    self.add(&setting, device, Stage::Prepare, measured);
+                }
+                let prepared = setting.rounded(prepared);
+                let mut transfer = device.transfer(&prepared)?.0;
+                let (_, mut time) =
+                    timed(|| transfer.change_light(&subject.lights[1], Part::Whole))?;
+                if let Some(samples) = setting.samples {
+                    time.ms += self.reference.reflection_ms(&prepared, subject, samples);
+                }
+                let time = Some(time).filter(|_| !setting.is_rounded);
+                let measured = self.relit_by(device, &setting, &prepared, thinned)?;
+                let bytes = prepared.bytes();
+                let measured = Measured {
+                    time,
+                    memory_bytes: Some(if setting.is_rounded { bytes / 2 } else { bytes }),
+                    ..measured
+                };
+                self.add(&setting, device, Stage::Transfer, measured);
+            }
+        }
+        Ok(())
+    }
+
+    /// Both errors of a preset as it is by default, on a bake of the whole asset and one of the thinned.
+    fn relit(
+        &self,
+        device: &Device,
+        settings: &TransferSettings,
+        whole: &Bake,
+        thinned: &Bake,
+    ) -> Result<Measured> {
+        let source = &self.subject.lights[0];
+        let prepared = PreparedTransfer::new(&self.subject.cloud, whole, source, settings)?;
+        let setting = Setting::plain(settings.clone());
+        self.relit_by(device, &setting, &prepared, thinned)
+    }
+
+    fn relit_by(
+        &self,
+        device: &Device,
+        setting: &Setting,
+        prepared: &PreparedTransfer,
+        thinned: &Bake,
+    ) -> Result<Measured> {
+        let [source, target] = &self.subject.lights;
+        let reference = &self.reference;
+        let small = PreparedTransfer::new(&reference.cloud, thinned, source, &setting.settings)?;
+        let small = setting.rounded(small);
+        let relit = match setting.samples {
+            Some(samples) => reference.relit_by_samples(&small, thinned, self.subject, samples)?,
+            None => relight(device, &small, target)?,
+        };
+        let psnr_truth = match &self.subject.views {
+            Some(views) if setting.samples.is_none() => {
+                Some(views.psnr(|light| relight(device, prepared, light))?)
+            }
+            _ => None,
+        };
+        Ok(Measured {
+            numeric: Some(reference.compare(setting.settings.preset, &relit)?),
+            psnr_truth,
+            ..Measured::default()
+        })
+    }
+}
+
+#[derive(Default)]
+struct Measured {
+    time: Option<Timing>,
+    memory_bytes: Option<usize>,
+    numeric: Option<Numeric>,
+    psnr_truth: Option<f64>,
+}
+
+fn relight(device: &Device, prepared: &PreparedTransfer, light: &Illumination) -> Result<Relit> {
+    let mut transfer = device.transfer(prepared)?.0;
+    transfer.change_light(light, Part::Whole)?;
+    transfer.result()
+}
+
+/// A bake for preset `paper`; another softness than the default is the CPU's alone.
+fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake> {
+    let directions = how.directions;
+    let mut input = BakeInput::new(cloud, &BakeSettings { directions });
+    input.resolution = how.resolution;
+    let open = match device {
+        Device::Cpu => bake_receivers(&input, &input.surfels, how.softness, &no_progress)?,
+        gpu => gpu.bake_visibility(&input, &no_progress)?,
+    };
+    Ok(Bake::Visibility(Visibility::from_open(
+        cloud, directions, open,
+    )))
+}
+
+impl Point {
+    /// What it is off: less is better. By truth where there is one, else by the oracle.
+    fn error(&self) -> Option<f64> {
+        match (self.psnr_truth, self.numeric) {
+            (Some(psnr), _) => Some(-psnr),
+            (None, Some(numeric)) => Some(numeric.rel_l2),
+            _ => None,
+        }
+    }
+
+    /// Whether two points can be compared: one stage and device, and one preset. By truth, the presets' transfers can be compared with
+    /// each other.
+    fn is_beside(&self, other: &Self) -> bool {
+        let is_transfer = self.stage == Stage::Transfer && self.psnr_truth.is_some();
+        self.stage == other.stage
+            && self.device == other.device
+            && self.psnr_truth.is_some() == other.psnr_truth.is_some()
+            && (is_transfer || self.setting.preset() == other.setting.preset())
+    }
+
+    /// Whether another one is both quicker and nearer, beyond what measuring can tell.
+    fn is_beaten_by(&self, other: &Self) -> bool {
+        let (Some(a), Some(b)) = (self.time, other.time) else {
+            return false;
+        };
+        let (Some(mine), Some(its)) = (self.error(), other.error()) else {
+            return false;
+        };
+        b.ms <= a.ms && its <= mine && (b.ms < a.ms || its < mine)
+    }
+}
+
+fn mark_front(mut points: Vec<Point>) -> Vec<Point> {
+    let on_front: Vec<bool> = points
+        .iter()
+        .map(|p| {
+            p.time.is_some()
+                && p.error().is_some()
+                && !points.iter().any(|q| q.is_beside(p) && p.is_beaten_by(q))
+        })
+        .collect();
+    for (point, on_front) in points.iter_mut().zip(on_front) {
+        point.on_front = on_front;
+    }
+    points
+}
+
+/// In words: what the next steps from each default buy, and for how much.
+pub fn in_words(points: &[Point]) -> Vec<String> {
+    let mut out = Vec::new();
+    for default in points.iter().filter(|p| p.setting.is_default) {
+        // Of the other preset, only what the user would take of it.
+        let is_offered = |p: &&Point| {
+            p.is_beside(default)
+                && p.on_front
+                && (p.setting.is_default || p.setting.preset() == default.setting.preset())
+        };
+        for other in points.iter().filter(is_offered) {
+            let (Some(a), Some(b)) = (default.time, other.time) else {
+                continue;
+            };
+            let (ratio, is_slower) = (b.ms / a.ms, b.ms > a.ms);
+            let gain = match (default.psnr_truth, other.psnr_truth) {
+                (Some(a), Some(b)) => format!("{:+.2} dB to the truth", b - a),
+                _ => match (default.numeric, other.numeric) {
+                    (Some(a), Some(b)) => {
+                        format!(
+                            "{:.1e} instead of {:.1e} off the oracle",
+                            b.rel_l2, a.rel_l2
+                        )
+                    }
+                    _ => continue,
+                },
+            };
+            if other.setting.name == default.setting.name {
+                continue;
+            }
+            let cost = if is_slower {
+                format!("{ratio:.1} times the time")
+            } else {
+                format!("{:.0} % of the time", 100.0 * ratio)
+            };
+            out.push(format!(
+                "{} ({}): {} instead of {}: {gain}, {cost}",
+                default.stage.name(),
+                default.device,
+                other.setting.name,
+                default.setting.name
+            ));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(name: &str, ms: f64, psnr: f64) -> Point {
+        Point {
+            setting: Setting {
+                name: name.into(),
+                is_default: name == "default",
+                ..Setting::plain(TransferSettings::default())
+            },
+            device: "cpu".into(),
+            stage: Stage::Transfer,
+            time: Some(Timing {
+                ms,
+                spread_ms: None,
+            }),
+            memory_bytes: None,
+            numeric: None,
+            psnr_truth: Some(psnr),
+            on_front: false,
+        }
+    }
+
+    #[test]
+    fn the_front_is_what_nothing_beats_and_is_told_in_words() {
+        let points = mark_front(vec![
+            point("quick", 1.0, 20.0),
+            point("default", 2.0, 30.0),
+            point("beaten", 3.0, 29.0),
+            point("slow", 4.0, 31.0),
+        ]);
+        let front: Vec<bool> = points.iter().map(|p| p.on_front).collect();
+        assert_eq!(front, [true, true, false, true]);
+        let words = in_words(&points);
+        assert_eq!(words.len(), 2, "{words:?}");
+        assert!(words[0].contains("quick instead of default: -10.00 dB"));
+        assert!(words[1].contains("+1.00 dB to the truth, 2.0 times the time"));
+    }
+
+    #[test]
+    fn what_is_slow_is_run_once_and_what_is_quick_often() {
+        let mut runs = 0;
+        let (_, time) = timed(|| {
+            runs += 1;
+            Ok(())
+        })
+        .expect("it does not fail");
+        assert!(runs == REPEATS + 1 && time.ms < 10.0 && time.spread_ms.is_some());
+    }
+}

@@ -1,0 +1,252 @@
+//! What is varied.
+
+use std::cell::RefCell;
+use std::time::Instant;
+
+use anyhow::Result;
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{PreparedTransfer, Preset, Terms, TransferSettings};
+use transplat_core::visibility::{
+    Bake, BakeInput, BakeSettings, DEFAULT_DIRECTIONS, Softness, no_progress,
+};
+
+use super::{Effort, Subject};
+use crate::device::Device;
+
+/// Samples that the paper projects a reflection by.
+const SAMPLES: usize = 1200;
+
+/// What a look is to be changed in to have a setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    Preset(Preset),
+    Degree(usize),
+    Directions(usize),
+    Without(&'static str),
+}
+
+/// One of the settings that are compared.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    pub name: String,
+    pub settings: TransferSettings,
+    pub is_default: bool,
+    /// What the user may change to have it.
+    pub change: Option<Change>,
+    /// Whether all that is prepared is rounded to half precision.
+    pub is_rounded: bool,
+    /// Samples that reflections are projected by, where that is not exact.
+    pub samples: Option<usize>,
+    /// Of which preset it is; none where both are served.
+    pub of: Option<Preset>,
+}
+
+impl Setting {
+    pub fn plain(settings: TransferSettings) -> Self {
+        Self {
+            name: format!("preset {}", settings.preset.name()),
+            of: Some(settings.preset),
+            settings,
+            is_default: false,
+            change: None,
+            is_rounded: false,
+            samples: None,
+        }
+    }
+
+    pub fn preset(&self) -> &'static str {
+        self.of.map_or("", Preset::name)
+    }
+
+    /// The preparation as this setting stores it.
+    pub fn rounded(&self, prepared: PreparedTransfer) -> PreparedTransfer {
+        if self.is_rounded {
+            prepared.rounded_to_half()
+        } else {
+            prepared
+        }
+    }
+}
+
+/// How preset `paper`'s maps are baked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapBake {
+    pub directions: usize,
+    pub resolution: usize,
+    pub softness: Softness,
+}
+
+/// Projections of an environment: so many samples, or all pixels.
+pub fn projections() -> Vec<(Setting, Option<usize>)> {
+    let of = |name: String, is_default| Setting {
+        name,
+        is_default,
+        of: None,
+        ..Setting::plain(TransferSettings::default())
+    };
+    let samples = [1_000, 10_000, 100_000];
+    let mut all: Vec<_> = samples
+        .map(|n| (of(format!("{n} point samples"), false), Some(n)))
+        .into();
+    all.push((of("every pixel".into(), true), None));
+    all
+}
+
+/// Bakes of preset `paper`: each knob alone, the others as they are by default.
+pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)> {
+    let settings = BakeSettings::default();
+    let plain = MapBake {
+        directions: DEFAULT_DIRECTIONS,
+        resolution: BakeInput::new(cloud, &settings).resolution,
+        softness: Softness::default(),
+    };
+    let of = |name: String, change: Option<Change>, how: MapBake| {
+        let setting = Setting {
+            name,
+            is_default: how == plain,
+            change,
+            ..Setting::plain(TransferSettings::of(Preset::Paper))
+        };
+        (setting, how)
+    };
+    let directions: &[usize] = match effort {
+        Effort::Full => &[16, 32, 64, 128, 256, 512, 1024, 2048],
+        Effort::Quick => &[32, 256],
+        Effort::Offered => &[64, 128, 256, 512],
+    };
+    let directions = directions.iter().map(|n| {
+        let how = MapBake {
+            directions: *n,
+            ..plain
+        };
+        of(format!("{n} directions"), Some(Change::Directions(*n)), how)
+    });
+    let mut all: Vec<_> = directions.collect();
+    if effort != Effort::Full {
+        return all;
+    }
+    let resolutions = [128, 256, 512, 1024].map(|resolution| MapBake {
+        resolution,
+        ..plain
+    });
+    let taps = [1, 2, 4].map(|taps| MapBake {
+        softness: Softness {
+            taps,
+            ..plain.softness
+        },
+        ..plain
+    });
+    let sharpness = [25.0, 50.0, 100.0, 400.0, 1000.0].map(|sharpness| MapBake {
+        softness: Softness {
+            sharpness,
+            ..plain.softness
+        },
+        ..plain
+    });
+    let named = resolutions
+        .map(|how| (format!("maps of {} texels", how.resolution), how))
+        .into_iter()
+        .chain(taps.map(|how| (format!("{} taps", how.softness.taps), how)))
+        .chain(sharpness.map(|how| (format!("shadow sharpness {}", how.softness.sharpness), how)));
+    // The default is among the directions.
+    let others = named.filter(|(_, how)| *how != plain);
+    all.extend(others.map(|(name, how)| of(name, None, how)));
+    all
+}
+
+/// A share of preset `best`'s bake.
+pub fn staged(share: f32) -> Setting {
+    let name = if share == 1.0 {
+        "all rays".to_owned()
+    } else {
+        format!("{:.0} % of the rays", 100.0 * share)
+    };
+    Setting {
+        name,
+        is_default: share == 1.0,
+        ..Setting::plain(TransferSettings::of(Preset::Best))
+    }
+}
+
+/// Stages of preset `best`'s bake: shares of its rays, and how many milliseconds in they were there.
+pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
+    let start = Instant::now();
+    let found = RefCell::new(Vec::new());
+    let keep = |occlusion, share| {
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        let bake = Bake::Occlusion(std::sync::Arc::new(occlusion));
+        found.borrow_mut().push((share, ms, bake));
+    };
+    let whole = Device::Cpu.bake_occlusion(cloud, &[8, 4, 2, 1], &no_progress, keep)?;
+    keep(whole, 1.0);
+    Ok(found.into_inner())
+}
+
+/// Settings of the transfer.
+pub fn transfers(effort: Effort) -> Vec<Setting> {
+    let default = |preset: Preset| Setting {
+        is_default: true,
+        change: Some(Change::Preset(preset)),
+        ..Setting::plain(TransferSettings::of(preset))
+    };
+    let paper = TransferSettings::of(Preset::Paper);
+    let mut all = vec![default(Preset::Best)];
+    for preset in Preset::ALL {
+        for term in Terms::of_preset(preset) {
+            let Ok(settings) = TransferSettings::of(preset).without(term.name) else {
+                continue;
+            };
+            all.push(Setting {
+                name: format!("{} without {}", preset.name(), term.name),
+                change: Some(Change::Without(term.name)),
+                ..Setting::plain(settings)
+            });
+        }
+    }
+    let degrees = |settings: &TransferSettings, what: &str| -> Vec<Setting> {
+        let all = (0..=MAX_DEGREE).filter(|l| effort != Effort::Quick || [1, 3, 5].contains(l));
+        all.map(|degree| Setting {
+            name: format!("{what} of degree {degree}"),
+            is_default: what == "paper" && degree == paper.sh_degree,
+            change: (what == "paper").then_some(Change::Degree(degree)),
+            ..Setting::plain(TransferSettings {
+                sh_degree: degree,
+                ..settings.clone()
+            })
+        })
+        .collect()
+    };
+    all.extend(degrees(&paper, "paper"));
+    if effort == Effort::Offered {
+        return all;
+    }
+    if effort == Effort::Full
+        && let Ok(series) = TransferSettings::of(Preset::Best).without("sums")
+    {
+        all.extend(degrees(&series, "cosine transfer (best without sums)"));
+    }
+    for preset in Preset::ALL {
+        all.push(Setting {
+            name: format!("{} stored in half precision", preset.name()),
+            is_rounded: true,
+            ..Setting::plain(TransferSettings::of(preset))
+        });
+    }
+    all.push(Setting {
+        name: format!("paper, reflections by {SAMPLES} samples"),
+        samples: Some(SAMPLES),
+        ..Setting::plain(paper)
+    });
+    all
+}
+
+/// About how many points there will be, to tell how far it is.
+pub fn count(subject: &Subject, devices: usize, effort: Effort) -> usize {
+    let projections = if effort == Effort::Offered {
+        0
+    } else {
+        projections().len()
+    };
+    projections + map_bakes(&subject.cloud, effort).len() + 4 + devices * transfers(effort).len()
+}

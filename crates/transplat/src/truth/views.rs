@@ -1,0 +1,137 @@
+//! True pictures with what they are compared with: the same views of the splat.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use transplat_core::camera::{Camera, NEAR};
+use transplat_core::environment::Illumination;
+use transplat_core::load::{load_cameras, load_environment, load_picture};
+use transplat_core::present::PLAIN;
+use transplat_core::rasterize::Raster;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{Preset, Relit};
+
+use super::{TruthLight, TruthObject};
+use crate::device::{Device, Paint, Painter};
+use crate::metrics::Picture;
+
+/// The truth under one light.
+pub struct TruthTarget {
+    pub light: TruthLight,
+    pub illumination: Illumination,
+    /// One a camera.
+    pub pictures: Vec<Picture>,
+    /// Pixels that the object covers for the most part.
+    pub masks: Vec<Vec<bool>>,
+}
+
+/// All true pictures of an object, and the cameras that they were taken by.
+pub struct Views {
+    painter: Painter,
+    cloud: Arc<SurfelCloud>,
+    cameras: Vec<Camera>,
+    pub targets: Vec<TruthTarget>,
+}
+
+impl Views {
+    pub fn load(object: &TruthObject, cloud: &Arc<SurfelCloud>, device: &Device) -> Result<Self> {
+        let file = load_cameras(&object.cameras)?;
+        let targets = object
+            .targets
+            .iter()
+            .map(|target| {
+                let rasters = load_pictures(&object.pictures(target)?, file.frames.len())?;
+                Ok(TruthTarget {
+                    light: target.clone(),
+                    illumination: light(target, device)?,
+                    pictures: rasters.iter().map(Picture::of_linear).collect(),
+                    masks: rasters
+                        .iter()
+                        .map(|r| r.pixels.iter().map(|p| p[3] > 0.5).collect())
+                        .collect(),
+                })
+            })
+            .collect::<Result<Vec<TruthTarget>>>()?;
+        let near = NEAR * cloud.bounds().radius;
+        let first = targets.first().and_then(|t| t.pictures.first());
+        let size = first.map(|p| [p.width, p.height]).or(file.size);
+        let size = size.with_context(|| format!("{}: no size", object.cameras.display()))?;
+        let frames = file.frames.iter();
+        Ok(Self {
+            painter: device.painter(cloud)?.0,
+            cloud: cloud.clone(),
+            cameras: frames
+                .map(|f| Camera::from_opengl_pose(f.world_from_camera, file.fov_x, size, near))
+                .collect(),
+            targets,
+        })
+    }
+
+    /// The splat as it was captured, or relit, from each camera.
+    pub fn pictures(&self, relit: Option<&Relit>) -> Result<Vec<Picture>> {
+        let (sh, encoding) = match relit {
+            Some(relit) => (&relit.sh, relit.encoding),
+            None => (&self.cloud.sh, self.cloud.encoding),
+        };
+        let paint = Paint::Sh { sh, encoding };
+        let cameras = self.cameras.iter();
+        cameras
+            .map(|camera| {
+                let raster = self.painter.draw(camera, paint, PLAIN, &[])?;
+                Ok(Picture::of_display(&raster))
+            })
+            .collect()
+    }
+
+    /// PSNR in dB of relit splats, the mean over all lights and cameras.
+    pub fn psnr(&self, mut relight: impl FnMut(&Illumination) -> Result<Relit>) -> Result<f64> {
+        let mut scores = Vec::new();
+        for target in &self.targets {
+            let relit = relight(&target.illumination)?;
+            for (ours, truth) in self.pictures(Some(&relit))?.iter().zip(&target.pictures) {
+                scores.push(ours.psnr(truth, None)?);
+            }
+        }
+        Ok(scores.iter().sum::<f64>() / scores.len().max(1) as f64)
+    }
+}
+
+/// A light in the forms that both presets need.
+pub fn light(light: &TruthLight, device: &Device) -> Result<Illumination> {
+    device.light(&load_environment(&light.path)?, Preset::Best)
+}
+
+/// The true pictures under one light, which are of one size and show the object.
+fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
+    let folder = paths.first().and_then(|p| p.parent());
+    let folder = folder.map_or(String::new(), |f| f.display().to_string());
+    if paths.len() != cameras {
+        bail!("{folder}: {} pictures for {cameras} cameras", paths.len());
+    }
+    let mut rasters: Vec<Raster> = Vec::new();
+    for path in paths {
+        let told = || path.display().to_string();
+        let raster = load_picture(path)?;
+        if let Some(first) = rasters.first()
+            && (first.width, first.height) != (raster.width, raster.height)
+        {
+            bail!(
+                "{}: {} x {} pixels, and the first picture has {} x {}",
+                told(),
+                raster.width,
+                raster.height,
+                first.width,
+                first.height
+            );
+        }
+        if !raster.pixels.iter().flatten().all(|v| v.is_finite()) {
+            bail!("{}: holds values that are no numbers", told());
+        }
+        if !raster.pixels.iter().any(|p| p[3] > 0.5) {
+            bail!("{}: shows nothing of the object", told());
+        }
+        rasters.push(raster);
+    }
+    Ok(rasters)
+}
