@@ -10,26 +10,25 @@ use transplat_tests::gpu;
 #[test]
 fn every_case_holds_on_the_gpu() {
     let gpu = gpu();
-    let relight =
-        |prepared: &PreparedTransfer, light: &Illumination| -> transplat_core::Result<Relit> {
-            Ok(match prepared {
-                PreparedTransfer::Paper(paper) => {
-                    let on_gpu = GpuPaper::new(&gpu, paper).expect("the driver works");
-                    on_gpu
-                        .relight(&paper.light(&light.radiance))
-                        .expect("the driver works");
-                    paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
-                }
-                PreparedTransfer::Best(best) => {
-                    let on_gpu = GpuBest::new(&gpu, best).expect("the driver works");
-                    let light = best.light(light.for_best()?);
-                    on_gpu
-                        .relight(&light, Part::Whole)
-                        .expect("the driver works");
-                    on_gpu.read().expect("the driver works")
-                }
-            })
-        };
+    let relight = |prepared: &PreparedTransfer, light: &Illumination| -> Result<Relit, String> {
+        Ok(match prepared {
+            PreparedTransfer::Paper(paper) => {
+                let on_gpu = GpuPaper::new(&gpu, paper).expect("the driver works");
+                on_gpu
+                    .relight(&paper.light(&light.radiance))
+                    .expect("the driver works");
+                paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
+            }
+            PreparedTransfer::Best(best) => {
+                let on_gpu = GpuBest::new(&gpu, best).expect("the driver works");
+                let light = best.light(light.for_best().map_err(|e| e.to_string())?);
+                on_gpu
+                    .relight(&light, Part::Whole)
+                    .expect("the driver works");
+                on_gpu.read().expect("the driver works")
+            }
+        })
+    };
     let mut failures = Vec::new();
     for case in all() {
         for preset in Preset::ALL {

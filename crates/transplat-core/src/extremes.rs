@@ -51,7 +51,8 @@ pub struct Input {
 }
 
 /// Another way to relight than the CPU's.
-pub type Relight<'a> = &'a dyn Fn(&PreparedTransfer, &Illumination) -> Result<Relit>;
+pub type Relight<'a> =
+    &'a dyn Fn(&PreparedTransfer, &Illumination) -> std::result::Result<Relit, String>;
 
 /// One case under way: what a property may look at and try.
 pub struct Trial<'a> {
@@ -170,9 +171,12 @@ fn try_out(
         outcome.condition = Some(*condition);
     }
     if let Some(other) = other.filter(|_| !cloud.is_empty()) {
-        let by_other = other(&prepared, &lights[1])?;
-        outcome.failure = not_finite(&by_other).map(|why| format!("on the other device: {why}"));
-        if let Some((exact, _)) = &exact {
+        let by_other = other(&prepared, &lights[1]);
+        let why = by_other
+            .as_ref()
+            .map_or_else(|e| Some(e.clone()), not_finite);
+        outcome.failure = why.map(|why| format!("on the other device: {why}"));
+        if let (Some((exact, _)), Ok(by_other)) = (&exact, by_other) {
             outcome.other_error = Some(relative_error(&by_other.sh, exact));
         }
     }

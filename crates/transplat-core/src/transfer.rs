@@ -167,6 +167,15 @@ impl PreparedTransfer {
         }
     }
 
+    /// How many times surfel `i`'s colour is multiplied under a target of the source's strength that shines on it with its mean irradiance,
+    /// the worst channel: noise and error in the capture grow as much.
+    pub fn amplification(&self, i: usize) -> f32 {
+        match self {
+            Self::Paper(paper) => paper.amplification(i),
+            Self::Best(best) => best.amplification(i),
+        }
+    }
+
     /// Whether the source on surfel `i` is darker than epsilon in some channel: its change is epsilon's, not the light's.
     pub fn is_dark(&self, i: usize) -> bool {
         match self {

@@ -305,6 +305,9 @@ pub struct ReportArgs {
         requires = "ground_truth"
     )]
     pub objects: Vec<String>,
+    /// Only the extreme cases
+    #[arg(long, conflicts_with = "only")]
+    pub extremes: bool,
     /// Only these parts
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,...")]
     pub only: Vec<ReportPart>,
@@ -326,6 +329,8 @@ pub struct ReportArgs {
 pub enum ReportPart {
     /// Error against run time of all settings
     Time,
+    /// Stiff and extreme cases, and what epsilon does
+    Extremes,
     /// Presets and terms against the true pictures of --ground-truth
     Truth,
 }
@@ -335,6 +340,7 @@ impl ReportPart {
     pub fn files(self) -> &'static [&'static str] {
         match self {
             Self::Time => &["error_vs_time.csv"],
+            Self::Extremes => &["extremes.csv", "epsilon.csv"],
             Self::Truth => &["truth.csv", "truth.md"],
         }
     }
@@ -343,6 +349,9 @@ impl ReportPart {
 impl ReportArgs {
     /// Parts that are asked for.
     pub fn parts(&self) -> Vec<ReportPart> {
+        if self.extremes {
+            return vec![ReportPart::Extremes];
+        }
         if !self.only.is_empty() {
             return self.only.clone();
         }

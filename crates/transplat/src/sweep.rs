@@ -22,7 +22,7 @@ use transplat_core::visibility::{
 use crate::device::Device;
 use crate::truth::views::Views;
 use reference::Reference;
-pub use settings::{Change, MapBake, Setting};
+pub use settings::{MapBake, Setting};
 
 /// What is measured.
 pub struct Subject {
@@ -33,6 +33,8 @@ pub struct Subject {
     pub lights: [Illumination; 2],
     /// Truth, where there is any.
     pub views: Option<Views>,
+    /// Bakes of the whole asset that are there already, as they are by default.
+    pub bakes: Vec<Bake>,
 }
 
 /// One setting of one stage on one device.
@@ -163,8 +165,13 @@ impl<'a> Sweep<'a> {
         if effort != Effort::Offered {
             sweep.project()?;
         }
-        sweep.bakes_of_paper()?;
-        let bakes = sweep.bakes_of_best()?;
+        let best = if effort == Effort::Offered {
+            sweep.default_bake(Preset::Best)?
+        } else {
+            sweep.bakes_of_paper()?;
+            sweep.bakes_of_best()?
+        };
+        let bakes = [best, sweep.default_bake(Preset::Paper)?];
         sweep.transfers(&bakes)?;
         Ok(mark_front(sweep.points))
     }
@@ -260,8 +267,25 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    /// Bakes for preset `best`, and for preset `paper` as they are by default, of the whole asset and of the thinned one.
-    fn bakes_of_best(&mut self) -> Result<[[Bake; 2]; 2]> {
+    /// A preset's bake as it is by default, of the whole asset and of the thinned one.
+    fn default_bake(&self, preset: Preset) -> Result<[Bake; 2]> {
+        self.next(&format!("bake for preset {}", preset.name()))?;
+        let bake = |cloud| Bake::new(cloud, preset, &BakeSettings::default(), &no_progress);
+        let known = self.subject.bakes.iter().find(|b| b.preset() == preset);
+        Ok([
+            match known {
+                Some(bake) => bake.clone(),
+                None => bake(&self.subject.cloud)?,
+            },
+            match preset {
+                Preset::Best => self.reference.occlusion.clone(),
+                Preset::Paper => bake(&self.reference.cloud)?,
+            },
+        ])
+    }
+
+    /// Stages of the bake for preset `best`; the whole one of the whole asset, and of the thinned one.
+    fn bakes_of_best(&mut self) -> Result<[Bake; 2]> {
         let settings = TransferSettings::of(Preset::Best);
         self.next("bake for preset best")?;
         let mut stages = Vec::new();
@@ -283,17 +307,8 @@ impl<'a> Sweep<'a> {
             };
             self.add(&setting, &Device::Cpu, Stage::Bake, measured);
         }
-        let default = |cloud: &SurfelCloud| {
-            Bake::new(cloud, Preset::Paper, &BakeSettings::default(), &no_progress)
-        };
         let best = wholes.pop().context("a whole bake")?.2;
-        Ok([
-            [best, self.reference.occlusion.clone()],
-            [
-                default(&self.subject.cloud)?,
-                default(&self.reference.cloud)?,
-            ],
-        ])
+        Ok([best, self.reference.occlusion.clone()])
     }
 
     fn transfers(&mut self, bakes: &[[Bake; 2]; 2]) -> Result<()> {

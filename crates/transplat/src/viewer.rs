@@ -11,6 +11,7 @@ mod files;
 mod frame;
 mod jobs;
 mod lights;
+mod measuring;
 mod menus;
 mod navigation;
 mod opening;

@@ -479,6 +479,12 @@ impl BestTransfer {
         }
     }
 
+    /// 1 over what surfel `i`'s front is divided by, in units of the source's mean irradiance; the worst channel.
+    pub(super) fn amplification(&self, i: usize) -> f32 {
+        let least = self.divisor[i][0].into_iter().fold(f32::INFINITY, f32::min);
+        1.0 / least.max(LEAST_IRRADIANCE)
+    }
+
     /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
     pub fn epsilon_share(&self, i: usize) -> f32 {
         let shares = self.epsilon_shares(i);

@@ -303,6 +303,19 @@ impl PaperTransfer {
         out[lane * k..][..k].to_vec()
     }
 
+    /// 1 over the source's irradiance and epsilon, in units of its mean; the worst channel.
+    pub(super) fn amplification(&self, i: usize) -> f32 {
+        let of = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                self.dc_over_irradiance[i][c] / dc
+            } else {
+                0.0
+            }
+        };
+        of(0).max(of(1)).max(of(2))
+    }
+
     /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
     pub fn epsilon_share(&self, i: usize) -> f32 {
         let share = |c: usize| {

@@ -1,5 +1,6 @@
 //! `transplat report`: error against run time, and presets and single terms against path-traced truth.
 
+mod extremes;
 mod page;
 mod tables;
 mod time;
@@ -56,15 +57,26 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     report.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
     let mut told = String::new();
-    if parts.contains(&ReportPart::Time) {
-        let subject = subject(args, &device, &mut report)?;
+    let of_asset = [ReportPart::Time, ReportPart::Extremes];
+    let subject = if parts.iter().any(|part| of_asset.contains(part)) {
+        Some(subject(args, &device, &mut report)?)
+    } else {
+        None
+    };
+    if let Some(subject) = subject
+        .as_ref()
+        .filter(|_| parts.contains(&ReportPart::Time))
+    {
         page.paragraph(&format!(
             "{} surfels of SH degree {}, on {}.",
             subject.cloud.len(),
             subject.cloud.sh_degree,
             device.name()
         ));
-        told += &error_against_time(args, &subject, &mut page, &mut report)?;
+        told += &error_against_time(args, subject, &mut page, &mut report)?;
+    }
+    if parts.contains(&ReportPart::Extremes) {
+        told += &extremes::run(args, subject.as_ref(), &mut page, &mut report)?;
     }
     if !objects.is_empty() && parts.contains(&ReportPart::Truth) {
         told += &truth::run(&objects, args, &device, &mut report)?;
@@ -89,6 +101,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
             lights: [light(&object.source, device)?, light(target, device)?],
             views: Some(Views::load(&object, &cloud, device)?),
             cloud,
+            bakes: Vec::new(),
         });
     };
     let Some(source) = &args.source else {
@@ -128,6 +141,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
         map,
         lights,
         views: None,
+        bakes: Vec::new(),
     })
 }
 

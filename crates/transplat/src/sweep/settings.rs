@@ -17,23 +17,14 @@ use crate::device::Device;
 /// Samples that the paper projects a reflection by.
 const SAMPLES: usize = 1200;
 
-/// What a look is to be changed in to have a setting.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Change {
-    Preset(Preset),
-    Degree(usize),
-    Directions(usize),
-    Without(&'static str),
-}
-
 /// One of the settings that are compared.
 #[derive(Clone, Debug)]
 pub struct Setting {
     pub name: String,
     pub settings: TransferSettings,
     pub is_default: bool,
-    /// What the user may change to have it.
-    pub change: Option<Change>,
+    /// Whether the user may choose it.
+    pub is_offered: bool,
     /// Whether all that is prepared is rounded to half precision.
     pub is_rounded: bool,
     /// Samples that reflections are projected by, where that is not exact.
@@ -49,7 +40,7 @@ impl Setting {
             of: Some(settings.preset),
             settings,
             is_default: false,
-            change: None,
+            is_offered: false,
             is_rounded: false,
             samples: None,
         }
@@ -101,26 +92,24 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
         resolution: BakeInput::new(cloud, &settings).resolution,
         softness: Softness::default(),
     };
-    let of = |name: String, change: Option<Change>, how: MapBake| {
+    let of = |name: String, how: MapBake| {
         let setting = Setting {
             name,
             is_default: how == plain,
-            change,
             ..Setting::plain(TransferSettings::of(Preset::Paper))
         };
         (setting, how)
     };
     let directions: &[usize] = match effort {
         Effort::Full => &[16, 32, 64, 128, 256, 512, 1024, 2048],
-        Effort::Quick => &[32, 256],
-        Effort::Offered => &[64, 128, 256, 512],
+        Effort::Quick | Effort::Offered => &[32, 256],
     };
     let directions = directions.iter().map(|n| {
         let how = MapBake {
             directions: *n,
             ..plain
         };
-        of(format!("{n} directions"), Some(Change::Directions(*n)), how)
+        of(format!("{n} directions"), how)
     });
     let mut all: Vec<_> = directions.collect();
     if effort != Effort::Full {
@@ -151,7 +140,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
         .chain(sharpness.map(|how| (format!("shadow sharpness {}", how.softness.sharpness), how)));
     // The default is among the directions.
     let others = named.filter(|(_, how)| *how != plain);
-    all.extend(others.map(|(name, how)| of(name, None, how)));
+    all.extend(others.map(|(name, how)| of(name, how)));
     all
 }
 
@@ -187,7 +176,7 @@ pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
 pub fn transfers(effort: Effort) -> Vec<Setting> {
     let default = |preset: Preset| Setting {
         is_default: true,
-        change: Some(Change::Preset(preset)),
+        is_offered: true,
         ..Setting::plain(TransferSettings::of(preset))
     };
     let paper = TransferSettings::of(Preset::Paper);
@@ -199,7 +188,7 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
             };
             all.push(Setting {
                 name: format!("{} without {}", preset.name(), term.name),
-                change: Some(Change::Without(term.name)),
+                is_offered: true,
                 ..Setting::plain(settings)
             });
         }
@@ -209,7 +198,7 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
         all.map(|degree| Setting {
             name: format!("{what} of degree {degree}"),
             is_default: what == "paper" && degree == paper.sh_degree,
-            change: (what == "paper").then_some(Change::Degree(degree)),
+            is_offered: what == "paper",
             ..Setting::plain(TransferSettings {
                 sh_degree: degree,
                 ..settings.clone()
@@ -243,10 +232,10 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
 
 /// About how many points there will be, to tell how far it is.
 pub fn count(subject: &Subject, devices: usize, effort: Effort) -> usize {
-    let projections = if effort == Effort::Offered {
+    let before = if effort == Effort::Offered {
         0
     } else {
-        projections().len()
+        projections().len() + map_bakes(&subject.cloud, effort).len() + 4
     };
-    projections + map_bakes(&subject.cloud, effort).len() + 4 + devices * transfers(effort).len()
+    before + devices * transfers(effort).len()
 }

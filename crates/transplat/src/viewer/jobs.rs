@@ -23,6 +23,7 @@ pub enum Kind {
     Doubts,
     Backdrop(usize),
     Export,
+    Measure,
     Dialog,
 }
 
@@ -52,7 +53,7 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Load | Kind::Bake(_) | Kind::Ground | Kind::Export
+            Kind::Load | Kind::Bake(_) | Kind::Ground | Kind::Export | Kind::Measure
         )
     }
 

@@ -33,6 +33,7 @@ use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
 use super::oriented::{OrientedLight, OrientedLights};
+use crate::sweep::Point;
 
 /// An asset as it is open.
 pub struct Asset {
@@ -117,6 +118,11 @@ pub enum Event {
     /// The desktop shows no dialogs.
     NoDialog,
     LoadFailed(String),
+    /// What settings cost on the asset, and what they are worth.
+    Measured {
+        asset: u64,
+        points: Vec<Point>,
+    },
     Done(String),
     Failed(String),
 }
@@ -253,6 +259,8 @@ pub struct Session {
     pub prepared: Option<PreparedTransfer>,
     /// What was relit last for a readout, and of which asset and relight it is.
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
+    /// What settings cost on the asset; empty until it is asked for.
+    pub measured: Vec<Point>,
     /// Whether a surfel is inspected, and nothing is being dragged.
     pub wants_readout: bool,
     pub messages: Vec<Message>,
@@ -343,6 +351,7 @@ impl Session {
             bakes: HashMap::new(),
             prepared: None,
             readout: None,
+            measured: Vec::new(),
             wants_readout: false,
             messages: Vec::new(),
             shares: None,
@@ -538,7 +547,9 @@ impl Session {
                 }
                 self.show_doubts(doubts);
             }
+            Event::Measured { asset, points } if asset == self.asset_id => self.measured = points,
             Event::Baked { .. }
+            | Event::Measured { .. }
             | Event::Estimated { .. }
             | Event::Prepared(_)
             | Event::Relit(_)
@@ -579,6 +590,7 @@ impl Session {
             Kind::Prepare,
             Kind::Relight,
             Kind::Doubts,
+            Kind::Measure,
         ] {
             self.jobs.cancel(kind);
         }
@@ -590,6 +602,7 @@ impl Session {
         // What is still on its way belongs to the last one.
         self.prepared_version += 1;
         self.readout = None;
+        self.measured.clear();
         self.relit_asked = None;
         // A bake that was named belongs to the asset that came with it.
         if self.asset_id > 1 {

@@ -1,9 +1,11 @@
 //! What ran, how long it took, and what was left out.
 
-use eframe::egui::{self, Ui};
+use eframe::egui::{self, Button, Ui};
 
 use crate::report::milliseconds;
+use crate::sweep::{Point, Stage, in_words};
 use crate::viewer::app::Viewer;
+use crate::viewer::jobs::Kind;
 use crate::viewer::widgets::{fact, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
@@ -55,5 +57,55 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     for (what, why) in left_out {
         fact(ui, &what, why);
+    }
+    ui.separator();
+    settings(ui, viewer);
+}
+
+/// Error against run time of the settings that can be chosen.
+fn settings(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    ui.label("What settings cost, and what they are worth");
+    let is_running = session.jobs.is_running(Kind::Measure);
+    let can_measure = session.asset.is_some() && !is_running;
+    let button = ui.add_enabled(can_measure, Button::new("Measure on this object"));
+    let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error. Takes a while.");
+    if button.clicked() {
+        session.measure();
+    }
+    let mut chosen = None;
+    egui::Grid::new("settings").num_columns(4).striped(true).show(ui, |ui| {
+        let offered = |p: &&Point| p.stage == Stage::Transfer && p.setting.is_offered;
+        for (i, point) in session.measured.iter().filter(offered).enumerate() {
+            if i == 0 {
+                ui.strong("setting");
+                ui.strong("new light");
+                ui.strong("error").on_hover_text("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other.");
+                ui.end_row();
+            }
+            let name = if point.setting.is_default {
+                format!("{} (default)", point.setting.name)
+            } else {
+                point.setting.name.clone()
+            };
+            ui.label(name).on_hover_text(&point.device);
+            ui.label(point.time.map_or(String::new(), |t| milliseconds(t.ms)));
+            let psnr = point.numeric.and_then(|n| n.psnr);
+            ui.label(psnr.map_or(String::new(), |v| format!("{v:.1} dB")));
+            let is_set = session.look.transfer.preset == point.setting.settings.preset
+                && session.look.transfer.terms == point.setting.settings.terms
+                && session.look.transfer.sh_degree == point.setting.settings.sh_degree;
+            let word = if point.on_front { "take" } else { "take (beaten)" };
+            if ui.add_enabled(!is_set, Button::new(word).small()).clicked() {
+                chosen = Some(point.setting.clone());
+            }
+            ui.end_row();
+        }
+    });
+    for line in in_words(&session.measured) {
+        ui.weak(line);
+    }
+    if let Some(setting) = chosen {
+        session.apply_setting(&setting);
     }
 }

@@ -1,0 +1,313 @@
+//! Stiff and extreme cases, and how stiff the transfer is in epsilon.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use transplat_core::environment::Illumination;
+use transplat_core::extremes::{self, Outcome};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+
+use super::page::{Dot, Page, Plot};
+use super::tables::quoted;
+use super::{devices, write};
+use crate::cli::ReportArgs;
+use crate::device::Device;
+use crate::report::Report;
+use crate::scene::progress_bar;
+use crate::sweep::Subject;
+
+/// The tables' names.
+const CSV: &str = "extremes.csv";
+const EPSILON_CSV: &str = "epsilon.csv";
+
+/// Epsilons that are tried.
+const EPSILONS: [f32; 10] = [1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 1.0, 1e3];
+
+/// Runs the battery, and the sweep over epsilon on the asset.
+pub fn run(
+    args: &ReportArgs,
+    subject: Option<&Subject>,
+    page: &mut Page,
+    report: &mut Report,
+) -> Result<String> {
+    let devices = devices(args.options.device, report);
+    let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
+    let bar = progress_bar("extreme cases", report);
+    let cases = extremes::all();
+    let mut outcomes = Vec::new();
+    for (i, case) in cases.iter().enumerate() {
+        bar.set_position((1000 * i / cases.len()) as u64);
+        if bar.is_hidden() && !report.is_quiet() {
+            eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
+        }
+        for preset in Preset::ALL {
+            let outcome = match gpu {
+                Some(device) => {
+                    let other = |prepared: &PreparedTransfer, light: &Illumination| {
+                        by_device(device, prepared, light)
+                    };
+                    extremes::run(case, preset, Some(&other))
+                }
+                None => extremes::run(case, preset, None),
+            };
+            outcomes.push(outcome);
+        }
+    }
+    bar.finish_and_clear();
+    write(&args.output.join(CSV), &csv(&outcomes))?;
+    let failed: Vec<&Outcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
+    report.set("extreme_cases", outcomes.len());
+    report.set("extreme_cases_failed", failed.len());
+    let largest =
+        |of: &dyn Fn(&Outcome) -> Option<f64>| outcomes.iter().filter_map(of).fold(0.0, f64::max);
+    let mut told = format!(
+        "Extreme cases: {} of {} hold; f32 is off f64 by at most {:.1e}",
+        outcomes.len() - failed.len(),
+        outcomes.len(),
+        largest(&|o| o.f32_error)
+    );
+    if gpu.is_some() {
+        told += &format!(", the GPU by {:.1e}", largest(&|o| o.other_error));
+    }
+    told += &format!(
+        " (relative L2); the worst condition number is {:.0e}.\n",
+        largest(&|o| o.condition)
+    );
+    for outcome in &failed {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            told,
+            "  {} ({}): {}",
+            outcome.case,
+            outcome.preset.name(),
+            outcome.failure.as_deref().unwrap_or_default()
+        );
+    }
+    page.heading("Stiff and extreme cases");
+    page.paragraph(&told);
+    page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L.");
+    onto(page, &outcomes);
+    if let Some(subject) = subject {
+        told += &stiffness(args, subject, page)?;
+    }
+    Ok(told)
+}
+
+fn by_device(
+    device: &Device,
+    prepared: &PreparedTransfer,
+    light: &Illumination,
+) -> Result<Relit, String> {
+    let relight = || -> Result<Relit> {
+        let mut transfer = device.transfer(prepared)?.0;
+        transfer.change_light(light, Part::Whole)?;
+        transfer.result()
+    };
+    relight().map_err(|e| format!("{e:#}"))
+}
+
+/// All outcomes, for programs.
+fn csv(outcomes: &[Outcome]) -> String {
+    let mut out = String::from("case,property,ok,f32_error,gpu_error,condition_number,note\n");
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
+    for o in outcomes {
+        let name = format!("{} ({})", o.case, o.preset.name());
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "{},{},{},{},{},{},{}",
+            quoted(&name),
+            quoted(o.property),
+            o.failure.is_none(),
+            number(o.f32_error),
+            number(o.other_error),
+            number(o.condition),
+            quoted(o.failure.as_deref().unwrap_or(&o.note)),
+        );
+    }
+    out
+}
+
+fn onto(page: &mut Page, outcomes: &[Outcome]) {
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.1e}"));
+    let rows: Vec<(&str, Vec<String>)> = outcomes
+        .iter()
+        .map(|o| {
+            let row = vec![
+                o.case.to_owned(),
+                o.preset.name().to_owned(),
+                o.property.to_owned(),
+                if o.failure.is_none() {
+                    "holds"
+                } else {
+                    "fails"
+                }
+                .to_owned(),
+                number(o.f32_error),
+                number(o.other_error),
+                number(o.condition),
+                o.failure.clone().unwrap_or_else(|| o.note.clone()),
+            ];
+            (if o.failure.is_none() { "" } else { "bad" }, row)
+        })
+        .collect();
+    let head = [
+        "case",
+        "preset",
+        "asked",
+        "",
+        "f32 off f64",
+        "GPU off f64",
+        "condition",
+        "note",
+    ];
+    page.table("all cases", &head, &rows);
+}
+
+/// One epsilon on the asset.
+struct Stiff {
+    preset: Preset,
+    epsilon: f32,
+    is_default: bool,
+    psnr_truth: Option<f64>,
+    /// By how much what lies in the dark is multiplied: of all surfels the 99th percentile, and the largest.
+    amplification: [f32; 2],
+    /// Share of surfels whose divisor is epsilon by a tenth and more.
+    touched: f32,
+}
+
+fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<String> {
+    let mut all = Vec::new();
+    for preset in Preset::ALL {
+        let bake = Bake::new(
+            &subject.cloud,
+            preset,
+            &BakeSettings::default(),
+            &no_progress,
+        )?;
+        let mut epsilons = EPSILONS.to_vec();
+        if args.quick {
+            epsilons.retain(|e| [1e-6, 1e-3, 1e-1, 1e3].contains(e));
+        }
+        epsilons.push(preset.epsilon());
+        epsilons.sort_by(f32::total_cmp);
+        for epsilon in epsilons {
+            all.push(stiff(subject, preset, &bake, epsilon)?);
+        }
+    }
+    write(&args.output.join(EPSILON_CSV), &epsilon_csv(&all))?;
+    page.heading("Epsilon");
+    page.paragraph("Epsilon is added to the source's irradiance, relative to its mean: what the source hardly reaches is multiplied by at most 1 / epsilon. Less is truer where there is light, more calms the dark. Rings mark the defaults.");
+    let groups = Preset::ALL.map(|p| {
+        if p == Preset::Best {
+            "preset best"
+        } else {
+            "preset paper"
+        }
+    });
+    let mut plot = |title: &str, y: &str, log: bool, of: &dyn Fn(&Stiff) -> Option<f64>| {
+        let dots: Vec<Dot> = all
+            .iter()
+            .filter_map(|s| {
+                Some(Dot {
+                    x: f64::from(s.epsilon),
+                    y: of(s)?,
+                    label: String::new(),
+                    group: usize::from(s.preset == Preset::Paper),
+                    is_default: s.is_default,
+                    on_front: false,
+                })
+            })
+            .collect();
+        let plot = Plot {
+            title,
+            x: "epsilon",
+            y,
+            is_y_logarithmic: log,
+            groups: &groups,
+        };
+        page.plot(&plot, &dots)
+    };
+    plot(
+        "error over epsilon",
+        "PSNR to the truth in dB",
+        false,
+        &|s| s.psnr_truth,
+    )?;
+    plot(
+        "amplification over epsilon",
+        "times, 99th percentile",
+        true,
+        &|s| Some(f64::from(s.amplification[0])),
+    )?;
+    plot("surfels that epsilon touches", "share in %", false, &|s| {
+        Some(100.0 * f64::from(s.touched))
+    })?;
+    let mut told = String::from("Epsilon (defaults):\n");
+    for s in all.iter().filter(|s| s.is_default) {
+        let truth = s
+            .psnr_truth
+            .map_or(String::new(), |v| format!(", {v:.2} dB to the truth"));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            told,
+            "  {} {}: touches {:.1} % of the surfels, multiplies by at most {:.0}{truth}",
+            s.preset.name(),
+            s.epsilon,
+            100.0 * s.touched,
+            s.amplification[1]
+        );
+    }
+    Ok(told)
+}
+
+fn stiff(subject: &Subject, preset: Preset, bake: &Bake, epsilon: f32) -> Result<Stiff> {
+    let settings = TransferSettings {
+        epsilon: Some(epsilon),
+        ..TransferSettings::of(preset)
+    };
+    let n = subject.cloud.len();
+    let source = &subject.lights[0];
+    let prepared = PreparedTransfer::new(&subject.cloud, bake, source, &settings)?;
+    let mut amplifications: Vec<f32> = (0..n).map(|i| prepared.amplification(i)).collect();
+    amplifications.sort_by(f32::total_cmp);
+    let at = |share: f32| {
+        let index = (n.max(1) - 1) as f32 * share;
+        amplifications.get(index as usize).copied().unwrap_or(0.0)
+    };
+    let touched = (0..n).filter(|i| prepared.epsilon_share(*i) > 0.1).count();
+    let psnr_truth = match &subject.views {
+        Some(views) => Some(views.psnr(|light| Ok(prepared.relight(light, Part::Whole)?))?),
+        None => None,
+    };
+    Ok(Stiff {
+        preset,
+        epsilon,
+        is_default: epsilon == preset.epsilon(),
+        psnr_truth,
+        amplification: [at(0.99), at(1.0)],
+        touched: touched as f32 / n.max(1) as f32,
+    })
+}
+
+fn epsilon_csv(all: &[Stiff]) -> String {
+    let mut out = String::from(
+        "preset,epsilon,is_default,psnr_truth,amplification_99,amplification_max,share_touched\n",
+    );
+    for s in all {
+        let psnr = s.psnr_truth.map_or(String::new(), |v| format!("{v:.3}"));
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "{},{},{},{psnr},{:.3},{:.3},{:.5}",
+            s.preset.name(),
+            s.epsilon,
+            s.is_default,
+            s.amplification[0],
+            s.amplification[1],
+            s.touched
+        );
+    }
+    out
+}

@@ -1,0 +1,55 @@
+//! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
+
+use super::jobs::{Handle, Kind};
+use super::session::{Event, Session};
+use crate::device::Device;
+use crate::sweep::{Effort, Setting, Subject, Sweep};
+
+impl Session {
+    /// Measures the settings that the user can choose, under the lights as they are.
+    pub fn measure(&mut self) {
+        let Some(asset) = &self.asset else {
+            return;
+        };
+        if self.jobs.is_running(Kind::Measure) {
+            return;
+        }
+        let [source, target] = self.oriented_lights();
+        let subject = Subject {
+            cloud: asset.cloud.clone(),
+            map: self.sides[0].small.clone(),
+            lights: [(*source.light).clone(), (*target.light).clone()],
+            views: None,
+            bakes: self.whole_bakes().map(|bake| (**bake).clone()).collect(),
+        };
+        let mut devices = vec![Device::Cpu];
+        // A driver that computes on the CPU is not what the user would buy time with.
+        devices.extend(
+            self.background
+                .gpu()
+                .filter(|gpu| !gpu.is_software())
+                .map(Device::Gpu),
+        );
+        let label = format!("measuring settings on {}", asset.name());
+        let id = self.asset_id;
+        let work = move |handle: &Handle<Event>| {
+            let progress = |done: f64, _: &str| handle.progress(done);
+            Some(
+                match Sweep::run(&subject, &devices, Effort::Offered, &progress) {
+                    Ok(points) => Event::Measured { asset: id, points },
+                    Err(_) if handle.is_cancelled() => return None,
+                    Err(error) => Event::Failed(format!("nothing could be measured: {error:#}")),
+                },
+            )
+        };
+        self.jobs.start(Kind::Measure, label, work, Event::Failed);
+    }
+
+    /// Takes a setting that was measured; epsilon stays as it is.
+    pub fn apply_setting(&mut self, setting: &Setting) {
+        let transfer = &mut self.look.transfer;
+        transfer.preset = setting.settings.preset;
+        transfer.sh_degree = setting.settings.sh_degree;
+        transfer.terms = setting.settings.terms;
+    }
+}
