@@ -396,6 +396,8 @@ fn presets_are_measured_against_the_truth() {
     run_json(&[&render[..], &options].concat());
     let report = [
         "report",
+        "--only",
+        "truth",
         "--ground-truth",
         &truth,
         "--device",
@@ -516,6 +518,71 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
         output.status.success() && message.contains("even light is assumed"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_report_measures_settings_and_extreme_cases() {
+    let folder = Folder::new();
+    let out = folder.name("report");
+    // Of another splat than the bundled one there is no truth.
+    let splat = folder.write("small.ply", small_splat(300));
+    let told = run_json(&[
+        "report",
+        &splat,
+        "--source",
+        "even",
+        "--target",
+        &asset("sunset.hdr"),
+        "--quick",
+        "--device",
+        "cpu",
+        "-o",
+        &out,
+    ]);
+    assert_eq!(told["extreme_cases_failed"], 0);
+    let table = |name: &str| {
+        let text = fs::read_to_string(folder.path("report").join(name)).expect("a table");
+        let mut lines = text.lines().map(str::to_owned);
+        (lines.next().expect("a head"), lines.collect::<Vec<_>>())
+    };
+    let (head, rows) = table("error_vs_time.csv");
+    assert_eq!(
+        head,
+        "setting,device,stage,time_ms,time_spread_ms,memory_bytes,rel_l2,max_abs,psnr_numeric,psnr_truth,on_front,is_default"
+    );
+    let fields = |row: &String| -> Vec<String> { row.split(',').map(str::to_owned).collect() };
+    let degree = |l: usize| -> f64 {
+        let row = rows
+            .iter()
+            .find(|r| r.starts_with(&format!("paper of degree {l},cpu,transfer")));
+        fields(row.expect("a row"))[6].parse().expect("a number")
+    };
+    assert!(
+        degree(5) < degree(1),
+        "a higher degree is nearer to the oracle"
+    );
+    let default = rows
+        .iter()
+        .find(|r| r.starts_with("preset best,cpu,transfer"));
+    let default = fields(default.expect("a row"));
+    assert!(default[6].parse::<f64>().expect("a number") < 1e-4 && default[9].is_empty());
+    let (head, rows) = table("extremes.csv");
+    assert_eq!(
+        head,
+        "case,property,ok,f32_error,gpu_error,condition_number,note"
+    );
+    assert!(rows.len() > 60);
+    let (_, rows) = table("epsilon.csv");
+    assert!(rows.iter().filter(|r| r.contains(",true,")).count() == 2);
+    let page = fs::read_to_string(folder.path("report/report.html")).expect("the page");
+    assert!(page.contains("<svg") && page.ends_with("</html>\n"));
+    // A splat of unknown light is asked for one.
+    let output = run(&["report", &splat, "-o", &out]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.code() == Some(2) && message.contains("--source"),
         "{message}"
     );
 }

@@ -80,7 +80,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             if i == 0 {
                 ui.strong("setting");
                 ui.strong("new light");
-                ui.strong("error").on_hover_text("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other.");
+                ui.strong("PSNR").on_hover_text("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other.");
                 ui.end_row();
             }
             let name = if point.setting.is_default {
@@ -95,8 +95,13 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             let is_set = session.look.transfer.preset == point.setting.settings.preset
                 && session.look.transfer.terms == point.setting.settings.terms
                 && session.look.transfer.sh_degree == point.setting.settings.sh_degree;
-            let word = if point.on_front { "take" } else { "take (beaten)" };
-            if ui.add_enabled(!is_set, Button::new(word).small()).clicked() {
+            let button = ui.add_enabled(!is_set, Button::new("take").small());
+            let button = button.on_hover_text(if point.on_front {
+                "Nothing that was measured is both quicker and nearer."
+            } else {
+                "Another one is both quicker and nearer."
+            });
+            if button.clicked() {
                 chosen = Some(point.setting.clone());
             }
             ui.end_row();
