@@ -59,9 +59,9 @@ pub enum Command {
     /// Tell what a splat, environment, bake or look holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
-    /// Measure presets and single terms against path-traced truth: a table, and pictures of truth, relight and difference.
+    /// Measure error against run time of all settings, extreme cases, and presets and terms against path-traced truth: a page with plots.
     #[command(
-        after_help = "Example:\n  transplat report --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
+        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
     )]
     Report(ReportArgs),
 }
