@@ -3,6 +3,8 @@
 //! The same battery serves the tests and `transplat report`: another way to relight (the GPU's) is held against it too.
 
 mod cases;
+#[cfg(test)]
+mod properties;
 
 use std::cell::RefCell;
 
