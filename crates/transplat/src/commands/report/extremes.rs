@@ -226,6 +226,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
             y,
             is_y_logarithmic: log,
             groups: &groups,
+            is_front_shared: false,
         };
         page.plot(&plot, &dots)
     };

@@ -32,6 +32,8 @@ pub struct Plot<'a> {
     pub y: &'a str,
     pub is_y_logarithmic: bool,
     pub groups: &'a [&'a str],
+    /// Whether the groups have one front between them.
+    pub is_front_shared: bool,
 }
 
 const SIZE: (u32, u32) = (960, 520);
@@ -208,16 +210,21 @@ where
         .bold_line_style(RGBColor(215, 215, 215))
         .light_line_style(RGBColor(240, 240, 240))
         .draw()?;
-    let mut front: Vec<(f64, f64)> = dots
-        .iter()
-        .filter(|d| d.on_front)
-        .map(|d| (d.x, d.y))
-        .collect();
-    front.sort_by(|a, b| a.0.total_cmp(&b.0));
-    chart.draw_series(LineSeries::new(
-        front,
-        RGBColor(150, 150, 150).stroke_width(2),
-    ))?;
+    let fronts = if plot.is_front_shared {
+        1
+    } else {
+        plot.groups.len()
+    };
+    for group in 0..fronts {
+        let mut front: Vec<(f64, f64)> = dots
+            .iter()
+            .filter(|d| d.on_front && (plot.is_front_shared || d.group == group))
+            .map(|d| (d.x, d.y))
+            .collect();
+        front.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let grey = RGBColor(150, 150, 150).stroke_width(2);
+        chart.draw_series(LineSeries::new(front, grey))?;
+    }
     let is_used = |group: &usize| dots.iter().any(|d| d.group == *group);
     for group in (0..plot.groups.len()).filter(is_used) {
         let name = plot.groups[group];
@@ -291,6 +298,7 @@ mod tests {
                 y: "dB",
                 is_y_logarithmic,
                 groups: &["one"],
+                is_front_shared: !is_y_logarithmic,
             };
             page.plot(&plot, &[dot(1.0, 2.0), dot(10.0, 1e-9)])
                 .expect("it is drawn");

@@ -146,6 +146,7 @@ fn plots(page: &mut Page, stage: Stage, device: &str, points: &[&Point]) -> Resu
                 y,
                 is_y_logarithmic,
                 groups: &groups,
+                is_front_shared: stage == Stage::Transfer && !is_y_logarithmic,
             };
             page.plot(&plot, &dots)
         };
