@@ -36,6 +36,18 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]>
     sums
 }
 
+/// How far values are from exact ones: the L2 norm of the difference over theirs, and the largest difference.
+pub fn difference<T: Copy + Into<f64>>(got: &[[T; 3]], exact: &[[f64; 3]]) -> (f64, f64) {
+    let (mut off, mut all, mut largest) = (0.0, 0.0, 0f64);
+    for (got, exact) in got.iter().flatten().zip(exact.iter().flatten()) {
+        let difference = (*got).into() - exact;
+        off += difference * difference;
+        all += exact * exact;
+        largest = largest.max(difference.abs());
+    }
+    ((off / f64::max(all, 1e-30)).sqrt(), largest)
+}
+
 /// The same from point samples, evenly spread: what they miss of a sun is lost.
 pub fn project_samples(map: &EnvironmentMap, degree: usize, samples: usize) -> Vec<[f64; 3]> {
     let k = coefficient_count(degree);

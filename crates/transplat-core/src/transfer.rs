@@ -151,6 +151,14 @@ impl PreparedTransfer {
         }
     }
 
+    /// How many of its [`Self::bytes`] that saves.
+    pub fn bytes_saved_by_half(&self) -> usize {
+        match self {
+            Self::Paper(paper) => paper.bytes_saved_by_half(),
+            Self::Best(best) => best.bytes_saved_by_half(),
+        }
+    }
+
     /// Whether the source was black, and even light was taken in its place.
     pub fn source_was_black(&self) -> bool {
         match self {

@@ -27,13 +27,13 @@ pub use settings::{MapBake, Setting};
 /// What is measured.
 pub struct Subject {
     pub cloud: Arc<SurfelCloud>,
-    /// The target light as its file has it.
-    pub map: EnvironmentMap,
+    /// The target light as its file has it, where reading it is to be measured.
+    pub map: Option<EnvironmentMap>,
     /// Source and target as the asset sees them.
     pub lights: [Illumination; 2],
     /// Truth, where there is any.
     pub views: Option<Views>,
-    /// Bakes of the whole asset that are there already, as they are by default.
+    /// Bakes of the whole asset that are there already.
     pub bakes: Vec<Bake>,
 }
 
@@ -162,16 +162,20 @@ impl<'a> Sweep<'a> {
             points: Vec::new(),
             planned: settings::count(subject, devices.len(), effort),
         };
-        if effort != Effort::Offered {
-            sweep.project()?;
+        if let Some(map) = &subject.map {
+            sweep.project(map)?;
         }
         let best = if effort == Effort::Offered {
             sweep.default_bake(Preset::Best)?
         } else {
-            sweep.bakes_of_paper()?;
             sweep.bakes_of_best()?
         };
-        let bakes = [best, sweep.default_bake(Preset::Paper)?];
+        let paper = if effort == Effort::Offered {
+            sweep.default_bake(Preset::Paper)?
+        } else {
+            sweep.bakes_of_paper()?
+        };
+        let bakes = [best, paper];
         sweep.transfers(&bakes)?;
         Ok(mark_front(sweep.points))
     }
@@ -198,24 +202,17 @@ impl<'a> Sweep<'a> {
         });
     }
 
-    fn project(&mut self) -> Result<()> {
-        let map = &self.subject.map;
+    fn project(&mut self, map: &EnvironmentMap) -> Result<()> {
         let exact = oracle::project_environment(map, MAX_DEGREE);
-        let errors = |got: &[[f64; 3]]| reference::errors(got.iter().flatten().copied(), &exact);
         for (setting, samples) in settings::projections() {
             self.next(&setting.name)?;
             let Some(samples) = samples else {
                 for device in self.devices {
                     let (light, time) = timed(|| device.project_environment(map, MAX_DEGREE))?;
-                    let got: Vec<[f64; 3]> = light
-                        .coefficients
-                        .iter()
-                        .map(|c| c.map(f64::from))
-                        .collect();
                     let measured = Measured {
                         time: Some(time),
                         memory_bytes: Some(size_of_val(map.pixels())),
-                        numeric: Some(errors(&got)),
+                        numeric: Some(reference::errors(&light.coefficients, &exact)),
                         psnr_truth: None,
                     };
                     self.add(&setting, device, Stage::Project, measured);
@@ -225,7 +222,7 @@ impl<'a> Sweep<'a> {
             let (got, time) = timed(|| Ok(oracle::project_samples(map, MAX_DEGREE, samples)))?;
             let measured = Measured {
                 time: Some(time),
-                numeric: Some(errors(&got)),
+                numeric: Some(reference::errors(&got, &exact)),
                 ..Measured::default()
             };
             self.add(&setting, &Device::Cpu, Stage::Project, measured);
@@ -233,7 +230,9 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    fn bakes_of_paper(&mut self) -> Result<()> {
+    /// Bakes for preset `paper`; the default ones of the whole asset and of the thinned one.
+    fn bakes_of_paper(&mut self) -> Result<[Bake; 2]> {
+        let mut default = None;
         let settings = TransferSettings::of(Preset::Paper);
         for (setting, map_bake) in settings::map_bakes(&self.subject.cloud, self.effort) {
             let devices = if setting.is_default {
@@ -262,9 +261,12 @@ impl<'a> Sweep<'a> {
                     ..measured
                 };
                 self.add(&setting, device, Stage::Bake, measured);
+                if setting.is_default {
+                    default = Some([whole, thinned]);
+                }
             }
         }
-        Ok(())
+        default.context("the default bake is among them")
     }
 
     /// A preset's bake as it is by default, of the whole asset and of the thinned one.
@@ -336,26 +338,16 @@ impl<'a> Sweep<'a> {
                         wanted,
                     )?)
                 };
-                let (prepared, time_to_prepare) = if setting.is_default {
-                    timed(prepare)?
-                } else {
-                    (
-                        prepare()?,
-                        Timing {
-                            ms: 0.0,
-                            spread_ms: None,
-                        },
-                    )
-                };
                 if setting.is_default && matches!(device, Device::Cpu) {
+                    let (prepared, time) = timed(prepare)?;
                     let measured = Measured {
-                        time: Some(time_to_prepare),
+                        time: Some(time),
                         memory_bytes: Some(prepared.bytes()),
                         ..Measured::default()
                     };
                     self.add(&setting, device, Stage::Prepare, measured);
                 }
-                let prepared = setting.rounded(prepared);
+                let prepared = setting.rounded(prepare()?);
                 let mut transfer = device.transfer(&prepared)?.0;
                 let (_, mut time) =
                     timed(|| transfer.change_light(&subject.lights[1], Part::Whole))?;
@@ -364,10 +356,14 @@ impl<'a> Sweep<'a> {
                 }
                 let time = Some(time).filter(|_| !setting.is_rounded);
                 let measured = self.relit_by(device, &setting, &prepared, thinned)?;
-                let bytes = prepared.bytes();
+                let saved = if setting.is_rounded {
+                    prepared.bytes_saved_by_half()
+                } else {
+                    0
+                };
                 let measured = Measured {
                     time,
-                    memory_bytes: Some(if setting.is_rounded { bytes / 2 } else { bytes }),
+                    memory_bytes: Some(prepared.bytes() - saved),
                     ..measured
                 };
                 self.add(&setting, device, Stage::Transfer, measured);

@@ -424,6 +424,14 @@ impl BestTransfer {
             + size_of_val(&self.encoded_mean[..])
     }
 
+    /// Of what [`Self::rounded_to_half`] rounds.
+    pub(super) fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..]);
+        rounded / 2
+    }
+
     /// Divisor and colours in half precision.
     pub(super) fn rounded_to_half(&self) -> Self {
         let mut rounded = self.clone();

@@ -248,6 +248,14 @@ impl PaperTransfer {
         rounded
     }
 
+    /// Of what [`Self::rounded_to_half`] rounds.
+    pub(super) fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..]);
+        rounded / 2
+    }
+
     fn make_blocks(&mut self) {
         self.blocks = (0..self.surfels.div_ceil(LANES))
             .into_par_iter()

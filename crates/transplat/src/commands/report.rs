@@ -21,7 +21,7 @@ use transplat_core::transfer::Preset;
 use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
-use crate::cli::{AssetArgs, AssetOptions, DeviceChoice, ReportArgs, ReportPart};
+use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart};
 use crate::commands::refuse_overwriting;
 use crate::device::Device;
 use crate::report::Report;
@@ -63,6 +63,11 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     } else {
         None
     };
+    let devices = if subject.is_some() {
+        devices(args.options.device, &mut report)
+    } else {
+        Vec::new()
+    };
     if let Some(subject) = subject
         .as_ref()
         .filter(|_| parts.contains(&ReportPart::Time))
@@ -73,10 +78,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             subject.cloud.sh_degree,
             device.name()
         ));
-        told += &error_against_time(args, subject, &mut page, &mut report)?;
+        told += &error_against_time(args, subject, &devices, &mut page, &mut report)?;
     }
     if parts.contains(&ReportPart::Extremes) {
-        told += &extremes::run(args, subject.as_ref(), &mut page, &mut report)?;
+        told += &extremes::run(args, subject.as_ref(), &devices, &mut page, &mut report)?;
     }
     if !objects.is_empty() && parts.contains(&ReportPart::Truth) {
         told += &truth::run(&objects, args, &device, &mut report)?;
@@ -97,7 +102,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
         let cloud = Arc::new(cloud);
         let target = object.targets.first().context(missing)?;
         return Ok(Subject {
-            map: load_environment(&target.path)?,
+            map: Some(load_environment(&target.path)?),
             lights: [light(&object.source, device)?, light(target, device)?],
             views: Some(Views::load(&object, &cloud, device)?),
             cloud,
@@ -119,14 +124,11 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
             target.display()
         );
     }
-    let options = AssetOptions {
-        ..args.options.clone()
-    };
-    let mut look = crate::scene::look_of(&options, None)?;
+    let mut look = crate::scene::look_of(&args.options, None)?;
     look.source.set_file(source.clone());
     let asset = AssetArgs {
         asset: Some(asset.clone()),
-        options,
+        options: args.options.clone(),
     };
     let scene = Scene::load(&asset, look, report)?;
     let map = load_environment(&target)?;
@@ -138,7 +140,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
     let lights = Look::default().lights(&lights[0], &lights[1], up);
     Ok(Subject {
         cloud: scene.cloud.clone(),
-        map,
+        map: Some(map),
         lights,
         views: None,
         bakes: Vec::new(),
@@ -161,10 +163,10 @@ fn devices(choice: DeviceChoice, report: &mut Report) -> Vec<Device> {
 fn error_against_time(
     args: &ReportArgs,
     subject: &Subject,
+    devices: &[Device],
     page: &mut Page,
     report: &mut Report,
 ) -> Result<String> {
-    let devices = devices(args.options.device, report);
     let effort = if args.quick {
         Effort::Quick
     } else {
@@ -178,7 +180,7 @@ fn error_against_time(
         }
         ControlFlow::Continue(())
     };
-    let points = report.time("sweep", || Sweep::run(subject, &devices, effort, &progress))?;
+    let points = report.time("sweep", || Sweep::run(subject, devices, effort, &progress))?;
     bar.finish_and_clear();
     write(&args.output.join(time::CSV), &time::csv(&points))?;
     report.set("points", points.len());

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use transplat_core::camera::Camera;
 use transplat_core::color::decode_sh;
 use transplat_core::look::CameraPose;
-use transplat_core::oracle::{OracleBest, OracleTransfer, relight_asset};
+use transplat_core::oracle::{OracleBest, OracleTransfer, difference, relight_asset};
 use transplat_core::present::PLAIN;
 use transplat_core::sh::{MAX_DEGREE, lattice};
 use transplat_core::surfels::SurfelCloud;
@@ -152,11 +152,10 @@ impl Reference {
     pub fn compare(&self, preset: Preset, relit: &Relit) -> Result<Numeric> {
         let exact = self.exact.iter().find(|e| e.preset == preset);
         let exact = exact.context("a reference for each preset")?;
-        let got = relit.sh.iter().flatten().map(|v| f64::from(*v));
         let psnr = self.picture(relit)?.psnr(&exact.picture, None)?;
         Ok(Numeric {
             psnr: Some(psnr),
-            ..errors(got, &exact.sh)
+            ..errors(&relit.sh, &exact.sh)
         })
     }
 
@@ -206,16 +205,11 @@ fn sampled(settings: TransferSettings, subject: &Subject, samples: usize) -> Ora
     OracleTransfer::new(&source, &target, &settings).with_samples(samples)
 }
 
-/// Relative L2 and largest difference from exact values.
-pub fn errors(got: impl Iterator<Item = f64>, exact: &[[f64; 3]]) -> Numeric {
-    let (mut off, mut all, mut max_abs) = (0.0, 0.0, 0f64);
-    for (got, exact) in got.zip(exact.iter().flatten()) {
-        off += (got - exact).powi(2);
-        all += exact * exact;
-        max_abs = max_abs.max((got - exact).abs());
-    }
+/// Without a picture.
+pub fn errors<T: Copy + Into<f64>>(got: &[[T; 3]], exact: &[[f64; 3]]) -> Numeric {
+    let (rel_l2, max_abs) = difference(got, exact);
     Numeric {
-        rel_l2: (off / all.max(1e-300)).sqrt(),
+        rel_l2,
         max_abs,
         psnr: None,
     }

@@ -41,18 +41,13 @@ impl Session {
         if self.estimate.is_some() || self.estimate_asked {
             return;
         }
-        let is_on_its_way = self.is_estimating();
-        if std::mem::replace(&mut self.estimate_awaited, is_on_its_way)
-            && !is_on_its_way
-            && !self.has_best_bake()
-        {
-            self.info("the light of the capture was not estimated; even light is assumed. The panel Source light has it estimated again");
-        }
-        let Some(asset) = &self.asset else {
-            return;
-        };
-        let state = self.bakes.get(&Preset::Best).filter(|b| b.share == 1.0);
-        let Some(Bake::Occlusion(occlusion)) = state.and_then(|b| b.bake.as_deref()) else {
+        let bake = self.whole_bakes().find(|b| b.preset() == Preset::Best);
+        let (Some(asset), Some(Bake::Occlusion(occlusion))) = (&self.asset, bake.map(|b| &**b))
+        else {
+            let is_on_its_way = self.is_estimating();
+            if std::mem::replace(&mut self.estimate_awaited, is_on_its_way) && !is_on_its_way {
+                self.info("the light of the capture was not estimated; even light is assumed. The panel Source light has it estimated again");
+            }
             return;
         };
         let occlusion = occlusion.clone();
@@ -68,11 +63,6 @@ impl Session {
             })
         };
         self.jobs.start(Kind::Estimate, label, work, Event::Failed);
-    }
-
-    fn has_best_bake(&self) -> bool {
-        let state = self.bakes.get(&Preset::Best);
-        state.is_some_and(|b| b.share == 1.0 && b.bake.is_some())
     }
 
     /// Makes a light of the estimate where it is good, upright as the asset is.

@@ -115,6 +115,14 @@ struct Message<E> {
     ended: bool,
 }
 
+/// Runs what keeps all cores busy for long in a pool of its own, so that what is opened meanwhile does not wait for it.
+pub fn beside_the_rest<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().build() {
+        Ok(pool) => pool.install(work),
+        Err(_) => work(),
+    }
+}
+
 /// All jobs, and what they yield.
 pub struct Jobs<E> {
     sender: Sender<Message<E>>,

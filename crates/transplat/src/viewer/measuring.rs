@@ -1,6 +1,6 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
-use super::jobs::{Handle, Kind};
+use super::jobs::{Handle, Kind, beside_the_rest};
 use super::session::{Event, Session};
 use crate::device::Device;
 use crate::sweep::{Effort, Setting, Subject, Sweep};
@@ -17,7 +17,7 @@ impl Session {
         let [source, target] = self.oriented_lights();
         let subject = Subject {
             cloud: asset.cloud.clone(),
-            map: self.sides[0].small.clone(),
+            map: None,
             lights: [(*source.light).clone(), (*target.light).clone()],
             views: None,
             bakes: self.whole_bakes().map(|bake| (**bake).clone()).collect(),
@@ -34,13 +34,12 @@ impl Session {
         let id = self.asset_id;
         let work = move |handle: &Handle<Event>| {
             let progress = |done: f64, _: &str| handle.progress(done);
-            Some(
-                match Sweep::run(&subject, &devices, Effort::Offered, &progress) {
-                    Ok(points) => Event::Measured { asset: id, points },
-                    Err(_) if handle.is_cancelled() => return None,
-                    Err(error) => Event::Failed(format!("nothing could be measured: {error:#}")),
-                },
-            )
+            let sweep = || Sweep::run(&subject, &devices, Effort::Offered, &progress);
+            Some(match beside_the_rest(sweep) {
+                Ok(points) => Event::Measured { asset: id, points },
+                Err(_) if handle.is_cancelled() => return None,
+                Err(error) => Event::Failed(format!("nothing could be measured: {error:#}")),
+            })
         };
         self.jobs.start(Kind::Measure, label, work, Event::Failed);
     }

@@ -33,7 +33,7 @@ use super::lights::Light;
 use super::navigation;
 use super::opening::LoadedAsset;
 use super::oriented::{OrientedLight, OrientedLights};
-use crate::sweep::Point;
+use crate::sweep::{Point, in_words};
 
 /// An asset as it is open.
 pub struct Asset {
@@ -261,6 +261,8 @@ pub struct Session {
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
     /// What settings cost on the asset; empty until it is asked for.
     pub measured: Vec<Point>,
+    /// And what of that is worth a word.
+    pub measured_words: Vec<String>,
     /// Whether a surfel is inspected, and nothing is being dragged.
     pub wants_readout: bool,
     pub messages: Vec<Message>,
@@ -352,6 +354,7 @@ impl Session {
             prepared: None,
             readout: None,
             measured: Vec::new(),
+            measured_words: Vec::new(),
             wants_readout: false,
             messages: Vec::new(),
             shares: None,
@@ -547,7 +550,10 @@ impl Session {
                 }
                 self.show_doubts(doubts);
             }
-            Event::Measured { asset, points } if asset == self.asset_id => self.measured = points,
+            Event::Measured { asset, points } if asset == self.asset_id => {
+                self.measured_words = in_words(&points);
+                self.measured = points;
+            }
             Event::Baked { .. }
             | Event::Measured { .. }
             | Event::Estimated { .. }
@@ -603,6 +609,7 @@ impl Session {
         self.prepared_version += 1;
         self.readout = None;
         self.measured.clear();
+        self.measured_words.clear();
         self.relit_asked = None;
         // A bake that was named belongs to the asset that came with it.
         if self.asset_id > 1 {

@@ -16,7 +16,7 @@ use transplat_gpu::rasterize::ResidentSh;
 use transplat_gpu::{Context, GpuError};
 
 use super::baking::{self, Baked};
-use super::jobs::{Handle, Kind};
+use super::jobs::{Handle, Kind, beside_the_rest};
 use super::lights::load_map;
 use super::opening::Settings;
 use super::session::{
@@ -171,13 +171,8 @@ impl Session {
             let report = |done: f64| handle.progress(done);
             let preview = |baked: Baked| handle.send(event(baked));
             let device = background.fastest();
-            let bake = || baking::bake(&device, &wanted, saved.as_deref(), &report, preview);
-            // In a pool of its own: what is opened meanwhile is not to wait for it.
-            let made = match rayon::ThreadPoolBuilder::new().build() {
-                Ok(pool) => pool.install(bake),
-                Err(_) => bake(),
-            };
-            match made {
+            let saved = saved.as_deref();
+            match beside_the_rest(|| baking::bake(&device, &wanted, saved, &report, preview)) {
                 Ok(baked) => Some(event(baked)),
                 Err(_) if handle.is_cancelled() => None,
                 Err(error) => Some(Event::Failed(format!("the bake failed: {error:#}"))),

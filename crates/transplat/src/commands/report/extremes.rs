@@ -10,7 +10,7 @@ use transplat_core::visibility::{Bake, BakeSettings, no_progress};
 
 use super::page::{Dot, Page, Plot};
 use super::tables::quoted;
-use super::{devices, write};
+use super::write;
 use crate::cli::ReportArgs;
 use crate::device::Device;
 use crate::report::Report;
@@ -28,10 +28,10 @@ const EPSILONS: [f32; 10] = [1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 1.0
 pub fn run(
     args: &ReportArgs,
     subject: Option<&Subject>,
+    devices: &[Device],
     page: &mut Page,
     report: &mut Report,
 ) -> Result<String> {
-    let devices = devices(args.options.device, report);
     let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
     let bar = progress_bar("extreme cases", report);
     let cases = extremes::all();

@@ -3,7 +3,7 @@
 use eframe::egui::{self, Button, Ui};
 
 use crate::report::milliseconds;
-use crate::sweep::{Point, Stage, in_words};
+use crate::sweep::{Point, Stage};
 use crate::viewer::app::Viewer;
 use crate::viewer::jobs::Kind;
 use crate::viewer::widgets::{fact, thousands};
@@ -107,7 +107,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.end_row();
         }
     });
-    for line in in_words(&session.measured) {
+    for line in &session.measured_words {
         ui.weak(line);
     }
     if let Some(setting) = chosen {
