@@ -1,7 +1,7 @@
 //! A splat whose light nobody tells.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use eframe::egui;
@@ -11,12 +11,18 @@ use transplat_core::transfer::Preset;
 use transplat_tests::driver::{Driver, PATIENCE};
 use transplat_tests::{asset, small_splat};
 
-#[test]
-fn the_light_is_estimated_where_nobody_tells_it() {
-    let mut d = Driver::new();
+/// Opens a splat of which nobody says what it was captured under.
+fn open_own(d: &mut Driver) -> PathBuf {
     let own = d.folder.path("own.ply");
     fs::copy(asset("teapot.ply"), &own).expect("room for it");
     d.viewer().open(&own);
+    own
+}
+
+#[test]
+fn the_light_is_estimated_where_nobody_tells_it() {
+    let mut d = Driver::new();
+    open_own(&mut d);
     d.settle();
     d.harness
         .get_by_label("captured under: estimated from the object");
@@ -63,9 +69,7 @@ fn where_it_cannot_be_told_even_light_stands_in_and_the_setting_stays() {
     let source = &d.viewer().session.look.source;
     assert!(source.is_estimate() && source.strength == 1.5);
     // The next asset may tell its light.
-    let own = d.folder.path("own.ply");
-    fs::copy(asset("teapot.ply"), &own).expect("room for it");
-    d.viewer().open(&own);
+    open_own(&mut d);
     d.settle();
     assert!(!d.viewer().session.source_is_assumed());
     // Taken as linear it tells another, which is estimated anew.
@@ -85,9 +89,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let mut d = Driver::new();
     // Preset paper's own bake tells nothing of the light: another is made after it.
     d.viewer().session.look.transfer.preset = Preset::Paper;
-    let own = d.folder.path("own.ply");
-    fs::copy(asset("teapot.ply"), &own).expect("room for it");
-    d.viewer().open(&own);
+    open_own(&mut d);
     let start = Instant::now();
     let is_baked_for = |d: &mut Driver| {
         let mut jobs = d.viewer().session.jobs.running().iter();
@@ -114,9 +116,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
 #[test]
 fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     let mut d = Driver::new();
-    let own = d.folder.path("own.ply");
-    fs::copy(asset("teapot.ply"), &own).expect("room for it");
-    d.viewer().open(&own);
+    let own = open_own(&mut d);
     d.settle();
     let first = d.viewer().session.estimate.clone().expect("estimated");
     // Another splat, dropped while nothing of the last one's light fits it, and with a preset that has no bake for an estimate.

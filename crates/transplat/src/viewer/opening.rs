@@ -1,22 +1,25 @@
 //! What is opened: splats, lights, looks.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use transplat_core::color::Encoding;
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::ground_plane;
 use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_file};
+use transplat_core::look::{
+    CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file,
+};
 use transplat_core::rasterize::MIN_ALPHA;
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::TransferAsset;
+use transplat_core::transfer::{Preset, TransferAsset};
 use transplat_gpu::live::LiveAsset;
 
-use super::estimating::kept_estimate;
+use super::estimating::{DROP_IT, kept_estimate};
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, light_name};
+use super::navigation;
 use super::session::{Asset, Event, SOURCE, Session, TARGET};
 use crate::scene::asset_warnings;
 
@@ -212,6 +215,86 @@ impl Session {
         };
         self.jobs
             .start(Kind::Load, format!("loading {name}"), work, failed);
+    }
+
+    /// Shows a loaded splat; nothing of the last one is left.
+    pub(super) fn show_asset(&mut self, loaded: LoadedAsset) {
+        let LoadedAsset {
+            asset,
+            live,
+            transfer,
+            estimate,
+            settings,
+            asked,
+        } = loaded;
+        let is_new = self.asset.as_ref().is_none_or(|a| a.path != asset.path);
+        let mut look = settings.over(&asked, &self.look, self.pose);
+        // Where nobody tells it, and as long as what is told cannot be read.
+        look.source.file.get_or_insert(ESTIMATE.into());
+        if is_new {
+            self.resolved[SOURCE] = LightSettings::of(ESTIMATE);
+        }
+        for kind in [
+            Kind::Bake(Preset::Best),
+            Kind::Bake(Preset::Paper),
+            Kind::Ground,
+            Kind::Prepare,
+            Kind::Relight,
+            Kind::Doubts,
+            Kind::Measure,
+        ] {
+            self.jobs.cancel(kind);
+        }
+        self.stages.load += 1;
+        self.asset_id += 1;
+        self.live().set_asset(live);
+        self.bakes.clear();
+        self.prepared = None;
+        // What is still on its way belongs to the last one.
+        self.prepared_version += 1;
+        self.readout = None;
+        self.measured.clear();
+        self.measured_words.clear();
+        self.relit_asked = None;
+        // A bake that was named belongs to the asset that came with it.
+        if self.asset_id > 1 {
+            self.bake = None;
+        }
+        self.pinned = None;
+        self.against_pinned = false;
+        self.shares = None;
+        self.doubts = Arc::default();
+        self.ground = None;
+        self.ground_for = None;
+        self.ground_asked = None;
+        self.ground_lit_for = None;
+        self.relit_for = None;
+        self.transfer_asset = Some(Arc::new(Mutex::new(transfer)));
+        self.pose = look.camera.unwrap_or_else(|| {
+            let size = self.viewport;
+            navigation::first_pose(
+                &asset.cloud,
+                look.up.unwrap_or(asset.file_up),
+                &asset.bounds,
+                size,
+            )
+        });
+        self.opened.push(asset.path.clone());
+        for warning in asset.warnings.clone() {
+            self.info(warning);
+        }
+        if look.source.file.as_deref().is_some_and(is_even) {
+            self.info(format!(
+                "what it was captured under is not known: even light is assumed. {DROP_IT}"
+            ));
+        }
+        self.reset_estimate(estimate);
+        self.look = Look {
+            camera: None,
+            asset: Some(asset.path.clone()),
+            ..look
+        };
+        self.asset = Some(asset);
     }
 
     /// Puts a light on a side; it is shown once it is loaded.

@@ -12,7 +12,7 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, ESTIMATE, EVEN, LightSettings, Look, is_even};
+use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
@@ -27,10 +27,8 @@ use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
-use super::estimating::DROP_IT;
-use super::jobs::{Jobs, Kind};
+use super::jobs::Jobs;
 use super::lights::Light;
-use super::navigation;
 use super::opening::LoadedAsset;
 use super::oriented::{OrientedLight, OrientedLights};
 use crate::sweep::{Point, in_words};
@@ -571,85 +569,6 @@ impl Session {
             other => return Some(other),
         }
         None
-    }
-
-    fn show_asset(&mut self, loaded: LoadedAsset) {
-        let LoadedAsset {
-            asset,
-            live,
-            transfer,
-            estimate,
-            settings,
-            asked,
-        } = loaded;
-        let is_new = self.asset.as_ref().is_none_or(|a| a.path != asset.path);
-        let mut look = settings.over(&asked, &self.look, self.pose);
-        // Where nobody tells it, and as long as what is told cannot be read.
-        look.source.file.get_or_insert(ESTIMATE.into());
-        if is_new {
-            self.resolved[SOURCE] = LightSettings::of(ESTIMATE);
-        }
-        for kind in [
-            Kind::Bake(Preset::Best),
-            Kind::Bake(Preset::Paper),
-            Kind::Ground,
-            Kind::Prepare,
-            Kind::Relight,
-            Kind::Doubts,
-            Kind::Measure,
-        ] {
-            self.jobs.cancel(kind);
-        }
-        self.stages.load += 1;
-        self.asset_id += 1;
-        self.live().set_asset(live);
-        self.bakes.clear();
-        self.prepared = None;
-        // What is still on its way belongs to the last one.
-        self.prepared_version += 1;
-        self.readout = None;
-        self.measured.clear();
-        self.measured_words.clear();
-        self.relit_asked = None;
-        // A bake that was named belongs to the asset that came with it.
-        if self.asset_id > 1 {
-            self.bake = None;
-        }
-        self.pinned = None;
-        self.against_pinned = false;
-        self.shares = None;
-        self.doubts = Arc::default();
-        self.ground = None;
-        self.ground_for = None;
-        self.ground_asked = None;
-        self.ground_lit_for = None;
-        self.relit_for = None;
-        self.transfer_asset = Some(Arc::new(Mutex::new(transfer)));
-        self.pose = look.camera.unwrap_or_else(|| {
-            let size = self.viewport;
-            navigation::first_pose(
-                &asset.cloud,
-                look.up.unwrap_or(asset.file_up),
-                &asset.bounds,
-                size,
-            )
-        });
-        self.opened.push(asset.path.clone());
-        for warning in asset.warnings.clone() {
-            self.info(warning);
-        }
-        if look.source.file.as_deref().is_some_and(is_even) {
-            self.info(format!(
-                "what it was captured under is not known: even light is assumed. {DROP_IT}"
-            ));
-        }
-        self.reset_estimate(estimate);
-        self.look = Look {
-            camera: None,
-            asset: Some(asset.path.clone()),
-            ..look
-        };
-        self.asset = Some(asset);
     }
 
     /// Source and target as the asset sees them.

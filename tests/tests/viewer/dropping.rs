@@ -1,0 +1,173 @@
+//! What is dropped on the window, or opened while something loads.
+
+use std::fs;
+use std::path::Path;
+
+use eframe::egui;
+use egui_kittest::kittest::Queryable;
+use transplat_core::surfels::UpAxis;
+use transplat_tests::driver::Driver;
+use transplat_tests::{asset, psnr, small_splat};
+
+#[test]
+fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
+    let mut d = Driver::new();
+    let picture = d.picture();
+    let look = d.viewer().session.look.clone();
+    let ply = fs::read(d.folder.path("teapot.ply")).expect("it is there");
+    let broken: Vec<String> = vec![
+        d.folder.write("half.ply", &ply[..ply.len() / 2]),
+        d.folder.write("words.ply", "these are words"),
+        d.folder.write("empty.hdr", ""),
+        d.folder.write(
+            "half.hdr",
+            &fs::read(asset("city.hdr")).expect("it is there")[..9000],
+        ),
+        d.folder.write(
+            "liar.hdr",
+            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 120000\n",
+        ),
+        d.folder.write("wrong.json", r#"{"epsilom": 1}"#),
+        d.folder.write("gone.json", r#"{"asset": "nowhere.ply"}"#),
+        d.folder.write("film.mp4", [0u8, 1, 2, 3]),
+        d.folder.name("vanished.exr"),
+    ];
+    for file in &broken {
+        d.viewer().session.messages.clear();
+        d.viewer().open(Path::new(file));
+        d.settle();
+        let messages = d.viewer().session.messages.clone();
+        let errors: Vec<_> = messages.iter().filter(|m| m.is_error).collect();
+        assert_eq!(errors.len(), 1, "{file}: {messages:?}");
+        let name = Path::new(file)
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let named = if name == "gone.json" {
+            "nowhere.ply"
+        } else {
+            &name
+        };
+        assert!(errors[0].text.contains(named), "{}", errors[0].text);
+        assert_eq!(d.viewer().session.look, look, "{file}");
+        assert!(
+            !d.viewer().shelf().iter().any(|p| p.ends_with(&name)),
+            "{file} is on the shelf"
+        );
+    }
+    d.viewer().session.messages.clear();
+    assert!(psnr(&picture, &d.picture()) > 80.0);
+
+    // A splat whose light nobody knows: relit from even light, which is said; upright after one click.
+    let splat = d.folder.write("unknown.ply", small_splat(50));
+    d.viewer().open(Path::new(&splat));
+    d.settle();
+    let session = &d.viewer().session;
+    assert!(session.source_is_assumed() && session.live().has_relit());
+    assert_eq!(session.sides[1].name(), "sunset", "the target stays");
+    d.harness
+        .get_by_label("captured under: even light (assumed)");
+    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.picture();
+    assert_eq!(d.viewer().session.up(), UpAxis::MinusY);
+
+    // A folder of environments fills the shelf.
+    let lights = d.folder.path("lights");
+    fs::create_dir_all(&lights).expect("room for it");
+    for name in ["a.hdr", "b.hdr"] {
+        fs::copy(asset("city.hdr"), lights.join(name)).expect("room for it");
+    }
+    let count = d.viewer().shelf().len();
+    d.viewer().open(&lights);
+    d.settle();
+    assert_eq!(d.viewer().shelf().len(), count + 2);
+}
+
+#[test]
+fn a_light_dropped_on_a_slot_is_that_slots_light() {
+    let mut d = Driver::new();
+    for (side, slot) in [(0, "captured under: city"), (1, "relit by: sunset")] {
+        let at = d.harness.get_by_label(slot).rect().center();
+        let light = d.folder.path(if side == 0 { "a.hdr" } else { "b.hdr" });
+        fs::copy(asset("interior.hdr"), &light).expect("room for it");
+        d.harness.event(egui::Event::PointerMoved(at));
+        d.harness.step();
+        let file = std::sync::Arc::new(Dropped(light.clone()));
+        d.harness.input_mut().dropped_files.push(file);
+        d.harness.step();
+        d.harness.input_mut().dropped_files.clear();
+        d.harness
+            .event(egui::Event::PointerMoved(at + egui::vec2(1.0, 0.0)));
+        d.settle();
+        assert_eq!(d.viewer().session.sides[side].path, light);
+        assert!(d.viewer().shelf().contains(&light));
+    }
+    // Anywhere else it is the target's.
+    let light = d.folder.path("c.hdr");
+    fs::copy(asset("city.hdr"), &light).expect("room for it");
+    d.harness
+        .event(egui::Event::PointerMoved(egui::pos2(300.0, 300.0)));
+    d.harness
+        .input_mut()
+        .dropped_files
+        .push(std::sync::Arc::new(Dropped(light.clone())));
+    d.harness.step();
+    d.harness.input_mut().dropped_files.clear();
+    d.harness
+        .event(egui::Event::PointerMoved(egui::pos2(301.0, 300.0)));
+    d.settle();
+    assert_eq!(d.viewer().session.sides[1].path, light);
+}
+
+#[test]
+fn what_is_changed_while_a_splat_loads_is_kept() {
+    let mut d = Driver::new();
+    let (again, city) = (d.folder.path("again.ply"), d.folder.path("city.hdr"));
+    fs::copy(asset("teapot.ply"), &again).expect("room for it");
+    d.viewer().open(&again);
+    d.viewer().session.set_light(0, city);
+    d.viewer().session.look.source.rotation = 12.0;
+    d.viewer().session.look.up = Some(UpAxis::PlusX);
+    d.settle();
+    let session = &d.viewer().session;
+    assert_eq!(
+        session.asset.as_ref().map(|a| a.name()),
+        Some("again".into())
+    );
+    assert_eq!(session.sides[0].name(), "city");
+    assert_eq!(session.look.source.rotation, 12.0);
+    assert_eq!(session.up(), UpAxis::PlusX);
+
+    // A file that changed is read anew when it is opened again.
+    let light = d.folder.path("edited.hdr");
+    fs::copy(asset("city.hdr"), &light).expect("room for it");
+    d.viewer().open(&light);
+    d.settle();
+    let first = d.viewer().session.sides[1].illumination.clone();
+    fs::copy(asset("sunset.hdr"), &light).expect("room for it");
+    d.viewer().open(&light);
+    d.settle();
+    assert_ne!(d.viewer().session.sides[1].illumination, first);
+
+    // The colour's encoding is the settings': undone and redone it is loaded again.
+    let encoded = d.picture();
+    d.viewer().session.look.linear = true;
+    let linear = d.picture();
+    assert!(psnr(&encoded, &linear) < 35.0);
+    d.viewer().session.look.linear = false;
+    assert!(psnr(&encoded, &d.picture()) > 60.0);
+}
+
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
