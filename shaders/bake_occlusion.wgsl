@@ -21,8 +21,13 @@ struct OcclusionSurfel {
 // Of each patch of this dispatch, its first direction before the others.
 @group(0) @binding(1) var<uniform> directions: array<vec4f, RAYS>;
 @group(0) @binding(2) var<storage, read> surfels: array<OcclusionSurfel>;
-// The surfel that the first ray meets in the low 24 bits, and from bit 24 on which rays are open. [PATCH_BATCH][count]
+// Which sides of a surfel are closed: bit 0 is the stored normal's. [count]
+@group(0) @binding(6) var<storage, read> closed: array<u32>;
+// The surfel that the first ray meets in the low 24 bits, from bit 24 on which rays are open, and HAS_MET. [PATCH_BATCH][count]
 @group(0) @binding(5) var<storage, read_write> found: array<u32>;
+
+// Whether the first ray was traced and met a surfel.
+const HAS_MET = 1u << 31u;
 
 @compute @workgroup_size(WORKGROUP)
 fn trace_patches(@builtin(global_invocation_id) id: vec3u) {
@@ -33,12 +38,16 @@ fn trace_patches(@builtin(global_invocation_id) id: vec3u) {
     var result = 0u;
     for (var place = 0u; place < PER_PATCH; place++) {
         let d = directions[PER_PATCH * id.y + place].xyz;
+        let side = select(0u, 1u, dot(surfel.normal, d) < 0.0);
+        if (closed[id.x] >> side & 1u) == 1u {
+            continue;
+        }
         let origin = ray_origin(surfel.position, surfel.bias, surfel.normal, d);
         let hit = trace(origin, d, NEAREST_SCALES * surfel.bias, place > 0u, parameters.box_count);
         if hit == MISS {
             result |= 1u << (24u + place);
         } else if place == 0u {
-            result |= hit & 0xffffffu;
+            result |= (hit & 0xffffffu) | HAS_MET;
         }
     }
     found[id.y * parameters.count + id.x] = result;

@@ -86,6 +86,8 @@ struct BestSurfel {
 @group(0) @binding(13) var<storage, read> residual: array<f32>;
 @group(0) @binding(14) var<storage, read_write> relit: array<f32>;
 @group(0) @binding(15) var<storage, read> stored: array<f32>;
+// A bit a surfel of the chunk that nobody sees: its colour is not worked out.
+@group(0) @binding(17) var<uniform> unseen: array<vec4u, UNSEEN_VECTORS>;
 // Matrices of the nodes, at the offsets TABLE_*.
 @group(0) @binding(16) var<storage, read> tables: array<f32>;
 
@@ -95,6 +97,10 @@ const SOLID_ANGLE = 12.566371 / f32(DIRECTIONS);
 fn is_open(i: u32, direction: u32) -> bool {
     let word = direction / 32u;
     return (surfels[i].open[word / 4u][word % 4u] >> (direction % 32u) & 1u) == 1u;
+}
+
+fn is_unseen(i: u32) -> bool {
+    return (unseen[i / 128u][i / 32u % 4u] >> (i % 32u) & 1u) == 1u;
 }
 
 fn radiance_of(hit: u32) -> vec3f {
@@ -265,7 +271,7 @@ fn residual_scale(now: vec3f, before: vec3f) -> vec3f {
 @compute @workgroup_size(WORKGROUP)
 fn finish(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
-    if i >= chunk.count {
+    if i >= chunk.count || is_unseen(i) {
         return;
     }
     let n = surfels[i].normal;
@@ -298,7 +304,7 @@ fn side_value(side: u32, node: u32) -> vec3f {
 @compute @workgroup_size(WORKGROUP)
 fn add_back(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
-    if i >= chunk.count || surfels[i].two_sided <= 0.0 {
+    if i >= chunk.count || surfels[i].two_sided <= 0.0 || is_unseen(i) {
         return;
     }
     let frame = frame_of(surfels[i].normal);

@@ -10,6 +10,7 @@ use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
+use transplat_core::skips::Skips;
 use transplat_core::transfer::paper::PaperTransfer;
 use transplat_core::transfer::{Preset, TransferSettings};
 use transplat_core::visibility::{
@@ -124,6 +125,7 @@ fn transfer() {
         let v = visibility.coefficients(light_degree);
         for off in ["", "shadow", "specular", "reflection", "attenuation"] {
             let mut settings = TransferSettings {
+                skips: Skips::NONE,
                 sh_degree: light_degree,
                 ..TransferSettings::of(Preset::Paper)
             };
@@ -308,6 +310,7 @@ fn rasterize_every_encoding_degree_and_curve() {
                 let cpu = rasterize(&cloud, &camera, &colors, &[]);
                 let paint = Paint::Sh {
                     sh: &cloud.sh,
+                    degree: cloud.sh_degree,
                     encoding,
                 };
                 let got = on_gpu

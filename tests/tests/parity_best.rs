@@ -8,6 +8,7 @@ use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
+use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::{BestAsset, BestTransfer};
 use transplat_core::transfer::{Part, Preset, Relit, Terms, TransferSettings};
@@ -42,7 +43,7 @@ fn sun() -> DVec3 {
 
 fn prepare(cloud: &SurfelCloud, settings: &TransferSettings) -> Arc<BestTransfer> {
     let bake = Occlusion::bake(cloud, &no_progress).expect("not cancelled");
-    let asset = Arc::new(BestAsset::new(cloud, Arc::new(bake)));
+    let asset = Arc::new(BestAsset::new(cloud, Arc::new(bake), &Skips::default()));
     let source = sky(sun(), [1.0, 0.9, 0.8]);
     let source = source.for_best().expect("with beams");
     Arc::new(BestTransfer::new(&asset, source, settings))
@@ -193,9 +194,14 @@ fn bake() {
         Ok::<(), transplat_core::Error>(())
     };
     let previews = std::cell::Cell::new(0);
-    let got = Occlusion::bake_by(&cloud, &tracer, &[8, 2, 1], by, &no_progress, |_, _| {
-        previews.set(previews.get() + 1);
-    })
+    let got = Occlusion::bake_by(
+        &cloud,
+        &tracer,
+        (&[8, 2, 1], &Skips::default()),
+        by,
+        &no_progress,
+        |_, _| previews.set(previews.get() + 1),
+    )
     .expect("not cancelled");
     assert_eq!(previews.get(), 2);
     let (mut rays, mut hits) = (0, 0);

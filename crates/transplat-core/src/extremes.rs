@@ -94,12 +94,13 @@ impl Trial<'_> {
         settings: &TransferSettings,
     ) -> Result<Relit> {
         let prepared = PreparedTransfer::new(cloud, &self.bake, lights[0], settings)?;
-        prepared.relight(lights[1], Part::Whole)
+        let relit = prepared.relight(lights[1], Part::Whole)?;
+        Ok(relit.of_degree(cloud.sh_degree))
     }
 
     /// Linear colour `[n][K]` of a result.
     pub fn linear(&self, relit: Relit) -> Vec<[f32; 3]> {
-        relit.linear(self.cloud.sh_degree).sh
+        relit.linear().sh
     }
 }
 
@@ -168,6 +169,7 @@ fn try_out(
         [0, 1].map(|side| Illumination::of(maps[side], MAX_DEGREE).scaled(input.gains[side]));
     let prepared = PreparedTransfer::new(cloud, &bake, &lights[0], &settings)?;
     let relit = prepared.relight(&lights[1], Part::Whole)?;
+    let relit = relit.of_degree(cloud.sh_degree);
     let exact = if cloud.is_empty() {
         None
     } else {
@@ -178,7 +180,7 @@ fn try_out(
         outcome.condition = Some(*condition);
     }
     if let Some(other) = other.filter(|_| !cloud.is_empty()) {
-        let by_other = other(&prepared, &lights[1]);
+        let by_other = other(&prepared, &lights[1]).map(|r| r.of_degree(cloud.sh_degree));
         let why = by_other
             .as_ref()
             .map_or_else(|e| Some(e.clone()), not_finite);

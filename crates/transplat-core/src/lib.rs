@@ -45,6 +45,7 @@ pub mod present;
 pub mod rasterize;
 pub mod scenes;
 pub mod sh;
+pub mod skips;
 pub mod surfels;
 pub mod transfer;
 pub mod visibility;

@@ -39,6 +39,18 @@ pub const fn band_of(i: usize) -> usize {
     i.isqrt()
 }
 
+/// Functions of one degree, `[n][K][3]`, as those of another: bands that they lack are empty, and those beyond are cut off.
+pub fn with_degree(functions: Vec<[f32; 3]>, degree: usize, wanted: usize) -> Vec<[f32; 3]> {
+    if degree == wanted {
+        return functions;
+    }
+    let (k, wanted) = (coefficient_count(degree), coefficient_count(wanted));
+    functions
+        .chunks_exact(k)
+        .flat_map(|f| (0..wanted).map(|i| f.get(i).copied().unwrap_or_default()))
+        .collect()
+}
+
 /// Factors `A_l` by which the clamped cosine filters band `l` (paper eq. 3; Ramamoorthi and Hanrahan 2001).
 pub fn cosine_kernel(l: usize) -> f64 {
     use std::f64::consts::PI;

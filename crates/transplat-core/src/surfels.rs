@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
 use crate::error::{Error, Result};
-use crate::sh::coefficient_count;
+use crate::rasterize::MIN_ALPHA;
+use crate::sh::{band, coefficient_count};
+use crate::skips::Skips;
 
 /// A trained splat as flat surfels, structure of arrays: every vector has one entry a surfel, except `sh`.
 #[derive(Clone, Debug)]
@@ -70,12 +72,17 @@ impl SurfelCloud {
 
     /// Whether colour depends on the view at all.
     pub fn has_view_dependence(&self) -> bool {
+        self.filled_degree() > 0
+    }
+
+    /// The highest SH band in which any surfel holds anything.
+    pub fn filled_degree(&self) -> usize {
         let k = coefficient_count(self.sh_degree);
-        k > 1
-            && self
-                .sh
-                .chunks_exact(k)
-                .any(|f| f[1..].iter().flatten().any(|v| *v != 0.0))
+        let holds = |l: &usize| {
+            let mut bands = self.sh.chunks_exact(k).map(|f| &f[band(*l)]);
+            bands.any(|b| b.iter().flatten().any(|v| *v != 0.0))
+        };
+        (1..=self.sh_degree).rev().find(holds).unwrap_or(0)
     }
 
     /// Where the object is, robust against floaters far away; surfels that are never drawn do not count.
@@ -89,6 +96,11 @@ impl SurfelCloud {
             .collect();
         Bounds::of(&seen)
     }
+}
+
+/// Whether a surfel of that opacity is too faint to be drawn.
+pub fn is_faint(opacity: f32) -> bool {
+    opacity <= MIN_ALPHA
 }
 
 /// Which surfels are not drawn: for floaters and what lies around an object. Nothing is edited, and what is hidden still casts its shadow.
@@ -142,6 +154,22 @@ impl Hide {
                     .into(),
             ))
         }
+    }
+
+    /// Which surfels of an asset nobody sees, `[n]` or empty: those that are hidden, and those too faint for any pixel.
+    pub fn unseen(&self, cloud: &SurfelCloud, bounds: &Bounds, skips: &Skips) -> Vec<bool> {
+        let mut unseen = if self.is_off() {
+            Vec::new()
+        } else {
+            self.hidden(cloud, bounds)
+        };
+        if skips.unseen && cloud.opacities.iter().any(|o| is_faint(*o)) {
+            unseen.resize(cloud.len(), false);
+            for (unseen, opacity) in unseen.iter_mut().zip(&cloud.opacities) {
+                *unseen |= is_faint(*opacity);
+            }
+        }
+        unseen
     }
 
     /// Which surfels of an asset are hidden, `[n]`.

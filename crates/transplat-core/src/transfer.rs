@@ -14,6 +14,8 @@ use half::f16;
 use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
+use crate::sh::with_degree;
+use crate::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::visibility::{Bake, Visibility};
 
@@ -49,6 +51,8 @@ impl Part {
 pub struct Relit {
     /// Colour. `[n][K][3]`
     pub sh: Vec<[f32; 3]>,
+    /// Degree of the colour: the asset's, or less where its upper bands would be empty.
+    pub degree: usize,
     /// How that is to be read.
     pub encoding: Encoding,
     /// By how much what is not gloss has changed (paper eq. 5). `[n]`
@@ -56,14 +60,23 @@ pub struct Relit {
 }
 
 impl Relit {
-    /// The same in linear light, of colour of a degree.
-    pub fn linear(self, degree: usize) -> Self {
+    /// The same in linear light.
+    pub fn linear(self) -> Self {
         if self.encoding == Encoding::Linear {
             return self;
         }
         Self {
-            sh: decode_sh(&self.sh, degree, self.encoding),
+            sh: decode_sh(&self.sh, self.degree, self.encoding),
             encoding: Encoding::Linear,
+            ..self
+        }
+    }
+
+    /// The same with all bands up to a degree.
+    pub fn of_degree(self, degree: usize) -> Self {
+        Self {
+            sh: with_degree(self.sh, self.degree, degree),
+            degree,
             ..self
         }
     }
@@ -71,14 +84,13 @@ impl Relit {
     /// Colour as the asset's file stores it. `[n][K][3]`
     pub fn stored(self, cloud: &SurfelCloud) -> Vec<[f32; 3]> {
         if self.encoding == cloud.encoding {
-            self.sh
-        } else {
-            encode_sh(
-                self.linear(cloud.sh_degree).sh,
-                cloud.sh_degree,
-                cloud.encoding,
-            )
+            return self.of_degree(cloud.sh_degree).sh;
         }
+        // Encoded, a function of the view needs more bands than it had.
+        let degree = if self.degree == 0 { 0 } else { cloud.sh_degree };
+        let linear = self.linear().of_degree(degree);
+        let stored = encode_sh(linear.sh, degree, cloud.encoding);
+        with_degree(stored, degree, cloud.sh_degree)
     }
 }
 
@@ -110,9 +122,22 @@ impl PreparedTransfer {
     /// # Errors
     /// The light was not read for the preset.
     pub fn relight(&self, target: &Illumination, part: Part) -> Result<Relit> {
+        self.relight_seen(target, part, &[])
+    }
+
+    /// The same; surfels that are not seen (`[n]` or empty) may stay black.
+    ///
+    /// # Errors
+    /// The light was not read for the preset.
+    pub fn relight_seen(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Relit> {
         Ok(match self {
             Self::Paper(paper) => paper.relit(paper.relight(&target.radiance), part),
-            Self::Best(best) => best.relight(best.light(target.for_best()?), part),
+            Self::Best(best) => best.relight_seen(best.light(target.for_best()?), part, unseen),
         })
     }
 
@@ -205,8 +230,8 @@ impl PreparedTransfer {
 #[derive(Debug, Default)]
 pub struct TransferAsset {
     paper: Option<PaperAsset>,
-    /// And of which bake.
-    best: Option<(u64, Arc<BestAsset>)>,
+    /// And of which bake, leaving out what.
+    best: Option<(u64, Skips, Arc<BestAsset>)>,
 }
 
 impl TransferAsset {
@@ -236,10 +261,12 @@ impl TransferAsset {
             )),
             Bake::Occlusion(occlusion) => {
                 let asset = match &self.best {
-                    Some((id, asset)) if *id == bake_id => asset.clone(),
-                    _ => Arc::new(BestAsset::new(cloud, occlusion.clone())),
+                    Some((id, skips, asset)) if (*id, *skips) == (bake_id, settings.skips) => {
+                        asset.clone()
+                    }
+                    _ => Arc::new(BestAsset::new(cloud, occlusion.clone(), &settings.skips)),
                 };
-                self.best = Some((bake_id, asset.clone()));
+                self.best = Some((bake_id, settings.skips, asset.clone()));
                 let best = BestTransfer::new(&asset, source.for_best()?, settings);
                 PreparedTransfer::Best(Arc::new(best))
             }

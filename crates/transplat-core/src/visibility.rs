@@ -2,6 +2,7 @@
 
 mod depth_maps;
 pub mod occlusion;
+pub mod open_object;
 pub mod trace;
 
 use std::ops::ControlFlow;
@@ -11,6 +12,7 @@ use glam::Vec3;
 
 use crate::error::{Error, Result};
 use crate::sh::lattice;
+use crate::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::transfer::Preset;
 
@@ -148,10 +150,30 @@ impl Bake {
         settings: &BakeSettings,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        Ok(match preset {
-            Preset::Paper => Self::Visibility(bake(cloud, settings, progress)?),
-            Preset::Best => Self::Occlusion(Arc::new(Occlusion::bake(cloud, progress)?)),
-        })
+        Self::with_skips(cloud, preset, settings, &Skips::default(), progress)
+    }
+
+    /// The same, leaving out what it is told to.
+    ///
+    /// # Errors
+    /// As [`Bake::new`].
+    pub fn with_skips(
+        cloud: &SurfelCloud,
+        preset: Preset,
+        settings: &BakeSettings,
+        skips: &Skips,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
+        if preset == Preset::Best {
+            let baked = Occlusion::bake_in_stages(cloud, (&[1], skips), progress, |_, _| ())?;
+            return Ok(Self::Occlusion(Arc::new(baked)));
+        }
+        if skips.open_object
+            && let Some(open) = Visibility::of_open_object(cloud, settings.directions)
+        {
+            return Ok(Self::Visibility(open));
+        }
+        Ok(Self::Visibility(bake(cloud, settings, progress)?))
     }
 
     /// The preset that it is for.

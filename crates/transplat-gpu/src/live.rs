@@ -11,7 +11,7 @@ use transplat_core::color::{Display, Encoding};
 use transplat_core::environment::Illumination;
 use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
-use transplat_core::sh::coefficient_count;
+use transplat_core::sh::with_degree;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::BestTransfer;
 use transplat_core::transfer::paper::PaperTransfer;
@@ -57,10 +57,11 @@ impl LiveAsset {
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
-        let k = coefficient_count(cloud.sh_degree);
+        let degree = cloud.filled_degree();
+        let filled = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         Ok(Self {
             rasterizer: GpuRasterizer::new(context, cloud)?,
-            stored: ResidentSh::upload(context, &cloud.sh, k, cloud.encoding),
+            stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),
             normals: ResidentVectors::upload(
                 context,
                 (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array()),
@@ -102,6 +103,7 @@ impl LiveTransfer {
                 Self {
                     relit: ResidentSh {
                         chunks: transfer.relit(),
+                        degree: paper.asset_degree,
                         encoding: Encoding::Linear,
                     },
                     stage: TransferStage::Paper {
@@ -116,6 +118,7 @@ impl LiveTransfer {
                 Self {
                     relit: ResidentSh {
                         chunks: transfer.relit(),
+                        degree: best.asset.nodes.degree,
                         encoding: transfer.encoding(),
                     },
                     stage: TransferStage::Best {
@@ -129,14 +132,22 @@ impl LiveTransfer {
     }
 
     /// Preset `paper` has all parts in one result, in bands of their own; `best` makes the part that is wanted.
-    fn submit(&self, target: &Illumination, part: Part) -> transplat_core::Result<()> {
+    fn submit(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> transplat_core::Result<()> {
         match &self.stage {
             TransferStage::Paper {
                 transfer, prepared, ..
             } => transfer.submit(&prepared.light(&target.radiance)),
             TransferStage::Best {
                 transfer, prepared, ..
-            } => transfer.submit(&prepared.light(target.for_best()?), part),
+            } => {
+                transfer.set_unseen(unseen);
+                transfer.submit(&prepared.light(target.for_best()?), part);
+            }
         }
         Ok(())
     }
@@ -356,13 +367,18 @@ impl Live {
         self.passes.transfer += 1;
     }
 
-    /// Relights by another light, for a view that shows a part of it.
+    /// Relights by another light, for a view that shows a part of it, and leaves out surfels that nobody sees (`[n]` or empty).
     ///
     /// # Errors
     /// The light was not read for the preset.
-    pub fn relight(&mut self, target: &Illumination, part: Part) -> transplat_core::Result<()> {
+    pub fn relight(
+        &mut self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> transplat_core::Result<()> {
         if let Some(Relit::Live(transfer)) = &self.relit {
-            transfer.submit(target, part)?;
+            transfer.submit(target, part, unseen)?;
             self.relit_version += 1;
             self.passes.transfer += 1;
         }

@@ -3,6 +3,7 @@
 //! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order comes from
 //! the CPU's sort, which on a software driver is far faster than one in a compute shader.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use transplat_core::camera::Camera;
@@ -83,6 +84,8 @@ pub enum Paint<'a> {
     Sh {
         /// Coefficients.
         sh: &'a [[f32; 3]],
+        /// Of which degree.
+        degree: usize,
         /// What they stand for.
         encoding: Encoding,
     },
@@ -94,16 +97,19 @@ pub enum Paint<'a> {
 #[derive(Clone, Debug)]
 pub struct ResidentSh {
     pub(crate) chunks: Vec<wgpu::Buffer>,
+    /// Of which degree.
+    pub degree: usize,
     /// What the coefficients stand for.
     pub encoding: Encoding,
 }
 
 impl ResidentSh {
-    /// Uploads SH `[n][k][3]`.
-    pub fn upload(context: &Context, sh: &[[f32; 3]], k: usize, encoding: Encoding) -> Self {
+    /// Uploads SH `[n][K][3]`.
+    pub fn upload(context: &Context, sh: &[[f32; 3]], degree: usize, encoding: Encoding) -> Self {
         Self {
+            degree,
             chunks: sh
-                .chunks(CHUNK * k)
+                .chunks(CHUNK * coefficient_count(degree))
                 .map(|chunk| context.upload(chunk, BufferUsages::STORAGE | BufferUsages::COPY_SRC))
                 .collect(),
             encoding,
@@ -125,6 +131,7 @@ impl ResidentSh {
         context.submit(encoder);
         Self {
             chunks,
+            degree: self.degree,
             encoding: self.encoding,
         }
     }
@@ -279,10 +286,13 @@ impl GpuRasterizer {
     ) -> Result<Raster> {
         match paint {
             Paint::Colors(colors) => self.set_colors(colors),
-            Paint::Sh { sh, encoding } => {
-                let k = coefficient_count(self.cloud.sh_degree);
-                assert_eq!(sh.len(), k * self.cloud.len());
-                let resident = ResidentSh::upload(&self.context, sh, k, encoding);
+            Paint::Sh {
+                sh,
+                degree,
+                encoding,
+            } => {
+                assert_eq!(sh.len(), coefficient_count(degree) * self.cloud.len());
+                let resident = ResidentSh::upload(&self.context, sh, degree, encoding);
                 self.shade(camera, ResidentPaint::Sh(&resident, Part::Whole), space);
             }
         }
@@ -385,22 +395,23 @@ impl GpuRasterizer {
 
     /// Colours surfels with what is on the GPU, as seen by the camera.
     pub fn shade(&self, camera: &Camera, paint: ResidentPaint<'_>, space: ColorSpace) {
-        let degree = self.cloud.sh_degree;
         let (entry, part) = match paint {
             ResidentPaint::Sh(_, part) => ("shade", part),
             ResidentPaint::Normals(_) => ("shade_normals", Part::Whole),
             ResidentPaint::Tau(..) => ("shade_tau", Part::Whole),
             ResidentPaint::Ratio(_) => ("shade_ratio", Part::Whole),
         };
-        let encoding = match paint {
-            ResidentPaint::Sh(sh, _) => sh.encoding,
-            _ => Encoding::Linear,
+        let (degree, encoding) = match paint {
+            ResidentPaint::Sh(sh, _) | ResidentPaint::Tau(sh, _) => (sh.degree, sh.encoding),
+            _ => (0, Encoding::Linear),
         };
+        let coefficients = part.coefficients(coefficient_count(degree));
         let pass = self
             .context
             .compute_pass(&shader::rasterize_shade(degree), entry);
         for (i, chunk) in self.chunks.iter().enumerate() {
-            let parameters = self.shade_parameters(camera, i, part, encoding, space);
+            let parameters =
+                self.shade_parameters(camera, i, coefficients.clone(), encoding, space);
             let mut bindings = vec![(0, &parameters), (3, &self.colors)];
             match paint {
                 ResidentPaint::Sh(sh, _) => {
@@ -421,11 +432,11 @@ impl GpuRasterizer {
 
     /// Lays marks `[n]` over the colours, as much of them as their fourth number says.
     pub fn overlay(&self, camera: &Camera, marks: &ResidentVectors) {
-        let source = shader::rasterize_shade(self.cloud.sh_degree);
+        let source = shader::rasterize_shade(0);
         let pass = self.context.compute_pass(&source, "overlay");
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters =
-                self.shade_parameters(camera, i, Part::Whole, Encoding::Linear, ColorSpace::Linear);
+                self.shade_parameters(camera, i, 0..1, Encoding::Linear, ColorSpace::Linear);
             let bindings = [(0, &parameters), (3, &self.colors), (6, &marks.0[i])];
             let group = self.context.bind(&pass, &bindings);
             self.dispatch(&pass, &group, chunk.count);
@@ -436,7 +447,7 @@ impl GpuRasterizer {
         &self,
         camera: &Camera,
         chunk: usize,
-        part: Part,
+        coefficients: Range<usize>,
         encoding: Encoding,
         space: ColorSpace,
     ) -> wgpu::Buffer {
@@ -444,8 +455,6 @@ impl GpuRasterizer {
             ColorSpace::Display(display) => Some(display),
             ColorSpace::Linear => None,
         };
-        let k = coefficient_count(self.cloud.sh_degree);
-        let coefficients = part.coefficients(k);
         let parameters = ShadeParameters {
             eye: camera
                 .eye

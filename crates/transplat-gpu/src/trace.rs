@@ -38,7 +38,14 @@ pub(crate) struct ResidentTracer {
 }
 
 impl ResidentTracer {
-    pub fn new(context: &Context, tracer: &Tracer) -> Result<Self> {
+    /// Checks that there is room for it.
+    pub fn check_fits(context: &Context, tracer: &Tracer) -> Result<()> {
+        let (discs, boxes) = (tracer.discs.len(), tracer.box_count());
+        context.check_fits("the surfels' discs", discs * size_of::<TraceDisc>())?;
+        context.check_fits("the discs' boxes", boxes * size_of::<TraceBox>())
+    }
+
+    pub fn upload(context: &Context, tracer: &Tracer) -> Self {
         let boxes: Vec<TraceBox> = tracer
             .boxes_in_order()
             .iter()
@@ -61,8 +68,6 @@ impl ResidentTracer {
                 ..Default::default()
             })
             .collect();
-        context.check_fits("the surfels' discs", size_of_val(&discs[..]))?;
-        context.check_fits("the discs' boxes", size_of_val(&boxes[..]))?;
         let box_count = boxes.len();
         // None may be empty.
         let or_one = |mut boxes: Vec<TraceBox>| {
@@ -71,11 +76,11 @@ impl ResidentTracer {
         };
         let mut discs = discs;
         discs.resize(discs.len().max(1), TraceDisc::default());
-        Ok(Self {
+        Self {
             boxes: context.upload(&or_one(boxes), BufferUsages::STORAGE),
             discs: context.upload(&discs, BufferUsages::STORAGE),
             box_count,
-        })
+        }
     }
 }
 

@@ -132,6 +132,9 @@ pub struct LightArgs {
     #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
         value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]
     pub without: Vec<String>,
+    /// Compute also what this scene does not need: the same picture, slower
+    #[arg(long)]
+    pub compute_all: bool,
     /// Turn the source light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,

@@ -9,6 +9,7 @@ use transplat_core::environment::{
 };
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::sh::MAX_DEGREE;
+use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::best::BestTransfer;
 use transplat_core::transfer::paper::PaperTransfer;
@@ -87,7 +88,7 @@ impl Device {
     pub fn bake_occlusion(
         &self,
         cloud: &SurfelCloud,
-        stages: &[usize],
+        stages: (&[usize], &Skips),
         progress: Progress<'_>,
         preview: impl Fn(Occlusion, f32),
     ) -> Result<Occlusion> {
@@ -169,8 +170,13 @@ pub enum Transfer {
 }
 
 impl Transfer {
-    /// Computes the result for a light, or what a view shows of it.
-    pub fn change_light(&mut self, light: &Illumination, wanted: Part) -> Result<()> {
+    /// Computes the result for a light, or what a view shows of it; what of surfels that nobody sees (`[n]` or empty) is not said.
+    pub fn change_light(
+        &mut self,
+        light: &Illumination,
+        wanted: Part,
+        unseen: &[bool],
+    ) -> Result<()> {
         match self {
             Self::PaperOnCpu { paper, relit, part } => {
                 paper.relight_into(&paper.light(&light.radiance), relit);
@@ -185,9 +191,11 @@ impl Transfer {
                 *part = wanted;
             }
             Self::BestOnCpu(best, relit) => {
-                *relit = Some(best.relight(best.light(light.for_best()?), wanted));
+                let light = best.light(light.for_best()?);
+                *relit = Some(best.relight_seen(light, wanted, unseen));
             }
             Self::BestOnGpu(best, transfer) => {
+                transfer.set_unseen(unseen);
                 transfer.relight(&best.light(light.for_best()?), wanted)?;
             }
         }
@@ -229,8 +237,14 @@ impl Painter {
             (Self::Cpu(cloud), Paint::Colors(colors)) => {
                 Ok(rasterize(cloud, camera, colors, hidden))
             }
-            (Self::Cpu(cloud), Paint::Sh { sh, encoding }) => {
-                let degree = cloud.sh_degree;
+            (
+                Self::Cpu(cloud),
+                Paint::Sh {
+                    sh,
+                    degree,
+                    encoding,
+                },
+            ) => {
                 let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, space);
                 Ok(rasterize(cloud, camera, &colors, hidden))
             }

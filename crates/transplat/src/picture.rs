@@ -130,11 +130,9 @@ impl Studio {
             background: view.background(look.background),
             ..look
         };
-        let hidden = if look.hide.is_off() {
-            Vec::new()
-        } else {
-            look.hide.hidden(cloud, &cloud.bounds())
-        };
+        let hidden = look
+            .hide
+            .unseen(cloud, &cloud.bounds(), &look.transfer.skips);
         Self {
             cloud: cloud.clone(),
             view,
@@ -216,8 +214,12 @@ impl Studio {
             };
             return self.paint(shot, paint_of(relit), space);
         }
-        let (sh, encoding) = (&cloud.sh, cloud.encoding);
-        self.paint(shot, Paint::Sh { sh, encoding }, self.space)
+        let captured = Paint::Sh {
+            sh: &cloud.sh,
+            degree: cloud.sh_degree,
+            encoding: cloud.encoding,
+        };
+        self.paint(shot, captured, self.space)
     }
 
     fn after(&self, shot: Shot<'_>) -> Result<Raster> {
@@ -280,6 +282,7 @@ impl Studio {
 fn paint_of(relit: &Relit) -> Paint<'_> {
     Paint::Sh {
         sh: &relit.sh,
+        degree: relit.degree,
         encoding: relit.encoding,
     }
 }

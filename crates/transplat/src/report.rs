@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
+use transplat_core::skips::Skipped;
+
 use crate::cli::OutputArgs;
 
 /// Gathers what is told at the end.
@@ -16,7 +18,7 @@ pub struct Report {
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
     notes: Vec<String>,
-    skipped: Vec<Value>,
+    skipped: Vec<Skipped>,
     warnings: Vec<String>,
 }
 
@@ -77,10 +79,29 @@ impl Report {
 
     /// Notes something that this scene did not need.
     pub fn skip(&mut self, what: &str, why: &str) {
-        let entry = json!({"what": what, "why": why});
-        if !self.skipped.contains(&entry) {
-            self.skipped.push(entry);
+        self.skipped(Skipped::exact("", what, why));
+    }
+
+    /// The same with what it saved.
+    pub fn skipped(&mut self, skipped: Skipped) {
+        if !self.skipped.contains(&skipped) {
+            self.skipped.push(skipped);
         }
+    }
+
+    fn told_of(&self, skipped: &Skipped) -> Value {
+        let mut told = json!({"what": skipped.what, "why": skipped.why});
+        let stage_ms = self.ms(skipped.stage);
+        if let Some(ms) = stage_ms.and_then(|ms| skipped.saved_ms(ms)) {
+            told["time_saved_ms"] = json!(ms);
+        }
+        if skipped.bytes > 0 {
+            told["memory_saved_bytes"] = json!(skipped.bytes);
+        }
+        if let Some(error) = skipped.max_error {
+            told["max_error"] = json!(error);
+        }
+        told
     }
 
     /// Notes something for people, once.
@@ -117,7 +138,7 @@ impl Report {
             let mut object = Map::new();
             object.insert("command".into(), json!(self.command));
             object.append(&mut self.fields);
-            object.insert("stages_ms".into(), Value::Object(self.stages_ms));
+            object.insert("stages_ms".into(), Value::Object(self.stages_ms.clone()));
             if let Some(bytes) = peak_memory_bytes() {
                 object.insert("peak_memory_bytes".into(), json!(bytes));
             }
@@ -126,7 +147,8 @@ impl Report {
                 let targets = self.targets.iter().map(told).collect();
                 object.insert("targets".into(), Value::Array(targets));
             }
-            object.insert("skipped".into(), Value::Array(self.skipped));
+            let skipped = self.skipped.iter().map(|s| self.told_of(s)).collect();
+            object.insert("skipped".into(), Value::Array(skipped));
             object.insert("warnings".into(), json!(self.warnings));
             writeln!(out, "{}", Value::Object(object))?;
         } else if !self.quiet {
@@ -137,12 +159,8 @@ impl Report {
                 writeln!(out, "{note}")?;
             }
             for entry in &self.skipped {
-                writeln!(
-                    out,
-                    "left out: {} ({})",
-                    entry["what"].as_str().unwrap_or_default(),
-                    entry["why"].as_str().unwrap_or_default()
-                )?;
+                let words = entry.in_words(self.ms(entry.stage));
+                writeln!(out, "left out: {} ({words})", entry.what)?;
             }
             let stages: Vec<String> = self
                 .stages_ms

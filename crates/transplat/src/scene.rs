@@ -18,8 +18,9 @@ use transplat_core::load::{
 };
 use transplat_core::look::{Look, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
+use transplat_core::skips::{self, Skips};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
 use transplat_core::visibility::occlusion::Occlusion;
 use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Progress, Visibility};
 
@@ -82,18 +83,10 @@ impl Scene {
     /// Bakes what the preset needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
         let preset = self.look.transfer.preset;
-        let bake = if preset == Preset::Best {
-            Bake::Occlusion(self.occlusion(saved, report)?)
-        } else if let Some(path) = saved {
-            self.saved_bake(path, report)?
-        } else {
-            let directions = self.bake_directions(report);
-            let open = self.with_progress(report, |progress| {
-                let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
-                self.device.bake_visibility(&input, progress)
-            })?;
-            Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
-        };
+        let bake = self.bake_of_preset(preset, saved, report)?;
+        for skipped in skips::of_bake(&bake) {
+            report.skipped(skipped);
+        }
         report.set("preset", preset.name());
         report.set("directions", bake.directions());
         report.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
@@ -101,6 +94,33 @@ impl Scene {
         report.set("normals_two_sided", two_sided(&bake));
         report.set("buried", bake.buried());
         Ok(bake)
+    }
+
+    fn bake_of_preset(
+        &self,
+        preset: Preset,
+        saved: Option<&Path>,
+        report: &mut Report,
+    ) -> Result<Bake> {
+        Ok(if preset == Preset::Best {
+            Bake::Occlusion(self.occlusion(saved, report)?)
+        } else if let Some(path) = saved {
+            self.saved_bake(path, report)?
+        } else {
+            let directions = self.bake_directions(report);
+            if self.look.transfer.skips.open_object
+                && let Some(open) = report.time("bake", || {
+                    Visibility::of_open_object(&self.cloud, directions)
+                })
+            {
+                return Ok(Bake::Visibility(open));
+            }
+            let open = self.with_progress(report, |progress| {
+                let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
+                self.device.bake_visibility(&input, progress)
+            })?;
+            Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
+        })
     }
 
     fn saved_bake(&self, path: &Path, report: &mut Report) -> Result<Bake> {
@@ -122,8 +142,8 @@ impl Scene {
         {
             Some(Bake::Occlusion(saved)) => saved,
             _ => Arc::new(self.with_progress(report, |progress| {
-                let by = &self.device;
-                by.bake_occlusion(&self.cloud, &[1], progress, |_, _| ())
+                let (by, skips) = (&self.device, &self.look.transfer.skips);
+                by.bake_occlusion(&self.cloud, (&[1], skips), progress, |_, _| ())
             })?),
         };
         Ok(self.occlusion.get_or_init(|| occlusion).clone())
@@ -252,9 +272,8 @@ impl Scene {
         }
         report.set("dark_share", prepared.dark_share());
         self.tell_what_best_ignores(report);
-        let color = (self.cloud.sh_degree, self.cloud.has_view_dependence());
-        for (what, why) in left_out(&prepared, settings, color) {
-            report.skip(&what, &why);
+        for skipped in skips::of_transfer(&prepared, settings, &self.cloud) {
+            report.skipped(skipped);
         }
         Ok(prepared)
     }
@@ -313,9 +332,12 @@ impl Scene {
         prepared: &PreparedTransfer,
         transfer: &mut Transfer,
         name: &str,
-        (light, part): (&Illumination, Part),
+        (light, part, unseen): (&Illumination, Part, &[bool]),
         report: &mut Report,
     ) -> Result<Relit> {
+        for skipped in skips::of_light(prepared, light) {
+            report.skipped(skipped);
+        }
         if light.is_black() {
             report.warn(format!(
                 "{name}: the target light is black, and so is the result"
@@ -329,7 +351,7 @@ impl Scene {
         let mut times = Vec::new();
         for _ in 0..if report.is_json() { 3 } else { 1 } {
             let start = Instant::now();
-            transfer.change_light(light, part)?;
+            transfer.change_light(light, part, unseen)?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);
@@ -352,53 +374,6 @@ pub fn told_of(estimate: &Estimate) -> serde_json::Value {
         "sun_direction": sun.map(|(direction, _)| direction),
         "sun_irradiance": sun.map(|(_, energy)| energy),
     })
-}
-
-/// What of the transfer a scene and its settings do not need, and why; of the asset's colour it takes the degree, and whether it depends
-/// on the view.
-pub fn left_out(
-    prepared: &PreparedTransfer,
-    settings: &TransferSettings,
-    (degree_of_asset, has_view_dependence): (usize, bool),
-) -> Vec<(String, String)> {
-    let mut terms = settings.terms;
-    let mut out: Vec<(String, String)> = Terms::of_preset(settings.preset)
-        .filter(|term| !*(term.of)(&mut terms))
-        .map(|term| (term.name.to_owned(), "switched off".to_owned()))
-        .collect();
-    let mut add = |what: String, why: &str| out.push((what, why.to_owned()));
-    match prepared {
-        PreparedTransfer::Paper(paper) => {
-            let degree = paper.specular_degree;
-            if degree > 0 && degree < degree_of_asset {
-                add(
-                    format!("SH bands above {degree} of the asset"),
-                    "the source light has nothing there (see SH degree)",
-                );
-            }
-            if degree == 0 && terms.specular {
-                let why = if settings.sh_degree == 0 {
-                    "the light has degree 0"
-                } else if !has_view_dependence {
-                    "the asset's colour does not depend on the view"
-                } else {
-                    "the source light is even: it tells nothing of gloss"
-                };
-                add("specular transfer".into(), why);
-            }
-        }
-        PreparedTransfer::Best(best) => {
-            if terms.lobe && best.glossy_surfels == 0 {
-                let why = if has_view_dependence {
-                    "the asset's colour shows no gloss"
-                } else {
-                    "the asset's colour does not depend on the view"
-                };
-                add("specular lobe".into(), why);
-            }
-        }
-    }
-    out
 }
 
 /// How many surfels are about equally open on both sides.
@@ -519,6 +494,9 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
     }
     if let Some(epsilon) = light.epsilon {
         transfer.epsilon = Some(epsilon as f32);
+    }
+    if light.compute_all {
+        transfer.skips = Skips::NONE;
     }
     for name in &light.without {
         let without = transfer.clone().without(name);

@@ -350,7 +350,7 @@ impl<'a> Sweep<'a> {
                 let prepared = setting.rounded(prepare()?);
                 let mut transfer = device.transfer(&prepared)?.0;
                 let (_, mut time) =
-                    timed(|| transfer.change_light(&subject.lights[1], Part::Whole))?;
+                    timed(|| transfer.change_light(&subject.lights[1], Part::Whole, &[]))?;
                 if let Some(samples) = setting.samples {
                     time.ms += self.reference.reflection_ms(&prepared, subject, samples);
                 }
@@ -425,7 +425,7 @@ struct Measured {
 
 fn relight(device: &Device, prepared: &PreparedTransfer, light: &Illumination) -> Result<Relit> {
     let mut transfer = device.transfer(prepared)?.0;
-    transfer.change_light(light, Part::Whole)?;
+    transfer.change_light(light, Part::Whole, &[])?;
     transfer.result()
 }
 

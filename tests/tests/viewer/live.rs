@@ -29,7 +29,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
         let [_, target] = session.oriented_lights();
         let size = session.live().read_screen().expect("the driver works").1;
         let frame = session.frame(size, view).expect("a splat");
-        live.relight(&target.light, view.part())
+        live.relight(&target.light, view.part(), &[])
             .expect("read for best");
         assert!(live.frame(&frame));
         let (values, _) = live.read_screen().expect("the driver works");

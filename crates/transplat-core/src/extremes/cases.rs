@@ -274,6 +274,7 @@ fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let bake = told(super::bake(&usual.cloud, trial.settings.preset))?;
     let prepared = PreparedTransfer::new(&usual.cloud, &bake, &trial.lights[0], &trial.settings);
     let relit = told(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
+    let relit = relit.of_degree(usual.cloud.sh_degree);
     // Powers of two round nothing; all else is relative to the object's radius.
     let off = relative_error(&trial.relit.sh, &wide(&relit.sh));
     if off < 1e-6 {

@@ -210,7 +210,11 @@ fn found_in(bytes: &[u8], n: usize) -> Option<Vec<Found>> {
         .zip(starts.windows(2))
         .map(|(open, range)| {
             let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
-            (hits.len() <= PATCHES).then_some(Found { open, hits })
+            (hits.len() <= PATCHES).then_some(Found {
+                open,
+                hits,
+                ..Found::default()
+            })
         })
         .collect()
 }

@@ -11,6 +11,8 @@ pub struct LightOperator {
     pub degree: usize,
     /// One symmetric `[K][K]` matrix per channel.
     pub matrices: [Vec<f32>; 3],
+    /// Whether the three are the same.
+    pub is_gray: bool,
 }
 
 /// Builds the operator of a light with coefficients `[K][3]`.
@@ -18,11 +20,13 @@ pub struct LightOperator {
 /// `M_kq` is the integral of `Y_k Y_q L`, a polynomial of degree `3 degree`: the quadrature makes it exact without the tensor.
 pub fn light_operator(degree: usize, light: &[[f32; 3]]) -> LightOperator {
     let k = coefficient_count(degree);
+    let is_gray = light[..k].iter().all(|[r, g, b]| r == g && g == b);
     let mut sums = [vec![0f64; k * k], vec![0f64; k * k], vec![0f64; k * k]];
+    let needed = if is_gray { 1 } else { 3 };
     let mut y = vec![0f64; k];
     for (d, w) in SphereQuadrature::exact(3 * degree).nodes() {
         evaluate_basis(d, degree, &mut y);
-        for (channel, sum) in sums.iter_mut().enumerate() {
+        for (channel, sum) in sums[..needed].iter_mut().enumerate() {
             let radiance: f64 = (0..k).map(|p| f64::from(light[p][channel]) * y[p]).sum();
             for i in 0..k {
                 let scaled = w * radiance * y[i];
@@ -32,7 +36,7 @@ pub fn light_operator(degree: usize, light: &[[f32; 3]]) -> LightOperator {
             }
         }
     }
-    let matrices = sums.map(|sum| {
+    let mut matrices = sums.map(|sum| {
         let mut matrix = vec![0f32; k * k];
         for i in 0..k {
             for j in 0..=i {
@@ -42,7 +46,15 @@ pub fn light_operator(degree: usize, light: &[[f32; 3]]) -> LightOperator {
         }
         matrix
     });
-    LightOperator { degree, matrices }
+    if is_gray {
+        let [one, others @ ..] = &mut matrices;
+        others.fill(one.clone());
+    }
+    LightOperator {
+        degree,
+        matrices,
+        is_gray,
+    }
 }
 
 /// The tensor `G_kpq`, the integral of `Y_k Y_p Y_q`, dense `[K][K][K]` in f64: the oracle of [`light_operator`].

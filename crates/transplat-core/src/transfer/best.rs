@@ -14,10 +14,11 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::{Part, Relit, TransferSettings, round_to_half};
+use super::{Part, Relit, Terms, TransferSettings, round_to_half};
 use crate::color::Encoding;
 use crate::environment::{Beam, Beams, IncidentRadiance};
-use crate::sh::coefficient_count;
+use crate::sh::{coefficient_count, with_degree};
+use crate::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{Occlusion, directions};
 use crate::visibility::{BakeSurfel, smoothstep};
@@ -122,17 +123,24 @@ pub struct BestTransfer {
 
 impl BestAsset {
     /// Takes an asset and its bake.
-    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>) -> Self {
-        let nodes = Nodes::new(cloud.sh_degree);
+    pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>, skips: &Skips) -> Self {
+        // A two-sided surfel may show another colour on either side, whatever it was captured with.
+        let has_two_sides = occlusion.two_sided.iter().any(|t| *t > 0.0);
+        let degree = if skips.empty_bands && !has_two_sides {
+            cloud.filled_degree()
+        } else {
+            cloud.sh_degree
+        };
+        let nodes = Nodes::new(degree);
         let encoding = cloud.encoding;
         let directions = directions();
-        let k = coefficient_count(cloud.sh_degree);
+        let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
+        let k = coefficient_count(degree);
         let q = nodes.count();
-        let per_surfel: Vec<(Vec<[f32; 3]>, Sides)> = cloud
-            .sh
+        let per_surfel: Vec<(Vec<[f32; 3]>, Sides)> = sh
             .par_chunks_exact(k)
             .zip(&occlusion.normals)
-            .map(|(sh, n)| seen_at(&nodes, cloud, sh, *n))
+            .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
             .collect();
         let mut colors = Vec::with_capacity(cloud.len() * q);
         let mut means = Vec::with_capacity(cloud.len());
@@ -147,7 +155,7 @@ impl BestAsset {
             occlusion,
             planes: planes(directions.iter().map(|d| d.to_array())),
             directions,
-            sh: cloud.sh.clone(),
+            sh,
             colors,
             means,
         }
@@ -178,23 +186,23 @@ pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides>
     let nodes = Nodes::new(cloud.sh_degree);
     let k = coefficient_count(cloud.sh_degree);
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
-    each.map(|(sh, n)| seen_at(&nodes, cloud, sh, *n).1)
+    each.map(|(sh, n)| seen_at(&nodes, cloud.encoding, sh, *n).1)
         .collect()
 }
 
 /// Linear colour of a surfel at the front's nodes, `[Q]`, and the means of both sides.
 fn seen_at(
     nodes: &Nodes,
-    cloud: &SurfelCloud,
+    encoding: Encoding,
     sh: &[[f32; 3]],
     normal: Vec3,
 ) -> (Vec<[f32; 3]>, Sides) {
     let mut f = sh.to_vec();
-    Frame::new(normal).apply_sh(cloud.sh_degree, &mut f);
+    Frame::new(normal).apply_sh(nodes.degree, &mut f);
     let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
         let mut values = nodes.values(e, &f);
         let numbers = bytemuck::cast_slice_mut(&mut values);
-        cloud.encoding.decode_all(numbers);
+        encoding.decode_all(numbers);
         values
     });
     let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
@@ -353,12 +361,17 @@ impl BestTransfer {
         source: (&IncidentRadiance, &Beams),
         settings: &TransferSettings,
     ) -> Self {
+        let mut settings = settings.clone();
+        if settings.skips.open_object && asset.occlusion.is_open_object() {
+            // Nothing blocks what shines on a side that counts.
+            settings.terms.shadow = false;
+        }
         let source_was_black = source.1.mean_irradiance() <= 0.0;
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
-        let light = asset.light(source, light_gain, settings, fill);
+        let light = asset.light(source, light_gain, &settings, fill);
         let light = asset.incident(light, settings.terms);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
@@ -396,7 +409,7 @@ impl BestTransfer {
             .collect();
         Self {
             asset: asset.clone(),
-            settings: settings.clone(),
+            settings,
             light_gain,
             source_was_black,
             least: light.least,
@@ -467,6 +480,11 @@ impl BestTransfer {
 
     /// Relights; `part` says what of the colour is wanted.
     pub fn relight(&self, light: BestLight, part: Part) -> Relit {
+        self.relight_seen(light, part, &[])
+    }
+
+    /// The same but for surfels that are not seen (`[n]` or empty), which stay black: they still give light to the others.
+    pub fn relight_seen(&self, light: BestLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
         let start = self.mean_ratio(&light);
         let light = asset.incident(light, self.settings.terms);
@@ -477,11 +495,14 @@ impl BestTransfer {
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
             Scratch::default,
             |scratch, (i, out)| {
-                self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
+                if !unseen.get(i).is_some_and(|u| *u) {
+                    self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
+                }
             },
         );
         Relit {
             sh,
+            degree: asset.nodes.degree,
             encoding: asset.encoding,
             tau: tau.into_iter().map(|t| t[0]).collect(),
         }
@@ -515,11 +536,22 @@ impl BestTransfer {
         std::array::from_fn(|c| (self.least[c] / divisor[c].max(LEAST_IRRADIANCE)).clamp(0.0, 1.0))
     }
 
+    /// Turns of the fixed point that this asset needs: where no light bounces, the first one is right.
+    pub fn turns(&self) -> usize {
+        let Terms { shadow, bounce, .. } = self.settings.terms;
+        let bounces = shadow && bounce && !self.asset.occlusion.hits.is_empty();
+        if bounces || !self.settings.skips.bounces {
+            TURNS
+        } else {
+            1
+        }
+    }
+
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
     fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<Sides> {
         let asset = &*self.asset;
         let mut tau = vec![[start; 2]; asset.len()];
-        for _ in 0..TURNS {
+        for _ in 0..self.turns() {
             let radiance = asset.radiance(&tau);
             tau = (0..asset.len())
                 .into_par_iter()

@@ -52,7 +52,7 @@ pub struct PaperTransfer {
     pub surfels: usize,
     /// Degree of lights and visibility.
     pub light_degree: usize,
-    /// Degree of the asset's colour, and of the result.
+    /// Degree of the result: the asset's, or less where its upper bands would be empty.
     pub asset_degree: usize,
     /// The highest band that the specular term writes; 0 where there is none.
     pub specular_degree: usize,
@@ -206,7 +206,11 @@ impl PaperTransfer {
             settings: settings.clone(),
             surfels: cloud.len(),
             light_degree,
-            asset_degree: cloud.sh_degree,
+            asset_degree: if settings.skips.empty_bands {
+                specular_degree
+            } else {
+                cloud.sh_degree
+            },
             specular_degree,
             normals: per_surfel.iter().map(|s| s.0).collect(),
             visibility: v,
@@ -281,9 +285,9 @@ impl PaperTransfer {
                 c.map(|v| (v * self.light_gain).clamp(-MAX_RELATIVE_LIGHT, MAX_RELATIVE_LIGHT))
             })
             .collect();
-        PaperLight {
-            operator: light_operator(self.light_degree, &relative),
-        }
+        let mut operator = light_operator(self.light_degree, &relative);
+        operator.is_gray &= self.settings.skips.gray_light;
+        PaperLight { operator }
     }
 
     /// Relights: linear radiance SH `[n][K][3]` into `out`, which has that size.
@@ -358,6 +362,7 @@ impl PaperTransfer {
         }
         Relit {
             tau,
+            degree: self.asset_degree,
             encoding: Encoding::Linear,
             sh,
         }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::sh::MAX_DEGREE;
+use crate::skips::Skips;
 
 /// Which mathematics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -141,6 +142,9 @@ pub struct TransferSettings {
     pub epsilon: Option<f32>,
     /// Terms that take part.
     pub terms: Terms,
+    /// What may be left out where a scene does not need it; no file keeps that.
+    #[serde(skip)]
+    pub skips: Skips,
 }
 
 impl Default for TransferSettings {
@@ -150,6 +154,7 @@ impl Default for TransferSettings {
             sh_degree: 3,
             epsilon: None,
             terms: Terms::default(),
+            skips: Skips::default(),
         }
     }
 }

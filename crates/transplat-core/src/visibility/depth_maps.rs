@@ -7,6 +7,8 @@ use glam::{Vec2, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use super::open_object::OpenObject;
+use super::trace::Tracer;
 use super::{BakeSurfel, Progress, ScaledObject};
 use crate::error::{Error, Result};
 use crate::sh::{
@@ -329,6 +331,8 @@ pub struct Visibility {
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
+    /// Where no map was drawn, since nothing blocks anything: [`OpenObject::max_error`].
+    pub open_object_error: Option<f32>,
 }
 
 impl Visibility {
@@ -364,7 +368,26 @@ impl Visibility {
             two_sided: sides.iter().map(|s| s.2).collect(),
             flipped: sides.iter().filter(|s| s.1).count(),
             buried: sides.iter().filter(|s| s.3).count(),
+            open_object_error: None,
         }
+    }
+
+    /// Without any map, where nothing blocks the light of any surfel (see [`OpenObject`]).
+    pub fn of_open_object(cloud: &SurfelCloud, directions: usize) -> Option<Self> {
+        let object = OpenObject::probe(&Tracer::new(cloud))?;
+        let lattice = lattice(directions);
+        let mut open = vec![0u8; cloud.len() * directions];
+        open.par_chunks_exact_mut(directions)
+            .enumerate()
+            .for_each(|(i, row)| {
+                for (v, d) in row.iter_mut().zip(&lattice) {
+                    *v = if object.is_open(i, *d) { 255 } else { 0 };
+                }
+            });
+        Some(Self {
+            open_object_error: Some(object.max_error),
+            ..Self::from_open(cloud, directions, open)
+        })
     }
 
     /// A bake of nothing but air: every surfel sees everything, normals stay as they are stored.
@@ -378,6 +401,7 @@ impl Visibility {
             two_sided: vec![false; cloud.len()],
             flipped: 0,
             buried: 0,
+            open_object_error: None,
         }
     }
 

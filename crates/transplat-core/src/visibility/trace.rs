@@ -148,6 +148,11 @@ impl Tracer {
         }
     }
 
+    /// How many boxes there are.
+    pub fn box_count(&self) -> usize {
+        self.nodes.len()
+    }
+
     /// The boxes, each before those that it holds.
     pub fn boxes_in_order(&self) -> Vec<BoxInOrder> {
         let mut out: Vec<BoxInOrder> = Vec::with_capacity(self.nodes.len());

@@ -11,7 +11,7 @@ use transplat_core::transfer::best::{
 use transplat_core::visibility::occlusion::{DIRECTIONS, PATCHES, WORDS};
 
 use super::{MAX_STRAIGHT_COEFFICIENTS, color, encoding_number, line, literal, mirror, trace};
-use crate::WORKGROUP;
+use crate::{CHUNK, WORKGROUP};
 
 /// The nodes' matrices one after the other, and where each begins: `evaluate` and `project` of both sides, the heights, the fit.
 pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
@@ -51,6 +51,7 @@ pub fn transfer_best(nodes: &Nodes, encoding: Encoding) -> String {
         ("PATCHES", PATCHES),
         ("OPEN_VECTORS", WORDS / 2),
         ("MAX_SUNS", MAX_SUNS),
+        ("UNSEEN_VECTORS", CHUNK / 128),
         ("BEAMS", MAX_SUNS + DIRECTIONS),
         ("ENCODING", encoding_number(encoding) as usize),
         (

@@ -1,6 +1,6 @@
 //! Preset `best`. CPU twin: [`BestTransfer::relight`].
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use transplat_core::color::Encoding;
 use transplat_core::environment::{Beam, MAX_SUNS};
@@ -89,7 +89,10 @@ impl From<&Beam> for BestBeam {
 
 struct Chunk {
     count: usize,
-    see_suns: wgpu::BindGroup,
+    parameters: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+    irradiance: wgpu::Buffer,
+    unseen: wgpu::Buffer,
     gather: wgpu::BindGroup,
     /// From the first radiance to the second, and back.
     bounce: [wgpu::BindGroup; 2],
@@ -101,11 +104,19 @@ struct Chunk {
 }
 
 struct Passes {
-    see_suns: Arc<ComputePass>,
     gather: Arc<ComputePass>,
     bounce: Arc<ComputePass>,
     finish: Arc<ComputePass>,
-    add_back: Arc<ComputePass>,
+    /// Where any surfel has two sides.
+    add_back: Option<Arc<ComputePass>>,
+}
+
+/// What only a light with suns needs.
+struct Suns {
+    pass: Arc<ComputePass>,
+    box_count: usize,
+    /// One a chunk.
+    groups: Vec<wgpu::BindGroup>,
 }
 
 /// Bytes that every adapter binds.
@@ -120,7 +131,6 @@ struct Shared {
     beams: wgpu::Buffer,
     directions: wgpu::Buffer,
     tables: wgpu::Buffer,
-    tracer: ResidentTracer,
     /// What each surfel radiates on its two sides, before a bounce and after it.
     radiance: [wgpu::Buffer; 2],
 }
@@ -132,6 +142,8 @@ pub struct GpuBest {
     passes: Passes,
     shared: Shared,
     chunks: Vec<Chunk>,
+    /// Compiled and uploaded with the first sun.
+    suns: OnceLock<Suns>,
 }
 
 impl GpuBest {
@@ -158,14 +170,16 @@ impl GpuBest {
         // Of high degrees, the colours at the nodes would outgrow what every adapter binds.
         let chunk = chunk.min(EVERY_BINDING / (12 * asset.nodes.count()));
         context.check_fits("what the surfels radiate", 32 * n)?;
+        ResidentTracer::check_fits(context, &asset.occlusion.tracer)?;
         let source = shader::transfer_best(&asset.nodes, asset.encoding);
         let pass = |entry| context.compute_pass(&source, entry);
+        let has_two_sides = asset.occlusion.two_sided.iter().any(|t| *t > 0.0);
         let passes = Passes {
-            see_suns: pass("see_suns"),
             gather: pass("gather"),
             bounce: pass("bounce"),
             finish: pass("finish"),
-            add_back: pass("add_back"),
+            add_back: (has_two_sides && prepared.settings.terms.two_sided)
+                .then(|| pass("add_back")),
         };
         let directions: Vec<[f32; 4]> = directions()
             .iter()
@@ -178,7 +192,6 @@ impl GpuBest {
             beams: context.upload(&no_beams, BufferUsages::UNIFORM),
             directions: context.upload(&directions, BufferUsages::UNIFORM),
             tables: context.upload(&tables, BufferUsages::STORAGE),
-            tracer: ResidentTracer::new(context, &asset.occlusion.tracer)?,
             radiance: [0, 1].map(|_| context.storage(32 * n)),
         };
         let chunks = (0..n)
@@ -195,6 +208,48 @@ impl GpuBest {
             passes,
             shared,
             chunks,
+            suns: OnceLock::new(),
+        })
+    }
+
+    /// Says which surfels nobody sees, `[n]` or empty: their colour is not worked out from then on.
+    pub fn set_unseen(&self, unseen: &[bool]) {
+        let mut first = 0;
+        for chunk in &self.chunks {
+            let mut bits = vec![0u32; CHUNK / 32];
+            for i in 0..chunk.count {
+                let is_unseen = unseen.get(first + i).is_some_and(|u| *u);
+                bits[i / 32] |= u32::from(is_unseen) << (i % 32);
+            }
+            let queue = &self.context.queue;
+            queue.write_buffer(&chunk.unseen, 0, bytemuck::cast_slice(&bits));
+            first += chunk.count;
+        }
+    }
+
+    fn suns(&self) -> &Suns {
+        self.suns.get_or_init(|| {
+            let (context, asset) = (&self.context, &self.prepared.asset);
+            let tracer = ResidentTracer::upload(context, &asset.occlusion.tracer);
+            let source = shader::transfer_best(&asset.nodes, asset.encoding);
+            let pass = context.compute_pass(&source, "see_suns");
+            let group = |chunk: &Chunk| {
+                let bindings = [
+                    (0, &chunk.parameters),
+                    (1, &self.shared.settings),
+                    (2, &self.shared.beams),
+                    (4, &chunk.surfels),
+                    (6, &tracer.boxes),
+                    (7, &tracer.discs),
+                    (8, &chunk.irradiance),
+                ];
+                context.bind(&pass, &bindings)
+            };
+            Suns {
+                groups: self.chunks.iter().map(group).collect(),
+                box_count: tracer.box_count,
+                pass,
+            }
         })
     }
 
@@ -210,11 +265,12 @@ impl GpuBest {
     /// Relights without waiting: what is submitted afterwards sees the result.
     pub fn submit(&self, light: &BestLight, part: Part) {
         let terms = self.prepared.settings.terms;
+        let see_suns = (!light.suns.is_empty()).then(|| self.suns());
         let settings = BestSettings {
             least: light.least,
             suns: light.suns.len() as u32,
             start: self.prepared.mean_ratio(light),
-            box_count: self.shared.tracer.box_count as u32,
+            box_count: see_suns.map_or(0, |s| s.box_count as u32),
             matte: f32::from(part != Part::Specular),
             mirrored: f32::from(part != Part::Diffuse),
             residual: f32::from(part == Part::Whole && terms.residual),
@@ -234,27 +290,26 @@ impl GpuBest {
         let queue = &self.context.queue;
         queue.write_buffer(&self.shared.settings, 0, bytemuck::bytes_of(&settings));
         queue.write_buffer(&self.shared.beams, 0, bytemuck::cast_slice(&beams));
-        if !light.suns.is_empty() {
-            self.run(&self.passes.see_suns, |c| Some(&c.see_suns));
+        if let Some(suns) = see_suns {
+            self.run(&suns.pass, |i| Some(&suns.groups[i]));
         }
-        self.run(&self.passes.gather, |c| Some(&c.gather));
-        for turn in 0..TURNS {
-            self.run(&self.passes.bounce, |c| Some(&c.bounce[turn % 2]));
+        self.run(&self.passes.gather, |i| Some(&self.chunks[i].gather));
+        // One turn or TURNS: both are odd, and end in the same buffer.
+        for turn in 0..self.prepared.turns() {
+            self.run(&self.passes.bounce, |i| {
+                Some(&self.chunks[i].bounce[turn % 2])
+            });
         }
-        self.run(&self.passes.finish, |c| Some(&c.finish));
-        if terms.two_sided && part != Part::Specular {
-            self.run(&self.passes.add_back, |c| c.add_back.as_ref());
+        self.run(&self.passes.finish, |i| Some(&self.chunks[i].finish));
+        if let (Some(add_back), true) = (&self.passes.add_back, part != Part::Specular) {
+            self.run(add_back, |i| self.chunks[i].add_back.as_ref());
         }
     }
 
     /// A submission a chunk: drivers stop work that takes seconds.
-    fn run<'a>(
-        &'a self,
-        pass: &ComputePass,
-        group: impl Fn(&'a Chunk) -> Option<&'a wgpu::BindGroup>,
-    ) {
-        for chunk in &self.chunks {
-            if let Some(group) = group(chunk) {
+    fn run<'a>(&'a self, pass: &ComputePass, group: impl Fn(usize) -> Option<&'a wgpu::BindGroup>) {
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            if let Some(group) = group(i) {
                 let mut encoder = self.context.encoder();
                 pass.dispatch(&mut encoder, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
                 self.context.submit(encoder);
@@ -292,6 +347,7 @@ impl GpuBest {
         }
         Ok(Relit {
             sh,
+            degree: self.prepared.asset.nodes.degree,
             encoding: self.encoding(),
             tau,
         })
@@ -370,6 +426,7 @@ fn upload_chunk(
             .then(|| context.upload(&p.asset.sh[first * k..][..count * k], storage)),
         irradiance: context.storage(32 * count),
         tau: context.storage(32 * count),
+        unseen: context.upload(&[0u32; CHUNK / 32], BufferUsages::UNIFORM),
         relit: context.storage(12 * count * k),
     };
     bind(
@@ -393,6 +450,7 @@ struct Buffers {
     stored: Option<wgpu::Buffer>,
     irradiance: wgpu::Buffer,
     tau: wgpu::Buffer,
+    unseen: wgpu::Buffer,
     relit: wgpu::Buffer,
 }
 
@@ -410,7 +468,6 @@ fn bind(
         beams,
         directions,
         tables,
-        tracer,
         radiance,
     } = shared;
     let Buffers {
@@ -422,6 +479,7 @@ fn bind(
         stored,
         irradiance,
         tau,
+        unseen,
         relit,
     } = buffers;
     let bounce = |from: usize| {
@@ -450,24 +508,13 @@ fn bind(
         (12, &matte),
         (13, &residual),
         (14, &relit),
+        (17, &unseen),
     ];
     if fits_by_tables {
         finish.push((16, tables));
     }
     Chunk {
         count,
-        see_suns: context.bind(
-            &passes.see_suns,
-            &[
-                (0, &chunk),
-                (1, settings),
-                (2, beams),
-                (4, &surfels),
-                (6, &tracer.boxes),
-                (7, &tracer.discs),
-                (8, &irradiance),
-            ],
-        ),
         gather: context.bind(
             &passes.gather,
             &[
@@ -481,9 +528,9 @@ fn bind(
         ),
         bounce: [bounce(0), bounce(1)],
         finish: context.bind(&passes.finish, &finish),
-        add_back: stored.map(|stored| {
+        add_back: stored.zip(passes.add_back.as_ref()).map(|(stored, pass)| {
             context.bind(
-                &passes.add_back,
+                pass,
                 &[
                     (0, &chunk),
                     (1, settings),
@@ -492,9 +539,14 @@ fn bind(
                     (14, &relit),
                     (15, &stored),
                     (16, tables),
+                    (17, &unseen),
                 ],
             )
         }),
+        parameters: chunk,
+        surfels,
+        irradiance,
+        unseen,
         tau,
         relit,
     }

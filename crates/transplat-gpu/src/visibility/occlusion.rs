@@ -57,7 +57,8 @@ impl GpuTracer {
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, tracer: &Tracer) -> Result<Self> {
-        let resident = ResidentTracer::new(context, tracer)?;
+        ResidentTracer::check_fits(context, tracer)?;
+        let resident = ResidentTracer::upload(context, tracer);
         let n = tracer.order.len();
         let chunks = (0..n).step_by(CHUNK).map(|first| {
             let range = first..n.min(first + CHUNK);
@@ -107,6 +108,16 @@ impl GpuTracer {
         progress: Progress<'_>,
     ) -> Result<()> {
         let all = directions();
+        let closed: Vec<wgpu::Buffer> = (self.chunks.iter())
+            .map(|chunk| {
+                let bits = self.order[chunk.range.clone()].iter().map(|i| {
+                    let [front, back] = found[*i as usize].closed.map(u32::from);
+                    front | back << 1
+                });
+                let bits: Vec<u32> = bits.collect();
+                self.context.upload(&bits, BufferUsages::STORAGE)
+            })
+            .collect();
         for (batch, of_batch) in patches.chunks(PATCH_BATCH).enumerate() {
             let done = (batch * PATCH_BATCH) as f64 / patches.len() as f64;
             if progress(done).is_break() {
@@ -118,8 +129,8 @@ impl GpuTracer {
                 *ray = all[place * PATCHES + patch].extend(0.0).to_array();
             }
             let rays = self.context.upload(&rays, BufferUsages::UNIFORM);
-            for chunk in &self.chunks {
-                self.trace_chunk(chunk, of_batch, &rays, found)?;
+            for (chunk, closed) in self.chunks.iter().zip(&closed) {
+                self.trace_chunk(chunk, of_batch, (&rays, closed), found)?;
             }
         }
         Ok(())
@@ -129,7 +140,7 @@ impl GpuTracer {
         &self,
         chunk: &Chunk,
         patches: &[usize],
-        rays: &wgpu::Buffer,
+        (rays, closed): (&wgpu::Buffer, &wgpu::Buffer),
         found: &mut [Found],
     ) -> Result<()> {
         let context = &self.context;
@@ -141,6 +152,7 @@ impl GpuTracer {
             (3, &self.resident.boxes),
             (4, &self.resident.discs),
             (5, &self.found),
+            (6, closed),
         ];
         let group = context.bind(&self.pass, &bindings);
         let mut encoder = context.encoder();
@@ -154,7 +166,8 @@ impl GpuTracer {
         for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
             for (i, packed) in self.order[chunk.range.clone()].iter().zip(row) {
                 let open = std::array::from_fn(|place| packed >> (24 + place) & 1 == 1);
-                found[*i as usize].add(*patch, packed & 0xff_ffff, open);
+                let met = (packed >> 31 == 1).then_some(packed & 0xff_ffff);
+                found[*i as usize].add(*patch, met, open);
             }
         }
         Ok(())

@@ -65,7 +65,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     }
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&scene, target);
-        let wanted = (&light, Part::Whole);
+        let wanted = (&light, Part::Whole, &[][..]);
         let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, &mut report)?;
         report.time("export", || {
             let stored = relit.stored(&scene.cloud);

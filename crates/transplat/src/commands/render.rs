@@ -320,7 +320,12 @@ impl Shots<'_> {
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(scene, target);
-            let wanted = (&light[1], self.studio.view.part());
+            let unseen = if scene.look.transfer.skips.unseen {
+                &self.studio.hidden[..]
+            } else {
+                &[]
+            };
+            let wanted = (&light[1], self.studio.view.part(), unseen);
             let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
             let mut lit = Lit::of(self.studio.view, relit, &scene.cloud, bake, &prepared);
             let maps = [&lights.source, &target.light];

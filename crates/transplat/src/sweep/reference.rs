@@ -91,6 +91,7 @@ impl Reference {
     fn as_relit(&self, preset: Preset, sh: Vec<[f32; 3]>) -> Relit {
         Relit {
             sh,
+            degree: self.cloud.sh_degree,
             encoding: match preset {
                 Preset::Best => self.cloud.encoding,
                 Preset::Paper => transplat_core::color::Encoding::Linear,
@@ -142,6 +143,7 @@ impl Reference {
     fn picture(&self, relit: &Relit) -> Result<Picture> {
         let paint = Paint::Sh {
             sh: &relit.sh,
+            degree: relit.degree,
             encoding: relit.encoding,
         };
         let raster = self.painter.draw(&self.camera, paint, PLAIN, &[])?;
@@ -155,7 +157,7 @@ impl Reference {
         let psnr = self.picture(relit)?.psnr(&exact.picture, None)?;
         Ok(Numeric {
             psnr: Some(psnr),
-            ..errors(&relit.sh, &exact.sh)
+            ..errors(&relit.clone().of_degree(self.cloud.sh_degree).sh, &exact.sh)
         })
     }
 

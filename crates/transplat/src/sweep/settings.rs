@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use transplat_core::sh::MAX_DEGREE;
+use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, Preset, Terms, TransferSettings};
 use transplat_core::visibility::{
@@ -167,7 +168,12 @@ pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
         let bake = Bake::Occlusion(std::sync::Arc::new(occlusion));
         found.borrow_mut().push((share, ms, bake));
     };
-    let whole = Device::Cpu.bake_occlusion(cloud, &[8, 4, 2, 1], &no_progress, keep)?;
+    let whole = Device::Cpu.bake_occlusion(
+        cloud,
+        (&[8, 4, 2, 1], &Skips::default()),
+        &no_progress,
+        keep,
+    )?;
     keep(whole, 1.0);
     Ok(found.into_inner())
 }

@@ -70,11 +70,15 @@ impl Views {
 
     /// The splat as it was captured, or relit, from each camera.
     pub fn pictures(&self, relit: Option<&Relit>) -> Result<Vec<Picture>> {
-        let (sh, encoding) = match relit {
-            Some(relit) => (&relit.sh, relit.encoding),
-            None => (&self.cloud.sh, self.cloud.encoding),
+        let (sh, degree, encoding) = match relit {
+            Some(relit) => (&relit.sh, relit.degree, relit.encoding),
+            None => (&self.cloud.sh, self.cloud.sh_degree, self.cloud.encoding),
         };
-        let paint = Paint::Sh { sh, encoding };
+        let paint = Paint::Sh {
+            sh,
+            degree,
+            encoding,
+        };
         let cameras = self.cameras.iter();
         cameras
             .map(|camera| {

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use eframe::egui::{self, Key, Ui};
 use transplat_core::load::{FileKind, file_kind, load_look};
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
+use transplat_core::skips::{self, Skipped};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -432,38 +433,61 @@ impl Viewer {
     }
 
     /// What this scene did not need, and why.
-    pub fn left_out(&self) -> Vec<(String, String)> {
+    pub fn left_out(&self) -> Vec<Skipped> {
         let session = &self.session;
         let mut out = Vec::new();
-        let mut add = |what: &str, why: String| out.push((what.to_owned(), why));
         let Some(asset) = &session.asset else {
             return out;
         };
-        let faint = asset.never_seen;
-        if faint > 0 {
-            add(
-                "surfels never seen",
-                format!("{} are too faint or broken", thousands(faint)),
-            );
-        }
-        let hidden = session.hidden_count;
-        if hidden > 0 {
-            add("hidden surfels", thousands(hidden));
-        }
-        if session.source_is_assumed() {
-            add("projection of the source", "its light is even".into());
-        }
-        if let Some(prepared) = &session.prepared {
-            let color = (asset.cloud.sh_degree, asset.has_view_dependence);
-            for (what, why) in scene::left_out(prepared, &session.look.transfer, color) {
-                add(&what, why);
+        let share = |count: usize| Some(count as f32 / asset.cloud.len().max(1) as f32);
+        let mut unseen = |what: &str, count: usize, why: &str| {
+            if count > 0 {
+                out.push(Skipped {
+                    share: share(count),
+                    ..Skipped::exact("draw", what, format!("{} {why}", thousands(count)))
+                });
             }
+        };
+        unseen(
+            "surfels never seen",
+            asset.never_seen,
+            "are too faint or broken",
+        );
+        unseen(
+            "hidden surfels",
+            session.hidden_count,
+            "are hidden (panel Asset)",
+        );
+        if session.source_is_assumed() {
+            out.push(Skipped::exact(
+                "",
+                "projection of the source",
+                "its light is even",
+            ));
         }
         let baked = session.baked();
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
-            add("bake", "a kept one is used".into());
+            out.push(Skipped::exact("", "bake", "a kept one is used"));
+        } else if let Some(baked) = baked {
+            out.extend(baked.bake.iter().flat_map(|b| skips::of_bake(b)));
+        }
+        if let Some(prepared) = &session.prepared {
+            out.extend(session.transfer_skips.iter().cloned());
+            let [_, target] = session.oriented_lights();
+            out.extend(skips::of_light(prepared, &target.light));
         }
         out
+    }
+
+    /// Milliseconds that the stage of something left out took when it last ran.
+    pub fn stage_ms(&self, stage: &str) -> Option<f64> {
+        let session = &self.session;
+        match stage {
+            "bake" => session.baked().map(|b| b.ms),
+            "transfer" => Some(session.transfer_ms()),
+            "draw" => Some(session.frame_timer.ms()),
+            _ => None,
+        }
     }
 
     // ---- keys ----

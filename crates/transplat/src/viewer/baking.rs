@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use transplat_core::export::save_bake;
 use transplat_core::load::{geometry_key, load_bake};
+use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Preset;
 use transplat_core::visibility::occlusion::Occlusion;
@@ -39,6 +40,7 @@ pub struct Wanted<'a> {
     pub cloud: &'a Arc<SurfelCloud>,
     pub preset: Preset,
     pub directions: usize,
+    pub skips: Skips,
 }
 
 impl Wanted<'_> {
@@ -107,7 +109,8 @@ pub fn bake(
         Preset::Paper => bake_visibility(device, wanted, report, &so_far)?,
         Preset::Best => {
             let so_far = |o: Occlusion, share| so_far(Bake::Occlusion(Arc::new(o)), share);
-            let whole = device.bake_occlusion(wanted.cloud, &STAGES_OF_BEST, report, so_far)?;
+            let stages = (&STAGES_OF_BEST[..], &wanted.skips);
+            let whole = device.bake_occlusion(wanted.cloud, stages, report, so_far)?;
             Bake::Occlusion(Arc::new(whole))
         }
     };
@@ -136,6 +139,11 @@ fn bake_visibility(
     preview: &dyn Fn(Bake, f32),
 ) -> anyhow::Result<Bake> {
     let (cloud, directions) = (wanted.cloud, wanted.directions);
+    if wanted.skips.open_object
+        && let Some(open) = Visibility::of_open_object(cloud, directions)
+    {
+        return Ok(Bake::Visibility(open));
+    }
     let mut input = BakeInput::new(cloud, &BakeSettings { directions });
     let frames = std::mem::take(&mut input.frames);
     let order = refining_order(directions);
@@ -221,6 +229,7 @@ mod tests {
                     cloud,
                     preset,
                     directions,
+                    skips: Skips::default(),
                 };
                 let report = |_| ControlFlow::Continue(());
                 bake(&Device::Cpu, &wanted, None, &report, preview).expect("a bake")
@@ -261,6 +270,7 @@ mod tests {
                 cloud: &cloud,
                 preset,
                 directions: 32,
+                skips: Skips::default(),
             };
             assert!(bake(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());
             let left = std::fs::read_dir(folder.path()).expect("it is there");

@@ -7,6 +7,7 @@ use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::export::save_estimate;
 use transplat_core::load::load_estimate;
 use transplat_core::look::ESTIMATE;
+use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Preset;
 use transplat_core::visibility::Bake;
@@ -149,6 +150,7 @@ fn cache_files(asset: &Path, cloud: &Arc<SurfelCloud>) -> Vec<PathBuf> {
         cloud,
         preset: Preset::Best,
         directions: DIRECTIONS,
+        skips: Skips::default(),
     };
     let files = wanted.cache_files().into_iter();
     files.map(|f| f.with_extension("light")).collect()

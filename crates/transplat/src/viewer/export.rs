@@ -396,7 +396,7 @@ impl Snapshot {
             Some(kept) => kept,
             none => none.insert(self.device.fastest().transfer(prepared)?.0),
         };
-        transfer.change_light(&target, part)?;
+        transfer.change_light(&target, part, &[])?;
         Ok((prepared, transfer.result()?))
     }
 
@@ -446,7 +446,7 @@ impl Snapshot {
                 let [source, target] = pinned.lights(maps[0], maps[1], self.up);
                 let prepared = self.prepare(pinned, &source)?;
                 let mut transfer = self.device.fastest().transfer(&prepared)?.0;
-                transfer.change_light(&target, Part::Whole)?;
+                transfer.change_light(&target, Part::Whole, &[])?;
                 let _ = self.pinned_relit.set(transfer.result()?);
             }
             let relit = self

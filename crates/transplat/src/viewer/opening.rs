@@ -11,8 +11,7 @@ use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::look::{
     CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file,
 };
-use transplat_core::rasterize::MIN_ALPHA;
-use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
+use transplat_core::surfels::{Hide, SurfelCloud, UpAxis, is_faint};
 use transplat_core::transfer::{Preset, TransferAsset};
 use transplat_gpu::live::LiveAsset;
 
@@ -112,8 +111,8 @@ impl Settings {
 }
 
 fn never_seen(cloud: &SurfelCloud) -> usize {
-    let faint = |o: &&f32| **o <= MIN_ALPHA;
-    cloud.opacities.iter().filter(faint).count()
+    let opacities = cloud.opacities.iter();
+    opacities.filter(|o| is_faint(**o)).count()
 }
 
 impl Session {
@@ -188,7 +187,6 @@ impl Session {
                             asset: Asset {
                                 bounds: cloud.bounds(),
                                 never_seen: never_seen(&cloud),
-                                has_view_dependence: cloud.has_view_dependence(),
                                 ground: ground_plane(&cloud, cloud.up),
                                 up: cloud.up,
                                 warnings: asset_warnings(&path, &file),

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use eframe::egui::{self, Color32, Key, Ui};
 use transplat_core::present::View;
+use transplat_core::skips::Skipped;
 
 use super::app::Viewer;
 use super::jobs::Kind;
@@ -62,7 +63,8 @@ impl Viewer {
                     1 => "1 step skipped".to_owned(),
                     n => format!("{n} steps skipped"),
                 };
-                let all: Vec<String> = left_out.iter().map(|(what, why)| format!("{what}: {why}")).collect();
+                let told = |s: &Skipped| format!("{}: {}", s.what, s.in_words(self.stage_ms(s.stage)));
+                let all: Vec<String> = left_out.iter().map(told).collect();
                 ui.label(text)
                     .on_hover_text(format!("Not needed for this scene:\n{}", all.join("\n")));
             }

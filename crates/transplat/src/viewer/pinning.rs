@@ -1,7 +1,6 @@
 //! A look that others are compared with, beside what it shows relit.
 
 use transplat_core::color::Display;
-use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::Part;
 use transplat_gpu::rasterize::ResidentSh;
 
@@ -40,27 +39,25 @@ impl Session {
 
     /// Keeps what is shown relit, all parts of it.
     fn pin_what_is_shown(&mut self, display: Display) -> bool {
-        let (Some(shown), Some(prepared), Some(asset)) =
-            (&self.relit_for, &self.prepared, &self.asset)
-        else {
+        let (Some(shown), Some(prepared)) = (&self.relit_for, &self.prepared) else {
             return false;
         };
-        if shown.part == Part::Whole {
+        let unseen = self.unseen.0.clone();
+        if shown.part == Part::Whole && unseen.is_empty() {
             self.live().pin(display);
             return true;
         }
         let pinned = if self.relights_on_gpu {
             let mut live = self.live();
-            let whole = live.relight(&shown.target.light, Part::Whole);
+            let whole = live.relight(&shown.target.light, Part::Whole, &[]);
             whole.and_then(|()| {
                 live.pin(display);
-                live.relight(&shown.target.light, shown.part)
+                live.relight(&shown.target.light, shown.part, &unseen)
             })
         } else {
             let whole = prepared.relight(&shown.target.light, Part::Whole);
             whole.map(|relit| {
-                let k = coefficient_count(asset.cloud.sh_degree);
-                let sh = ResidentSh::upload(&self.context, &relit.sh, k, relit.encoding);
+                let sh = ResidentSh::upload(&self.context, &relit.sh, relit.degree, relit.encoding);
                 self.live().pin_relit(sh, display);
             })
         };

@@ -14,7 +14,8 @@ use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
 use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
-use transplat_core::sh::coefficient_count;
+use transplat_core::sh::{coefficient_count, with_degree};
+use transplat_core::skips::{self, Skipped};
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{
     Part, PreparedTransfer, Preset, Relit, TransferAsset, TransferSettings,
@@ -43,7 +44,6 @@ pub struct Asset {
     pub load_ms: f64,
     /// Surfels that are too faint to be seen, or broken.
     pub never_seen: usize,
-    pub has_view_dependence: bool,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
     /// Up axis that the ground is made for.
@@ -149,6 +149,8 @@ pub(super) struct RelitKey {
     pub prepared: u64,
     pub target: OrientedLight,
     pub part: Part,
+    /// Which surfels may be left out, as a number that grows when one is to be seen that was not.
+    pub unseen: u64,
 }
 
 /// An asset that was relit on the CPU, on its way to the screen.
@@ -255,6 +257,8 @@ pub struct Session {
     pub(super) reload_asked: Option<bool>,
     pub bakes: HashMap<Preset, BakeState>,
     pub prepared: Option<PreparedTransfer>,
+    /// What that leaves out.
+    pub transfer_skips: Vec<Skipped>,
     /// What was relit last for a readout, and of which asset and relight it is.
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
     /// What settings cost on the asset; empty until it is asked for.
@@ -276,6 +280,8 @@ pub struct Session {
     pub viewport: [usize; 2],
     pub hidden: Arc<Vec<bool>>,
     pub(super) hidden_version: u64,
+    /// Surfels that the last relight left out, and a number for it (see [`RelitKey`]).
+    pub(super) unseen: (Arc<Vec<bool>>, u64),
     pub(super) hidden_for: Option<(u64, Hide)>,
     pub(super) transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
     pub(super) asset_id: u64,
@@ -350,6 +356,7 @@ impl Session {
             reload_asked: None,
             bakes: HashMap::new(),
             prepared: None,
+            transfer_skips: Vec::new(),
             readout: None,
             measured: Vec::new(),
             measured_words: Vec::new(),
@@ -365,6 +372,7 @@ impl Session {
             viewport: [960, 600],
             hidden: Arc::default(),
             hidden_version: 0,
+            unseen: Default::default(),
             hidden_for: None,
             transfer_asset: None,
             asset_id: 0,
@@ -441,8 +449,8 @@ impl Session {
         self.resolve_lights();
         self.start_lights();
         self.start_prepare();
-        self.relight();
         self.update_hidden();
+        self.relight();
         self.update_ground();
         self.start_backdrops();
         self.update_channels();
@@ -508,6 +516,10 @@ impl Session {
                 if let Some(live) = prepared.live {
                     self.live().set_transfer(live);
                 }
+                let settings = &prepared.key.settings;
+                self.transfer_skips = self.asset.as_ref().map_or(Vec::new(), |asset| {
+                    skips::of_transfer(&prepared.prepared, settings, &asset.cloud)
+                });
                 self.prepared = Some(prepared.prepared);
                 self.prepared_version += 1;
             }
@@ -607,19 +619,20 @@ impl Session {
 
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
-        let cloud = &self.asset.as_ref()?.cloud;
+        let degree = self.asset.as_ref()?.cloud.sh_degree;
         if let Some(PreparedTransfer::Best(_)) = &self.prepared {
             // None while a newer one is on its way.
             let (of, relit) = self.readout.as_ref()?;
             if *of != (self.asset_id, self.relit_version) {
                 return None;
             }
-            let k = coefficient_count(cloud.sh_degree);
+            let k = coefficient_count(relit.degree);
             let sh = relit.sh.get(i * k..(i + 1) * k)?;
             let linear = match relit.encoding {
                 Encoding::Linear => sh.to_vec(),
-                encoding => decode_sh(sh, cloud.sh_degree, encoding),
+                encoding => decode_sh(sh, relit.degree, encoding),
             };
+            let linear = with_degree(linear, relit.degree, degree);
             return Some((*relit.tau.get(i)?, linear));
         }
         let Some(PreparedTransfer::Paper(paper)) = &self.prepared else {
@@ -638,7 +651,8 @@ impl Session {
                 0.0
             }
         };
-        Some((std::array::from_fn(ratio), relit))
+        let whole = with_degree(relit.clone(), paper.asset_degree, degree);
+        Some((std::array::from_fn(ratio), whole))
     }
 
     /// Whether the open asset's colour was taken as linear.

@@ -7,7 +7,6 @@ use std::time::Instant;
 use transplat_core::ground::{Ground, ground_plane};
 use transplat_core::load::inspect_bake;
 use transplat_core::present::{self, Background, Doubt, View};
-use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset};
 use transplat_core::visibility::{BakeSettings, occlusion};
 use transplat_gpu::live::LiveTransfer;
@@ -156,7 +155,7 @@ impl Session {
             "what tells the light"
         };
         let label = format!("baking {what} of {}", asset.name());
-        let id = self.asset_id;
+        let (id, skips) = (self.asset_id, self.look.transfer.skips);
         let work = move |handle: &Handle<Event>| {
             let event = |baked: Baked| Event::Baked {
                 asset: id,
@@ -167,6 +166,7 @@ impl Session {
                 cloud: &cloud,
                 preset,
                 directions,
+                skips,
             };
             let report = |done: f64| handle.progress(done);
             let preview = |baked: Baked| handle.send(event(baked));
@@ -248,6 +248,7 @@ impl Session {
             prepared: self.prepared_version,
             target,
             part,
+            unseen: self.unseen.1,
         };
         if self.relit_for.as_ref() == Some(&key) {
             return;
@@ -257,7 +258,8 @@ impl Session {
             return;
         }
         let start = Instant::now();
-        let relit = self.live().relight(&key.target.light, key.part);
+        let unseen = self.unseen.0.clone();
+        let relit = self.live().relight(&key.target.light, key.part, &unseen);
         if let Err(error) = relit {
             self.error(error.to_string());
         }
@@ -269,24 +271,20 @@ impl Session {
 
     /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
     fn start_relight(&mut self, prepared: PreparedTransfer, key: RelitKey) {
-        let Some(asset) = &self.asset else {
-            return;
-        };
         if self.relit_asked.as_ref() == Some(&key) || self.jobs.is_running(Kind::Relight) {
             return;
         }
         self.relit_asked = Some(key.clone());
-        let (context, degree) = (self.context.clone(), asset.cloud.sh_degree);
+        let (context, unseen) = (self.context.clone(), self.unseen.0.clone());
         let work = move |_: &Handle<Event>| {
             let start = Instant::now();
-            let relit = match prepared.relight(&key.target.light, key.part) {
+            let relit = match prepared.relight_seen(&key.target.light, key.part, &unseen) {
                 Ok(relit) => relit,
                 Err(error) => return Some(Event::Failed(error.to_string())),
             };
             let ms = start.elapsed().as_secs_f64() * 1e3;
-            let k = coefficient_count(degree);
             Some(Event::Relit(Box::new(RelitBy {
-                resident: ResidentSh::upload(&context, &relit.sh, k, relit.encoding),
+                resident: ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding),
                 relit: Arc::new(relit),
                 key,
                 ms,
@@ -324,14 +322,22 @@ impl Session {
         if self.hidden_for == Some(key) {
             return;
         }
-        self.hidden = Arc::new(if self.look.hide.is_off() {
-            Vec::new()
-        } else {
-            self.look.hide.hidden(&asset.cloud, &asset.bounds)
-        });
-        self.hidden_count = self.hidden.iter().filter(|h| **h).count();
+        let skips = &self.look.transfer.skips;
+        let hide = &self.look.hide;
+        self.hidden = Arc::new(hide.unseen(&asset.cloud, &asset.bounds, skips));
+        let count = self.hidden.iter().filter(|h| **h).count();
+        self.hidden_count = count.saturating_sub(asset.never_seen);
         self.hidden_version += 1;
+        let is_other_asset = self
+            .hidden_for
+            .is_none_or(|(asset, _)| asset != self.asset_id);
         self.hidden_for = Some(key);
+        // What was relit may still be drawn; what was not must be relit before it is.
+        let seen = |i: usize| self.hidden.get(i).is_none_or(|h| !h);
+        let lacks = |(i, was_unseen): (usize, &bool)| *was_unseen && seen(i);
+        if is_other_asset || self.unseen.0.iter().enumerate().any(lacks) {
+            self.unseen = (self.hidden.clone(), self.unseen.1 + 1);
+        }
     }
 
     pub(super) fn update_ground(&mut self) {

@@ -80,6 +80,14 @@ impl BestAsset {
             let light = radiance.truncated(settings.sh_degree).scaled(gain);
             (self.series(&light), Vec::new())
         };
+        let mut suns = suns;
+        if suns.is_empty() && !settings.skips.suns {
+            // One that holds nothing, to know what it costs.
+            suns.push(Beam {
+                direction: Vec3::Z,
+                energy: [0.0; 3],
+            });
+        }
         let (means, mean) = (beams.mean_irradiances(), beams.mean_irradiance());
         BestLight {
             sky,

@@ -125,6 +125,11 @@ impl Nodes {
         }
     }
 
+    /// Number of nodes Q for colour of a degree.
+    pub fn count_of(degree: usize) -> usize {
+        2 * (degree + 1).pow(2)
+    }
+
     /// Number of nodes Q.
     pub fn count(&self) -> usize {
         self.to_camera.len()

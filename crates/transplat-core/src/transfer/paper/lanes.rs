@@ -124,25 +124,26 @@ pub(super) fn relight_block(
     let reflect = p.settings.terms.reflection && p.specular_degree > 0;
     let mirror = reflect.then(|| mirror_of(x, y, z));
     let mut result = [Lanes::ZERO; MAX_COEFFICIENTS];
+    let (mut shadowed, mut irradiance) = ([Lanes::ZERO; MAX_COEFFICIENTS], Lanes::ZERO);
     for channel in 0..3 {
-        let mut shadowed = [Lanes::ZERO; MAX_COEFFICIENTS];
-        shadow(
-            &light.matrices[channel],
-            &block.visibility,
-            &mut shadowed[..k],
-        );
-        let mut irradiance = Lanes::ZERO;
-        for (y, l) in cosine_basis[..k].iter().zip(&shadowed[..k]) {
-            irradiance = irradiance + *y * *l;
+        // The channels of a grey light are one.
+        if channel == 0 || !light.is_gray {
+            let matrix = &light.matrices[channel];
+            shadow(matrix, &block.visibility, &mut shadowed[..k]);
+            irradiance = Lanes::ZERO;
+            for (y, l) in cosine_basis[..k].iter().zip(&shadowed[..k]) {
+                irradiance = irradiance + *y * *l;
+            }
+            irradiance = irradiance.map2(Lanes::ZERO, |e, zero| if e > zero { e } else { zero });
+            if let Some(mirror) = &mirror {
+                for l in 1..=p.specular_degree {
+                    mirror.reflect_band(l, &mut shadowed[band(l)]);
+                }
+            }
         }
-        let irradiance = irradiance.map2(Lanes::ZERO, |e, zero| if e > zero { e } else { zero });
         result[0] = block.dc_over_irradiance[channel] * irradiance;
         for l in 1..=p.specular_degree {
-            let f = &mut shadowed[band(l)];
-            if let Some(mirror) = &mirror {
-                mirror.reflect_band(l, f);
-            }
-            for (r, f) in result[band(l)].iter_mut().zip(f) {
+            for (r, f) in result[band(l)].iter_mut().zip(&shadowed[band(l)]) {
                 *r = block.attenuation[l - 1][channel] * *f;
             }
         }

@@ -3,6 +3,7 @@ use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleTransfer, relight_surfel};
 use crate::scenes;
 use crate::sh::rotate_coefficients;
+use crate::skips::Skips;
 use crate::transfer::Preset;
 use crate::visibility::{BakeSettings, bake, no_progress};
 use glam::{DMat3, DVec3};
@@ -30,6 +31,11 @@ fn glossy_scene(degree: usize) -> SurfelCloud {
 fn settings(sh_degree: usize) -> TransferSettings {
     TransferSettings {
         sh_degree,
+        // Bands are looked at one by one.
+        skips: Skips {
+            empty_bands: false,
+            ..Skips::default()
+        },
         ..TransferSettings::of(Preset::Paper)
     }
 }

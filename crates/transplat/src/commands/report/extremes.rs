@@ -101,7 +101,7 @@ fn by_device(
 ) -> Result<Relit, String> {
     let relight = || -> Result<Relit> {
         let mut transfer = device.transfer(prepared)?.0;
-        transfer.change_light(light, Part::Whole)?;
+        transfer.change_light(light, Part::Whole, &[])?;
         transfer.result()
     };
     relight().map_err(|e| format!("{e:#}"))

@@ -244,7 +244,7 @@ fn relight(
     let mut times = Vec::new();
     for _ in 0..REPEATS {
         let start = Instant::now();
-        transfer.change_light(light, Part::Whole)?;
+        transfer.change_light(light, Part::Whole, &[])?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
     }
     times.sort_by(f64::total_cmp);

@@ -55,8 +55,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if left_out.is_empty() {
         ui.weak("nothing");
     }
-    for (what, why) in left_out {
-        fact(ui, &what, why);
+    for skipped in left_out {
+        let ms = viewer.stage_ms(skipped.stage);
+        fact(ui, &skipped.what, skipped.in_words(ms));
     }
     ui.separator();
     settings(ui, viewer);

@@ -1,0 +1,268 @@
+//! What a scene does not need is left out, and told; forced all the same, it makes the same picture.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use transplat_core::camera::Camera;
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::look::CameraPose;
+use transplat_core::present::PLAIN;
+use transplat_core::rasterize::{rasterize, shade};
+use transplat_core::scenes;
+use transplat_core::sh::with_degree;
+use transplat_core::skips::{self, Skip, Skipped, Skips};
+use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_gpu::Context;
+use transplat_gpu::rasterize::{GpuRasterizer, Paint};
+use transplat_gpu::transfer::best::GpuBest;
+use transplat_gpu::transfer::paper::GpuPaper;
+use transplat_tests::{gpu, psnr};
+
+/// A sky that is brighter on one side, in one colour; with a sun or without.
+fn sky(toward: DVec3, tint: [f32; 3], sun: f32) -> Illumination {
+    let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
+    let pixels = (0..128 * 64)
+        .map(|i| {
+            let d = DVec3::from_array(plain.direction(i % 128, i / 128));
+            let disc = if d.dot(toward) > 0.999 { sun } else { 0.0 };
+            tint.map(|t| t * ((1.2 + d.dot(toward)) as f32 + disc))
+        })
+        .collect();
+    Illumination::of(&EnvironmentMap::new(128, 64, pixels), 8)
+}
+
+/// Something that does not need something.
+struct Case {
+    skip: &'static str,
+    preset: Preset,
+    cloud: SurfelCloud,
+    lights: [Illumination; 2],
+    hide: Hide,
+    /// As the list of what was left out calls it, when nothing else leaves it out; none where that is of no bake or transfer.
+    what: Option<&'static str>,
+    /// PSNR in dB that forcing it leaves at least.
+    least_psnr: f64,
+}
+
+/// Rounding alone keeps a picture beyond this.
+const SAME: f64 = 100.0;
+
+fn cases() -> Vec<Case> {
+    let lights = || {
+        [
+            sky(DVec3::new(0.6, 0.0, 0.8), [1.0, 0.9, 0.8], 0.0),
+            sky(DVec3::new(-0.6, 0.48, 0.64), [0.4, 0.7, 1.0], 300.0),
+        ]
+    };
+    let case = |skip, preset, cloud, what, least_psnr| Case {
+        skip,
+        preset,
+        cloud,
+        lights: lights(),
+        hide: Hide::default(),
+        what,
+        least_psnr,
+    };
+    let ball = || scenes::sphere(1500);
+    // A ball stored with three bands of nothing.
+    let mut plain = ball();
+    plain.sh = with_degree(plain.sh, 0, 3);
+    plain.sh_degree = 3;
+    let mut faint = scenes::sphere_over_plate(700);
+    for opacity in faint.opacities.iter_mut().step_by(5) {
+        *opacity = 0.003;
+    }
+    let glossy = scenes::glossy_sphere_over_plate(700, 3);
+    let gray = |sun| sky(DVec3::new(-0.6, 0.48, 0.64), [0.7; 3], sun);
+    vec![
+        // What a closed side's rays could add is how two-sided a surfel is.
+        case(
+            "closed-sides",
+            Preset::Best,
+            scenes::sphere_over_plate(1500),
+            Some("rays into closed sides"),
+            60.0,
+        ),
+        case("open-object", Preset::Best, ball(), Some("shadows"), 45.0),
+        case("open-object", Preset::Paper, ball(), Some("the bake"), 40.0),
+        case(
+            "empty-bands",
+            Preset::Best,
+            plain.clone(),
+            Some("SH bands above 0"),
+            SAME,
+        ),
+        case("empty-bands", Preset::Paper, plain, None, SAME),
+        Case {
+            lights: [lights()[0].clone(), gray(300.0)],
+            ..case(
+                "gray-light",
+                Preset::Paper,
+                glossy.clone(),
+                Some("two of three channels"),
+                SAME,
+            )
+        },
+        Case {
+            lights: [lights()[0].clone(), gray(0.0)],
+            ..case(
+                "suns",
+                Preset::Best,
+                glossy.clone(),
+                Some("rays to suns"),
+                SAME,
+            )
+        },
+        case(
+            "bounces",
+            Preset::Best,
+            ball(),
+            Some("turns of the bounce"),
+            SAME,
+        ),
+        case("unseen", Preset::Best, faint, None, SAME),
+        Case {
+            hide: Hide {
+                crop: true,
+                crop_max: Vec3::new(0.2, 1.0, 1.0),
+                ..Hide::default()
+            },
+            ..case("unseen", Preset::Best, glossy, None, SAME)
+        },
+    ]
+}
+
+/// Relights on the CPU or on a GPU.
+fn relit(
+    prepared: &PreparedTransfer,
+    target: &Illumination,
+    unseen: &[bool],
+    gpu: Option<&Arc<Context>>,
+) -> Relit {
+    match (prepared, gpu) {
+        (_, None) => prepared
+            .relight_seen(target, Part::Whole, unseen)
+            .expect("a light for both"),
+        (PreparedTransfer::Paper(paper), Some(gpu)) => {
+            let on_gpu = GpuPaper::new(gpu, paper).expect("room for it");
+            let light = paper.light(&target.radiance);
+            on_gpu.relight(&light).expect("the driver works");
+            paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
+        }
+        (PreparedTransfer::Best(best), Some(gpu)) => {
+            let on_gpu = GpuBest::new(gpu, best).expect("room for it");
+            let light = best.light(target.for_best().expect("with beams"));
+            on_gpu.set_unseen(unseen);
+            on_gpu
+                .relight(&light, Part::Whole)
+                .expect("the driver works");
+            on_gpu.read().expect("the driver works")
+        }
+    }
+}
+
+/// A picture of the case, and what was left out on the way.
+fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 3]>, Vec<Skipped>) {
+    let settings = TransferSettings {
+        skips,
+        ..TransferSettings::of(case.preset)
+    };
+    let cloud = Arc::new(case.cloud.clone());
+    let bake_settings = BakeSettings { directions: 128 };
+    let bake = Bake::with_skips(&cloud, case.preset, &bake_settings, &skips, &no_progress);
+    let bake = bake.expect("not cancelled");
+    let [source, target] = &case.lights;
+    let prepared = PreparedTransfer::new(&cloud, &bake, source, &settings).expect("good settings");
+    let bounds = cloud.bounds();
+    let unseen = case.hide.unseen(&cloud, &bounds, &skips);
+    let left_alone = if skips.unseen { &unseen[..] } else { &[] };
+    let relit = relit(&prepared, target, left_alone, gpu);
+    let pose = CameraPose {
+        pivot: bounds.center,
+        azimuth: -60.0,
+        elevation: 30.0,
+        distance: 4.0 * bounds.radius,
+        fov: 35.0,
+        orthographic: false,
+    };
+    let camera = Camera::from_pose(&pose, UpAxis::PlusZ, [160, 160], bounds.radius);
+    let (sh, degree, encoding) = (&relit.sh, relit.degree, relit.encoding);
+    let raster = if let Some(gpu) = gpu {
+        let paint = Paint::Sh {
+            sh,
+            degree,
+            encoding,
+        };
+        let painter = GpuRasterizer::new(gpu, &cloud).expect("room for it");
+        painter
+            .draw(&camera, paint, PLAIN, &unseen)
+            .expect("the driver works")
+    } else {
+        let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
+        rasterize(&cloud, &camera, &colors, &unseen)
+    };
+    let mut left_out = skips::of_bake(&bake);
+    left_out.extend(skips::of_transfer(&prepared, &settings, &cloud));
+    left_out.extend(skips::of_light(&prepared, target));
+    let pixels = raster.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]);
+    (pixels.collect(), left_out)
+}
+
+fn same_when_forced(gpu: Option<&Arc<Context>>) {
+    for case in cases() {
+        let mut forced = Skips::default();
+        let Skip(_, switch) = Skips::ALL
+            .iter()
+            .find(|s| s.0 == case.skip)
+            .expect("a skip of that name");
+        *switch(&mut forced) = false;
+        let (with, told) = picture(&case, gpu, Skips::default());
+        let (without, told_forced) = picture(&case, gpu, forced);
+        let psnr = psnr(&with, &without);
+        println!("{} ({}): {psnr:.1} dB", case.skip, case.preset.name());
+        assert!(psnr >= case.least_psnr, "{}: {psnr} dB", case.skip);
+        // The picture shows something.
+        assert!(with.iter().flatten().any(|v| *v > 0.2), "{}", case.skip);
+        let Some(what) = case.what else { continue };
+        let has = |told: &[Skipped]| told.iter().any(|s| s.what == what);
+        assert!(has(&told), "{}: {told:?}", case.skip);
+        assert!(!has(&told_forced), "{}: {told_forced:?}", case.skip);
+    }
+}
+
+#[test]
+fn forced_on_the_cpu_the_picture_is_the_same() {
+    same_when_forced(None);
+}
+
+#[test]
+fn forced_on_the_gpu_the_picture_is_the_same() {
+    same_when_forced(Some(&gpu()));
+}
+
+#[test]
+fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
+    let toward_sun = Vec3::new(0.4, 0.2, 0.9).normalize();
+    let case = Case {
+        skip: "",
+        preset: Preset::Best,
+        cloud: scenes::mirroring_ball_plate_and_sheet(toward_sun, 3),
+        lights: [
+            sky(toward_sun.as_dvec3(), [1.0, 0.9, 0.8], 300.0),
+            sky(DVec3::new(-0.6, 0.48, 0.64), [0.4, 0.7, 1.0], 300.0),
+        ],
+        hide: Hide::default(),
+        what: None,
+        least_psnr: SAME,
+    };
+    let told = picture(&case, None, Skips::default()).1;
+    let others: Vec<&str> = told.iter().map(|s| s.what.as_str()).collect();
+    assert!(
+        others
+            .iter()
+            .all(|w| *w == "rays into closed sides" || w.starts_with("the lobe of")),
+        "{others:?}"
+    );
+}
