@@ -564,6 +564,14 @@ fn a_report_measures_settings_and_extreme_cases() {
         "case,property,ok,f32_error,gpu_error,condition_number,note"
     );
     assert!(rows.len() > 60);
+    let (head, rows) = table("skipped.csv");
+    assert_eq!(head, "what,why,time_saved_ms,memory_saved_bytes,max_error");
+    // The splat is made of one degree, and its light has no gloss to tell.
+    assert!(!rows.is_empty(), "{rows:?}");
+    for row in &rows {
+        let error = fields(row).pop().expect("a field");
+        assert!(error.parse::<f64>().expect("a number") < 0.05, "{row}");
+    }
     let (_, rows) = table("epsilon.csv");
     assert!(rows.iter().filter(|r| r.contains(",true,")).count() == 2);
     let page = fs::read_to_string(folder.path("report/report.html")).expect("the page");

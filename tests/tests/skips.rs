@@ -10,7 +10,7 @@ use transplat_core::present::PLAIN;
 use transplat_core::rasterize::{rasterize, shade};
 use transplat_core::scenes;
 use transplat_core::sh::with_degree;
-use transplat_core::skips::{self, Skip, Skipped, Skips};
+use transplat_core::skips::{self, Skipped, Skips};
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
 use transplat_core::visibility::{Bake, BakeSettings, no_progress};
@@ -122,6 +122,7 @@ fn cases() -> Vec<Case> {
             Some("turns of the bounce"),
             SAME,
         ),
+        case("matte", Preset::Best, glossy.clone(), None, SAME),
         case("unseen", Preset::Best, faint, None, SAME),
         Case {
             hide: Hide {
@@ -213,11 +214,8 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
 fn same_when_forced(gpu: Option<&Arc<Context>>) {
     for case in cases() {
         let mut forced = Skips::default();
-        let Skip(_, switch) = Skips::ALL
-            .iter()
-            .find(|s| s.0 == case.skip)
-            .expect("a skip of that name");
-        *switch(&mut forced) = false;
+        let named = Skips::ALL.iter().find(|s| s.name == case.skip);
+        *(named.expect("a skip of that name").of)(&mut forced) = false;
         let (with, told) = picture(&case, gpu, Skips::default());
         let (without, told_forced) = picture(&case, gpu, forced);
         let psnr = psnr(&with, &without);

@@ -4,6 +4,8 @@ pub(crate) mod bake;
 mod cameras;
 mod estimate;
 mod exr;
+#[cfg(test)]
+mod fuzz;
 mod hdr;
 mod picture;
 mod ply;

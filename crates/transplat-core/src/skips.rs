@@ -5,7 +5,7 @@ use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::transfer::best::{BestTransfer, Nodes, TURNS};
 use crate::transfer::paper::PaperTransfer;
-use crate::transfer::{PreparedTransfer, Terms, TransferSettings};
+use crate::transfer::{PreparedTransfer, Preset, Terms, TransferSettings};
 use crate::visibility::Bake;
 use crate::visibility::occlusion::CLOSED_SIDES_ERROR;
 
@@ -24,6 +24,8 @@ pub struct Skips {
     pub suns: bool,
     /// Transfer of preset `best`: all turns of the bounce but one, where no light bounces.
     pub bounces: bool,
+    /// Transfer of preset `best`: the lobe of surfels that show no gloss.
+    pub matte: bool,
     /// Transfer and drawing: surfels that are hidden or too faint to be seen.
     pub unseen: bool,
 }
@@ -37,19 +39,74 @@ impl Skips {
         gray_light: false,
         suns: false,
         bounces: false,
+        matte: false,
         unseen: false,
     };
 
-    /// All of them with their names.
-    pub const ALL: [Skip; 7] = [
-        Skip("closed-sides", |s| &mut s.closed_sides),
-        Skip("open-object", |s| &mut s.open_object),
-        Skip("empty-bands", |s| &mut s.empty_bands),
-        Skip("gray-light", |s| &mut s.gray_light),
-        Skip("suns", |s| &mut s.suns),
-        Skip("bounces", |s| &mut s.bounces),
-        Skip("unseen", |s| &mut s.unseen),
-    ];
+    /// All of them.
+    pub const ALL: [Skip; 8] = {
+        const PAPER: &[Preset] = &[Preset::Paper];
+        const BEST: &[Preset] = &[Preset::Best];
+        const BOTH: &[Preset] = &Preset::ALL;
+        [
+            Skip {
+                name: "closed-sides",
+                presets: BEST,
+                stage: Stage::Bake,
+                needed: "rays on both sides of every surfel: no side is closed",
+                of: |s| &mut s.closed_sides,
+            },
+            Skip {
+                name: "open-object",
+                presets: BOTH,
+                stage: Stage::Bake,
+                needed: "visibility: surfels block each other's light",
+                of: |s| &mut s.open_object,
+            },
+            Skip {
+                name: "empty-bands",
+                presets: BOTH,
+                stage: Stage::Transfer,
+                needed: "all SH bands: there is something in each",
+                of: |s| &mut s.empty_bands,
+            },
+            Skip {
+                name: "gray-light",
+                presets: PAPER,
+                stage: Stage::Transfer,
+                needed: "three channels: the light has a colour",
+                of: |s| &mut s.gray_light,
+            },
+            Skip {
+                name: "suns",
+                presets: BEST,
+                stage: Stage::Transfer,
+                needed: "rays to suns: the light has one",
+                of: |s| &mut s.suns,
+            },
+            Skip {
+                name: "bounces",
+                presets: BEST,
+                stage: Stage::Transfer,
+                needed: "all turns of the bounce: surfels light each other",
+                of: |s| &mut s.bounces,
+            },
+            Skip {
+                name: "matte",
+                presets: BEST,
+                stage: Stage::Transfer,
+                needed: "a lobe on every surfel: all of them show gloss",
+                of: |s| &mut s.matte,
+            },
+            Skip {
+                name: "unseen",
+                presets: BEST,
+                stage: Stage::Transfer,
+                needed: "every surfel: none is too faint to be seen",
+                of: |s| &mut s.unseen,
+            },
+        ]
+    };
 }
 
 impl Default for Skips {
@@ -61,13 +118,53 @@ impl Default for Skips {
             gray_light: true,
             suns: true,
             bounces: true,
+            matte: true,
             unseen: true,
         }
     }
 }
 
-/// One of the [`Skips`]: its name, and where its switch is.
-pub struct Skip(pub &'static str, pub fn(&mut Skips) -> &mut bool);
+/// One of the [`Skips`].
+pub struct Skip {
+    /// Its name.
+    pub name: &'static str,
+    /// Presets that have it.
+    pub presets: &'static [Preset],
+    /// The stage that is quicker for it.
+    pub stage: Stage,
+    /// What a scene needs where it does not apply.
+    pub needed: &'static str,
+    /// Its switch.
+    pub of: fn(&mut Skips) -> &mut bool,
+}
+
+/// A stage of the pipeline, as what is told of it calls it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Reading a light.
+    Project,
+    /// Of the asset.
+    Bake,
+    /// For asset and source light.
+    Prepare,
+    /// To another light.
+    Transfer,
+    /// To the screen.
+    Draw,
+}
+
+impl Stage {
+    /// As the program calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Project => "project",
+            Self::Bake => "bake",
+            Self::Prepare => "prepare",
+            Self::Transfer => "transfer",
+            Self::Draw => "draw",
+        }
+    }
+}
 
 /// Something that a stage left out.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,8 +173,10 @@ pub struct Skipped {
     pub what: String,
     /// And why.
     pub why: String,
-    /// The stage that is quicker for it, as the program calls it.
-    pub stage: &'static str,
+    /// By which of the [`Skips`], where it can be done all the same.
+    pub skip: Option<&'static str>,
+    /// The stage that is quicker for it.
+    pub stage: Stage,
     /// Which part of the stage's work it was, 0 to 1, where that can be told.
     pub share: Option<f32>,
     /// Bytes that were not allocated.
@@ -88,10 +187,11 @@ pub struct Skipped {
 
 impl Skipped {
     /// Something that changes nothing, of a stage.
-    pub fn exact(stage: &'static str, what: impl Into<String>, why: impl Into<String>) -> Self {
+    pub fn exact(stage: Stage, what: impl Into<String>, why: impl Into<String>) -> Self {
         Self {
             what: what.into(),
             why: why.into(),
+            skip: None,
             stage,
             share: None,
             bytes: 0,
@@ -135,7 +235,8 @@ pub fn of_bake(bake: &Bake) -> Vec<Skipped> {
         let why = "no surfel blocks the light of another in any direction that was asked";
         out.push(Skipped {
             max_error: open_object,
-            ..Skipped::exact("bake", "the bake", why)
+            skip: Some("open-object"),
+            ..Skipped::exact(Stage::Bake, "the bake", why)
         });
     }
     if closed > 0.0 {
@@ -145,8 +246,9 @@ pub fn of_bake(bake: &Bake) -> Vec<Skipped> {
         );
         out.push(Skipped {
             share: Some(closed),
+            skip: Some("closed-sides"),
             max_error: Some(CLOSED_SIDES_ERROR),
-            ..Skipped::exact("bake", "rays into closed sides", why)
+            ..Skipped::exact(Stage::Bake, "rays into closed sides", why)
         });
     }
     out
@@ -163,7 +265,7 @@ pub fn of_transfer(
         .filter(|term| !*(term.of)(&mut terms))
         .map(|term| Skipped {
             max_error: None,
-            ..Skipped::exact("transfer", term.name, "switched off")
+            ..Skipped::exact(Stage::Transfer, term.name, "switched off")
         })
         .collect();
     match prepared {
@@ -189,8 +291,9 @@ fn of_paper(
         let why = "the source light has nothing there (see SH degree)";
         out.push(Skipped {
             bytes,
+            skip: Some("empty-bands"),
             max_error: None,
-            ..Skipped::exact("transfer", what, why)
+            ..Skipped::exact(Stage::Transfer, what, why)
         });
     } else if settings.terms.specular {
         let why = if settings.sh_degree == 0 {
@@ -202,7 +305,8 @@ fn of_paper(
         };
         out.push(Skipped {
             bytes,
-            ..Skipped::exact("transfer", "specular transfer", why)
+            skip: Some("empty-bands"),
+            ..Skipped::exact(Stage::Transfer, "specular transfer", why)
         });
     }
 }
@@ -220,9 +324,10 @@ fn of_best(
         let why = "the asset's colour has nothing there";
         let node_bytes = 12 * n * (Nodes::count_of(cloud.sh_degree) - asset.nodes.count());
         out.push(Skipped {
+            skip: Some("empty-bands"),
             // Stored colour, its residual, and the result.
             bytes: 3 * empty_bytes(n, cloud.sh_degree, degree) + 2 * node_bytes,
-            ..Skipped::exact("transfer", what, why)
+            ..Skipped::exact(Stage::Transfer, what, why)
         });
     }
     if settings.terms.lobe && best.glossy_surfels < n {
@@ -236,18 +341,24 @@ fn of_best(
             let why = "the asset's colour does not depend on the view";
             ("specular lobe".into(), why)
         };
-        out.push(Skipped::exact("transfer", what, why));
+        out.push(Skipped {
+            skip: Some("matte"),
+            ..Skipped::exact(Stage::Transfer, what, why)
+        });
     }
     if settings.terms.shadow && !best.settings.terms.shadow {
         let why = "no surfel blocks the light of another";
         out.push(Skipped {
             max_error: asset.occlusion.open_object_error,
-            ..Skipped::exact("transfer", "shadows", why)
+            ..Skipped::exact(Stage::Transfer, "shadows", why)
         });
     }
     if best.turns() < TURNS && settings.terms.bounce && settings.terms.shadow {
         let why = "no light bounces between surfels";
-        out.push(Skipped::exact("transfer", "turns of the bounce", why));
+        out.push(Skipped {
+            skip: Some("bounces"),
+            ..Skipped::exact(Stage::Transfer, "turns of the bounce", why)
+        });
     }
 }
 
@@ -261,7 +372,10 @@ pub fn of_light(prepared: &PreparedTransfer, light: &Illumination) -> Vec<Skippe
                 .all(|[r, g, b]| r == g && g == b);
             if is_gray && paper.settings.skips.gray_light {
                 let why = "the light is grey";
-                out.push(Skipped::exact("transfer", "two of three channels", why));
+                out.push(Skipped {
+                    skip: Some("gray-light"),
+                    ..Skipped::exact(Stage::Transfer, "two of three channels", why)
+                });
             }
         }
         PreparedTransfer::Best(best) => {
@@ -269,11 +383,28 @@ pub fn of_light(prepared: &PreparedTransfer, light: &Illumination) -> Vec<Skippe
             let Terms { sums, suns: on, .. } = best.settings.terms;
             if suns == 0 && sums && on && best.settings.skips.suns {
                 let why = "the light has no sun";
-                out.push(Skipped::exact("transfer", "rays to suns", why));
+                out.push(Skipped {
+                    skip: Some("suns"),
+                    ..Skipped::exact(Stage::Transfer, "rays to suns", why)
+                });
             }
         }
     }
     out
+}
+
+/// What is neither relit nor drawn, of surfels that nobody sees (`[n]` or empty).
+pub fn of_unseen(unseen: &[bool]) -> Vec<Skipped> {
+    let count = unseen.iter().filter(|u| **u).count();
+    if count == 0 {
+        return Vec::new();
+    }
+    let why = format!("{count} are hidden, or too faint for any pixel");
+    vec![Skipped {
+        skip: Some("unseen"),
+        share: Some(count as f32 / unseen.len() as f32),
+        ..Skipped::exact(Stage::Draw, "surfels that nobody sees", why)
+    }]
 }
 
 /// Bytes of colour that `n` surfels do not have in the bands above a degree.

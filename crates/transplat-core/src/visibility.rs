@@ -168,6 +168,9 @@ impl Bake {
             let baked = Occlusion::bake_in_stages(cloud, (&[1], skips), progress, |_, _| ())?;
             return Ok(Self::Occlusion(Arc::new(baked)));
         }
+        if progress(0.0).is_break() {
+            return Err(Error::Cancelled);
+        }
         if skips.open_object
             && let Some(open) = Visibility::of_open_object(cloud, settings.directions)
         {

@@ -334,6 +334,8 @@ pub enum ReportPart {
     Time,
     /// Stiff and extreme cases, and what epsilon does
     Extremes,
+    /// What the scene does not need, and what leaving it out saves
+    Skipped,
     /// Presets and terms against the true pictures of --ground-truth
     Truth,
 }
@@ -344,6 +346,7 @@ impl ReportPart {
         match self {
             Self::Time => &["error_vs_time.csv"],
             Self::Extremes => &["extremes.csv", "epsilon.csv"],
+            Self::Skipped => &["skipped.csv"],
             Self::Truth => &["truth.csv", "truth.md"],
         }
     }

@@ -7,6 +7,7 @@ mod device;
 mod metrics;
 mod picture;
 mod report;
+mod savings;
 mod scene;
 mod sweep;
 mod truth;

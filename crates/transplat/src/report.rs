@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use transplat_core::skips::Skipped;
+use transplat_core::skips::{Skipped, Stage};
 
 use crate::cli::OutputArgs;
+use crate::savings::Saved;
 
 /// Gathers what is told at the end.
 pub struct Report {
@@ -19,6 +20,8 @@ pub struct Report {
     targets: Vec<(String, f32)>,
     notes: Vec<String>,
     skipped: Vec<Skipped>,
+    /// The same as it was measured, for programs.
+    saved: Vec<Value>,
     warnings: Vec<String>,
 }
 
@@ -33,6 +36,7 @@ impl Report {
             targets: Vec::new(),
             notes: Vec::new(),
             skipped: Vec::new(),
+            saved: Vec::new(),
             warnings: Vec::new(),
         }
     }
@@ -79,7 +83,10 @@ impl Report {
 
     /// Notes something that this scene did not need.
     pub fn skip(&mut self, what: &str, why: &str) {
-        self.skipped(Skipped::exact("", what, why));
+        self.skipped(Skipped {
+            max_error: None,
+            ..Skipped::exact(Stage::Project, what, why)
+        });
     }
 
     /// The same with what it saved.
@@ -89,9 +96,20 @@ impl Report {
         }
     }
 
+    /// The same as it was measured, in the JSON object alone.
+    pub fn saved(&mut self, saved: &Saved) {
+        self.saved.push(json!({
+            "what": format!("{} ({})", saved.skipped.what, saved.preset.name()),
+            "why": saved.skipped.why,
+            "time_saved_ms": saved.time_saved_ms,
+            "memory_saved_bytes": saved.skipped.bytes,
+            "max_error": saved.max_error,
+        }));
+    }
+
     fn told_of(&self, skipped: &Skipped) -> Value {
         let mut told = json!({"what": skipped.what, "why": skipped.why});
-        let stage_ms = self.ms(skipped.stage);
+        let stage_ms = self.ms(skipped.stage.name());
         if let Some(ms) = stage_ms.and_then(|ms| skipped.saved_ms(ms)) {
             told["time_saved_ms"] = json!(ms);
         }
@@ -147,7 +165,8 @@ impl Report {
                 let targets = self.targets.iter().map(told).collect();
                 object.insert("targets".into(), Value::Array(targets));
             }
-            let skipped = self.skipped.iter().map(|s| self.told_of(s)).collect();
+            let told = self.skipped.iter().map(|s| self.told_of(s));
+            let skipped = told.chain(self.saved.iter().cloned()).collect();
             object.insert("skipped".into(), Value::Array(skipped));
             object.insert("warnings".into(), json!(self.warnings));
             writeln!(out, "{}", Value::Object(object))?;
@@ -159,7 +178,7 @@ impl Report {
                 writeln!(out, "{note}")?;
             }
             for entry in &self.skipped {
-                let words = entry.in_words(self.ms(entry.stage));
+                let words = entry.in_words(self.ms(entry.stage.name()));
                 writeln!(out, "left out: {} ({words})", entry.what)?;
             }
             let stages: Vec<String> = self

@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::oracle;
 use transplat_core::sh::MAX_DEGREE;
+pub use transplat_core::skips::Stage;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
 use transplat_core::visibility::{
@@ -62,27 +63,8 @@ pub struct Numeric {
     pub psnr: Option<f64>,
 }
 
-/// The pipeline's stages that are measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    Project,
-    Bake,
-    Prepare,
-    Transfer,
-}
-
-impl Stage {
-    pub const ALL: [Self; 4] = [Self::Project, Self::Bake, Self::Prepare, Self::Transfer];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Project => "project environment",
-            Self::Bake => "bake",
-            Self::Prepare => "prepare",
-            Self::Transfer => "transfer",
-        }
-    }
-}
+/// The stages that are measured.
+pub const STAGES: [Stage; 4] = [Stage::Project, Stage::Bake, Stage::Prepare, Stage::Transfer];
 
 /// A median time with what repeats spread: half the distance between the quartiles.
 #[derive(Clone, Copy, Debug)]

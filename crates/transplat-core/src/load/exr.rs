@@ -33,6 +33,11 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
     let meta = MetaData::read_from_file(path, false).map_err(told)?;
     // Every layer is checked, because the reader makes room for the first that it can read.
     for header in &meta.headers {
+        // The reader divides by it.
+        let samples = header.channels.list.iter().map(|c| c.sampling);
+        if samples.into_iter().any(|s| s.x() == 0 || s.y() == 0) {
+            return Err(Error::invalid(path, "a channel of no pixels"));
+        }
         let size = header.layer_size;
         check_map_size(path, size.width(), size.height())?;
         // Deflate packs 1032 to 1 at best, and PXR24 drops a quarter of f32 before it.

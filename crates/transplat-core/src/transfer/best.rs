@@ -316,7 +316,7 @@ impl BestAsset {
         scratch: &mut Scratch,
     ) {
         scratch.glossy.clear();
-        if gloss.is_matte() {
+        if gloss.is_matte() && light.skips.matte {
             return;
         }
         let q = self.nodes.count();
@@ -372,7 +372,7 @@ impl BestTransfer {
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, &settings, fill);
-        let light = asset.incident(light, settings.terms);
+        let light = asset.incident(light, &settings);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
             .map(|i| {
@@ -471,7 +471,7 @@ impl BestTransfer {
     /// By how much each surfel's front changes in matte light. `[n]`
     pub fn tau(&self, light: BestLight) -> Vec<[f32; 3]> {
         let start = self.mean_ratio(&light);
-        let light = self.asset.incident(light, self.settings.terms);
+        let light = self.asset.incident(light, &self.settings);
         self.bounce(&light, start)
             .into_iter()
             .map(|t| t[0])
@@ -487,7 +487,7 @@ impl BestTransfer {
     pub fn relight_seen(&self, light: BestLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
         let start = self.mean_ratio(&light);
-        let light = asset.incident(light, self.settings.terms);
+        let light = asset.incident(light, &self.settings);
         let tau = self.bounce(&light, start);
         let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{Beam, MAX_SUNS};
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::best::{BestLight, BestTransfer, TURNS};
+use transplat_core::transfer::best::{BestLight, BestTransfer, TURNS, WIDTHS};
 use transplat_core::transfer::{Part, Relit};
 use transplat_core::visibility::occlusion::{DIRECTIONS, WORDS, directions};
 use wgpu::BufferUsages;
@@ -379,7 +379,11 @@ fn surfels_of(p: &BestTransfer, first: usize, count: usize) -> (Vec<BestSurfel>,
                 back_divisor,
                 end_hit: hits.len() as u32,
                 front_mean,
-                width: if gloss.is_matte() { 0 } else { gloss.width },
+                width: match gloss.is_matte() {
+                    true if p.settings.skips.matte => 0,
+                    true => WIDTHS[0],
+                    false => gloss.width,
+                },
                 back_mean,
                 rises: u32::from(gloss.rises),
                 reflectance: gloss.reflectance,

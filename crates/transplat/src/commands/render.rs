@@ -11,6 +11,7 @@ use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png};
 use transplat_core::load::load_cameras;
 use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
+use transplat_core::skips;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::visibility::Bake;
 
@@ -325,6 +326,9 @@ impl Shots<'_> {
             } else {
                 &[]
             };
+            for skipped in skips::of_unseen(unseen) {
+                report.skipped(skipped);
+            }
             let wanted = (&light[1], self.studio.view.part(), unseen);
             let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
             let mut lit = Lit::of(self.studio.view, relit, &scene.cloud, bake, &prepared);

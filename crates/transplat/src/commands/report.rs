@@ -2,6 +2,7 @@
 
 mod extremes;
 mod page;
+mod skipped;
 mod tables;
 mod time;
 mod truth;
@@ -57,7 +58,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     report.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
     let mut told = String::new();
-    let of_asset = [ReportPart::Time, ReportPart::Extremes];
+    let of_asset = [ReportPart::Time, ReportPart::Extremes, ReportPart::Skipped];
     let subject = if parts.iter().any(|part| of_asset.contains(part)) {
         Some(subject(args, &device, &mut report)?)
     } else {
@@ -82,6 +83,11 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     if parts.contains(&ReportPart::Extremes) {
         told += &extremes::run(args, subject.as_ref(), &devices, &mut page, &mut report)?;
+    }
+    if let Some(subject) = subject.as_ref()
+        && parts.contains(&ReportPart::Skipped)
+    {
+        told += &skipped::run(args, subject, &mut page, &mut report)?;
     }
     if !objects.is_empty() && parts.contains(&ReportPart::Truth) {
         told += &truth::run(&objects, args, &device, &mut report)?;

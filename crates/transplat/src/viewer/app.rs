@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use eframe::egui::{self, Key, Ui};
 use transplat_core::load::{FileKind, file_kind, load_look};
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
-use transplat_core::skips::{self, Skipped};
+use transplat_core::skips::{self, Skipped, Stage};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -21,8 +21,8 @@ use super::probes::Probe;
 use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
 use super::shelf::{self, Shelf};
 use super::viewport::Viewport;
-use super::widgets::thousands;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::savings::Saved;
 use crate::scene;
 
 /// Where the preferences are kept.
@@ -436,38 +436,20 @@ impl Viewer {
     pub fn left_out(&self) -> Vec<Skipped> {
         let session = &self.session;
         let mut out = Vec::new();
-        let Some(asset) = &session.asset else {
+        if session.asset.is_none() {
             return out;
-        };
-        let share = |count: usize| Some(count as f32 / asset.cloud.len().max(1) as f32);
-        let mut unseen = |what: &str, count: usize, why: &str| {
-            if count > 0 {
-                out.push(Skipped {
-                    share: share(count),
-                    ..Skipped::exact("draw", what, format!("{} {why}", thousands(count)))
-                });
-            }
-        };
-        unseen(
-            "surfels never seen",
-            asset.never_seen,
-            "are too faint or broken",
-        );
-        unseen(
-            "hidden surfels",
-            session.hidden_count,
-            "are hidden (panel Asset)",
-        );
+        }
+        out.extend(skips::of_unseen(&session.hidden));
         if session.source_is_assumed() {
             out.push(Skipped::exact(
-                "",
+                Stage::Project,
                 "projection of the source",
                 "its light is even",
             ));
         }
         let baked = session.baked();
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
-            out.push(Skipped::exact("", "bake", "a kept one is used"));
+            out.push(Skipped::exact(Stage::Bake, "bake", "a kept one is used"));
         } else if let Some(baked) = baked {
             out.extend(baked.bake.iter().flat_map(|b| skips::of_bake(b)));
         }
@@ -479,14 +461,26 @@ impl Viewer {
         out
     }
 
+    /// Why something was left out, and what that saved: as it was measured on this object, or else estimated from what the stage took.
+    pub fn left_out_in_words(&self, skipped: &Skipped) -> String {
+        let preset = self.session.look.transfer.preset;
+        let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.preset == preset;
+        let mut measured = self.session.saved.iter();
+        match measured.find(is_it).filter(|_| skipped.skip.is_some()) {
+            Some(saved) => format!("{}; {}", skipped.why, saved.in_words()),
+            None => skipped.in_words(self.stage_ms(skipped.stage)),
+        }
+    }
+
     /// Milliseconds that the stage of something left out took when it last ran.
-    pub fn stage_ms(&self, stage: &str) -> Option<f64> {
+    fn stage_ms(&self, stage: Stage) -> Option<f64> {
         let session = &self.session;
         match stage {
-            "bake" => session.baked().map(|b| b.ms),
-            "transfer" => Some(session.transfer_ms()),
-            "draw" => Some(session.frame_timer.ms()),
-            _ => None,
+            Stage::Bake => session.baked().map(|b| b.ms),
+            Stage::Transfer => Some(session.transfer_ms()),
+            Stage::Draw => Some(session.frame_timer.ms()),
+            Stage::Prepare => Some(session.times.prepare),
+            Stage::Project => None,
         }
     }
 

@@ -139,6 +139,9 @@ fn bake_visibility(
     preview: &dyn Fn(Bake, f32),
 ) -> anyhow::Result<Bake> {
     let (cloud, directions) = (wanted.cloud, wanted.directions);
+    if report(0.0).is_break() {
+        return Err(transplat_core::Error::Cancelled.into());
+    }
     if wanted.skips.open_object
         && let Some(open) = Visibility::of_open_object(cloud, directions)
     {

@@ -3,7 +3,11 @@
 use super::jobs::{Handle, Kind, beside_the_rest};
 use super::session::{Event, Session};
 use crate::device::Device;
+use crate::savings;
 use crate::sweep::{Effort, Setting, Subject, Sweep};
+
+/// Repeats of a transfer with and without what is left out.
+const REPEATS: usize = 7;
 
 impl Session {
     /// Measures the settings that the user can choose, under the lights as they are.
@@ -33,10 +37,17 @@ impl Session {
         let label = format!("measuring settings on {}", asset.name());
         let id = self.asset_id;
         let work = move |handle: &Handle<Event>| {
-            let progress = |done: f64, _: &str| handle.progress(done);
-            let sweep = || Sweep::run(&subject, &devices, Effort::Offered, &progress);
-            Some(match beside_the_rest(sweep) {
-                Ok(points) => Event::Measured { asset: id, points },
+            let half = |start: f64| move |done: f64, _: &str| handle.progress(start + 0.5 * done);
+            let measure = || {
+                let points = Sweep::run(&subject, &devices, Effort::Offered, &half(0.0))?;
+                anyhow::Ok((points, savings::measure(&subject, REPEATS, &half(0.5))?))
+            };
+            Some(match beside_the_rest(measure) {
+                Ok((points, savings)) => Event::Measured {
+                    asset: id,
+                    points,
+                    savings,
+                },
                 Err(_) if handle.is_cancelled() => return None,
                 Err(error) => Event::Failed(format!("nothing could be measured: {error:#}")),
             })

@@ -253,6 +253,7 @@ impl Session {
         self.readout = None;
         self.measured.clear();
         self.measured_words.clear();
+        self.saved.clear();
         self.relit_asked = None;
         // A bake that was named belongs to the asset that came with it.
         if self.asset_id > 1 {

@@ -63,7 +63,7 @@ impl Viewer {
                     1 => "1 step skipped".to_owned(),
                     n => format!("{n} steps skipped"),
                 };
-                let told = |s: &Skipped| format!("{}: {}", s.what, s.in_words(self.stage_ms(s.stage)));
+                let told = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
                 let all: Vec<String> = left_out.iter().map(told).collect();
                 ui.label(text)
                     .on_hover_text(format!("Not needed for this scene:\n{}", all.join("\n")));

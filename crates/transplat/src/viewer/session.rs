@@ -32,6 +32,7 @@ use super::jobs::Jobs;
 use super::lights::Light;
 use super::opening::LoadedAsset;
 use super::oriented::{OrientedLight, OrientedLights};
+use crate::savings::{Saved, Savings};
 use crate::sweep::{Point, in_words};
 
 /// An asset as it is open.
@@ -120,6 +121,7 @@ pub enum Event {
     Measured {
         asset: u64,
         points: Vec<Point>,
+        savings: Savings,
     },
     Done(String),
     Failed(String),
@@ -263,6 +265,8 @@ pub struct Session {
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
     /// What settings cost on the asset; empty until it is asked for.
     pub measured: Vec<Point>,
+    /// What leaving something out saves on it.
+    pub saved: Vec<Saved>,
     /// And what of that is worth a word.
     pub measured_words: Vec<String>,
     /// Whether a surfel is inspected, and nothing is being dragged.
@@ -359,6 +363,7 @@ impl Session {
             transfer_skips: Vec::new(),
             readout: None,
             measured: Vec::new(),
+            saved: Vec::new(),
             measured_words: Vec::new(),
             wants_readout: false,
             messages: Vec::new(),
@@ -560,7 +565,12 @@ impl Session {
                 }
                 self.show_doubts(doubts);
             }
-            Event::Measured { asset, points } if asset == self.asset_id => {
+            Event::Measured {
+                asset,
+                points,
+                savings,
+            } if asset == self.asset_id => {
+                self.saved = savings.saved;
                 self.measured_words = in_words(&points);
                 self.measured = points;
             }

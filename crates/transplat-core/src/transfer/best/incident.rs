@@ -10,6 +10,7 @@ use super::lobe::Rays;
 use super::{BestAsset, BestLight, MAX_RELATIVE_LIGHT, Sides};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::sh::evaluate_sh;
+use crate::skips::Skips;
 use crate::transfer::{Terms, TransferSettings};
 use crate::visibility::occlusion::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 
@@ -37,6 +38,7 @@ pub(super) struct Incident {
     /// Epsilon's share.
     pub least: [f32; 3],
     terms: Terms,
+    pub skips: Skips,
 }
 
 struct Sky {
@@ -97,7 +99,8 @@ impl BestAsset {
     }
 
     /// A light as the surfels meet it.
-    pub(super) fn incident(&self, light: BestLight, terms: Terms) -> Incident {
+    pub(super) fn incident(&self, light: BestLight, settings: &TransferSettings) -> Incident {
+        let terms = settings.terms;
         let mut light = Incident {
             sky: Sky::new(&light.sky),
             suns: light
@@ -108,6 +111,7 @@ impl BestAsset {
             irradiance: Vec::new(),
             least: light.least,
             terms,
+            skips: settings.skips,
         };
         light.irradiance = (0..self.len())
             .into_par_iter()

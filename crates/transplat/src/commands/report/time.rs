@@ -7,7 +7,7 @@ use anyhow::Result;
 use super::page::{Dot, Page, Plot};
 use super::tables::quoted;
 use crate::report::milliseconds;
-use crate::sweep::{Point, Stage};
+use crate::sweep::{Point, STAGES, Stage};
 
 /// The table's name.
 pub const CSV: &str = "error_vs_time.csv";
@@ -53,7 +53,7 @@ pub fn onto(page: &mut Page, points: &[Point], words: &[String]) -> Result<()> {
     devices.dedup();
     devices.sort_unstable();
     devices.dedup();
-    for stage in Stage::ALL {
+    for stage in STAGES {
         for device in &devices {
             let here = |p: &&Point| p.stage == stage && p.device == *device;
             let these: Vec<&Point> = points.iter().filter(here).collect();
@@ -74,7 +74,7 @@ pub fn onto(page: &mut Page, points: &[Point], words: &[String]) -> Result<()> {
         "PSNR to truth",
         "front",
     ];
-    for stage in Stage::ALL {
+    for stage in STAGES {
         let these = points.iter().filter(|p| p.stage == stage);
         let rows: Vec<(&str, Vec<String>)> = these
             .map(|p| {

@@ -56,8 +56,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui.weak("nothing");
     }
     for skipped in left_out {
-        let ms = viewer.stage_ms(skipped.stage);
-        fact(ui, &skipped.what, skipped.in_words(ms));
+        fact(ui, &skipped.what, viewer.left_out_in_words(&skipped));
     }
     ui.separator();
     settings(ui, viewer);

@@ -1,0 +1,114 @@
+//! What the scene did not need, and what leaving that out saved.
+
+use std::fmt::Write;
+use std::ops::ControlFlow;
+
+use anyhow::Result;
+
+use super::page::Page;
+use super::tables::quoted;
+use super::write;
+use crate::cli::ReportArgs;
+use crate::report::Report;
+use crate::savings::{self, Saved, Savings};
+use crate::scene::progress_bar;
+use crate::sweep::Subject;
+
+/// The table's name.
+const CSV: &str = "skipped.csv";
+
+/// Repeats of a transfer, whose median counts.
+const REPEATS: [usize; 2] = [5, 21];
+
+/// Measures with and without each thing that can be left out.
+pub fn run(
+    args: &ReportArgs,
+    subject: &Subject,
+    page: &mut Page,
+    report: &mut Report,
+) -> Result<String> {
+    let bar = progress_bar("what was left out", report);
+    let progress = |done: f64, what: &str| {
+        bar.set_position((1000.0 * done) as u64);
+        if bar.is_hidden() && !args.out.quiet {
+            eprintln!("{:3.0} % left out: {what}", 100.0 * done);
+        }
+        ControlFlow::Continue(())
+    };
+    let repeats = REPEATS[usize::from(!args.quick)];
+    let savings = report.time("skips", || savings::measure(subject, repeats, &progress))?;
+    bar.finish_and_clear();
+    write(&args.output.join(CSV), &csv(&savings.saved))?;
+    for saved in &savings.saved {
+        report.saved(saved);
+    }
+    let told = summary(&savings);
+    onto(page, &savings);
+    Ok(told)
+}
+
+fn name(saved: &Saved) -> String {
+    format!("{} ({})", saved.skipped.what, saved.preset.name())
+}
+
+fn csv(saved: &[Saved]) -> String {
+    let mut out = String::from("what,why,time_saved_ms,memory_saved_bytes,max_error\n");
+    for s in saved {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            out,
+            "{},{},{:.3},{},{:.3e}",
+            quoted(&name(s)),
+            quoted(&s.skipped.why),
+            s.time_saved_ms,
+            s.skipped.bytes,
+            s.max_error
+        );
+    }
+    out
+}
+
+fn summary(savings: &Savings) -> String {
+    let mut out = String::from("Left out of this scene:\n");
+    if savings.saved.is_empty() {
+        out += "  nothing: it needs everything\n";
+    }
+    for s in &savings.saved {
+        // Writing to a string does not fail.
+        let _ = writeln!(out, "  {}: {}", name(s), s.in_words());
+    }
+    out
+}
+
+fn onto(page: &mut Page, savings: &Savings) {
+    page.heading("What this scene does not need");
+    page.paragraph("Each row was measured by doing it all the same: how much longer the stage took, and the largest difference that made to a pixel (display-encoded, 0 to 1).");
+    let rows: Vec<(&str, Vec<String>)> = (savings.saved.iter())
+        .map(|s| {
+            let row = vec![
+                name(s),
+                s.skipped.why.clone(),
+                s.skipped.stage.name().to_owned(),
+                s.time_in_words(),
+                s.memory_in_words(),
+                format!("{:.1e}", s.max_error),
+            ];
+            ("", row)
+        })
+        .collect();
+    let head = [
+        "left out",
+        "why",
+        "stage",
+        "time saved",
+        "memory saved",
+        "largest error",
+    ];
+    page.table("Left out", &head, &rows);
+    page.paragraph("What it does need:");
+    let needed = savings.needed.iter();
+    let needed: Vec<String> = needed
+        .map(|(preset, why)| format!("{why} ({})", preset.name()))
+        .collect();
+    page.list(&needed);
+}

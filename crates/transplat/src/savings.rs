@@ -1,0 +1,255 @@
+//! What leaving something out of a scene saves: measured by doing it all the same, once with and once without.
+
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use transplat_core::camera::Camera;
+use transplat_core::look::CameraPose;
+use transplat_core::present::PLAIN;
+use transplat_core::rasterize::{rasterize, shade};
+use transplat_core::skips::{self, Skip, Skipped, Skips, Stage};
+use transplat_core::surfels::Hide;
+use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+
+use crate::report::milliseconds;
+use crate::sweep::Subject;
+
+/// Per cent of a stage's time that repeats differ by.
+const NOISE: f64 = 3.0;
+
+/// Pixels along the edge of the picture in which errors are looked for.
+const SIZE: usize = 400;
+
+/// Something that was left out, and what that was worth.
+#[derive(Clone, Debug)]
+pub struct Saved {
+    pub skipped: Skipped,
+    pub preset: Preset,
+    /// Milliseconds that the stage took less; negative where that is lost in the noise.
+    pub time_saved_ms: f64,
+    /// And what it took.
+    pub time_ms: f64,
+    /// Largest difference of a channel of a pixel, display-encoded, 0 to 1.
+    pub max_error: f64,
+}
+
+impl Saved {
+    /// The time with its share of what the stage would have taken; what measuring cannot tell is not told.
+    pub fn time_in_words(&self) -> String {
+        let all = self.time_saved_ms + self.time_ms;
+        let share = 100.0 * self.time_saved_ms / all.max(1e-9);
+        if share < NOISE {
+            return "no time to speak of".into();
+        }
+        format!("{} ({share:.0} %)", milliseconds(self.time_saved_ms))
+    }
+
+    /// Nothing where there is none.
+    pub fn memory_in_words(&self) -> String {
+        match self.skipped.bytes {
+            0 => String::new(),
+            bytes => format!("{:.1} MB", bytes as f64 / 1e6),
+        }
+    }
+
+    /// All of that.
+    pub fn in_words(&self) -> String {
+        let memory = match self.memory_in_words() {
+            memory if memory.is_empty() => memory,
+            memory => format!(" and {memory}"),
+        };
+        format!(
+            "saved {} in the {}{memory}; largest difference of a pixel {:.1e}",
+            self.time_in_words(),
+            self.skipped.stage.name(),
+            self.max_error
+        )
+    }
+}
+
+/// What was found about a scene.
+#[derive(Clone, Debug, Default)]
+pub struct Savings {
+    pub saved: Vec<Saved>,
+    /// What could not be left out, by preset, and why.
+    pub needed: Vec<(Preset, &'static str)>,
+}
+
+/// An asset with some skips, ready to be relit.
+struct Run {
+    skips: Skips,
+    bake: Bake,
+    prepared: PreparedTransfer,
+    relit: Relit,
+    told: Vec<Skipped>,
+    unseen: Vec<bool>,
+}
+
+/// Measures on the CPU what leaving out saves on an asset between two lights; `progress` may break off.
+pub fn measure(
+    subject: &Subject,
+    repeats: usize,
+    progress: &dyn Fn(f64, &str) -> ControlFlow<()>,
+) -> Result<Savings> {
+    let mut savings = Savings::default();
+    let steps = (Preset::ALL.len() * (Skips::ALL.len() + 1)) as f64;
+    let mut done = 0.0;
+    for preset in Preset::ALL {
+        let mut next = |what: &str| {
+            let at = done / steps;
+            done += 1.0;
+            progress(at, what)
+        };
+        if next("as it is").is_break() {
+            bail!("cancelled");
+        }
+        // A kept bake does not know what was left out of it.
+        let with = run(subject, preset, Skips::default(), None)?;
+        for skip in Skips::ALL.iter().filter(|s| s.presets.contains(&preset)) {
+            if next(skip.name).is_break() {
+                bail!("cancelled");
+            }
+            match applies(skip, &with.told) {
+                Some(skipped) => {
+                    let saved = compare(subject, preset, &with, (skip, skipped), repeats)?;
+                    savings.saved.push(saved);
+                }
+                None => savings.needed.push((preset, skip.needed)),
+            }
+        }
+    }
+    Ok(savings)
+}
+
+/// What a skip left out, if anything.
+fn applies(skip: &Skip, told: &[Skipped]) -> Option<Skipped> {
+    told.iter().find(|s| s.skip == Some(skip.name)).cloned()
+}
+
+/// With something left out, and with it done all the same.
+fn compare(
+    subject: &Subject,
+    preset: Preset,
+    with: &Run,
+    (skip, skipped): (&Skip, Skipped),
+    repeats: usize,
+) -> Result<Saved> {
+    let mut forced = Skips::default();
+    *(skip.of)(&mut forced) = false;
+    // The bake is the same unless it is what is forced.
+    let kept = (skip.stage != Stage::Bake).then_some(&with.bake);
+    let without = run(subject, preset, forced, kept)?;
+    let [time_ms, forced_ms] = if skip.stage == Stage::Bake {
+        let repeats = repeats.div_ceil(7);
+        let each = [with, &without];
+        alternating(repeats, |i| bake(subject, preset, each[i].skips).map(drop))?
+    } else {
+        let each = [with, &without];
+        alternating(repeats, |i| each[i].relight(subject).map(drop))?
+    };
+    let pictures = [with, &without].map(|run| picture(subject, run));
+    let pairs = pictures[0]
+        .iter()
+        .flatten()
+        .zip(pictures[1].iter().flatten());
+    Ok(Saved {
+        skipped,
+        preset,
+        time_saved_ms: forced_ms - time_ms,
+        time_ms,
+        max_error: pairs.fold(0.0, |e, (a, b)| e.max(f64::from((a - b).abs()))),
+    })
+}
+
+/// Median milliseconds of two works that take turns, so that what else the machine does slows both.
+fn alternating(repeats: usize, work: impl Fn(usize) -> Result<()>) -> Result<[f64; 2]> {
+    let mut times = [Vec::new(), Vec::new()];
+    for _ in 0..repeats {
+        for (i, times) in times.iter_mut().enumerate() {
+            let start = Instant::now();
+            work(i)?;
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    Ok(times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    }))
+}
+
+fn bake(subject: &Subject, preset: Preset, skips: Skips) -> Result<Bake> {
+    let settings = BakeSettings::default();
+    let cloud = &subject.cloud;
+    Ok(Bake::with_skips(
+        cloud,
+        preset,
+        &settings,
+        &skips,
+        &no_progress,
+    )?)
+}
+
+fn run(subject: &Subject, preset: Preset, skips: Skips, kept: Option<&Bake>) -> Result<Run> {
+    let cloud = &subject.cloud;
+    let settings = TransferSettings {
+        skips,
+        ..TransferSettings::of(preset)
+    };
+    let bake = kept.map_or_else(|| bake(subject, preset, skips), |kept| Ok(kept.clone()))?;
+    let [source, target] = &subject.lights;
+    let prepared = PreparedTransfer::new(cloud, &bake, source, &settings)?;
+    let unseen = Hide::default().unseen(cloud, &cloud.bounds(), &skips);
+    let relit = prepared.relight_seen(target, Part::Whole, &unseen)?;
+    let mut told = skips::of_bake(&bake);
+    told.extend(skips::of_transfer(&prepared, &settings, cloud));
+    told.extend(skips::of_light(&prepared, target));
+    told.extend(skips::of_unseen(&unseen));
+    Ok(Run {
+        skips,
+        bake,
+        prepared,
+        relit,
+        told,
+        unseen,
+    })
+}
+
+impl Run {
+    fn relight(&self, subject: &Subject) -> Result<Relit> {
+        let target = &subject.lights[1];
+        let relit = self
+            .prepared
+            .relight_seen(target, Part::Whole, &self.unseen);
+        Ok(relit?)
+    }
+}
+
+/// The relit asset from one side.
+fn picture(subject: &Subject, run: &Run) -> Vec<[f32; 3]> {
+    let cloud = &subject.cloud;
+    let bounds = cloud.bounds();
+    let pose = CameraPose {
+        pivot: bounds.center,
+        azimuth: -60.0,
+        elevation: 30.0,
+        distance: 3.5 * bounds.radius,
+        fov: 35.0,
+        orthographic: false,
+    };
+    let camera = Camera::from_pose(&pose, cloud.up, [SIZE, SIZE], bounds.radius);
+    let relit = &run.relit;
+    let (sh, degree) = (&relit.sh, relit.degree);
+    let colors = shade(
+        &cloud.positions,
+        sh,
+        degree,
+        relit.encoding,
+        camera.eye,
+        PLAIN,
+    );
+    let raster = rasterize(cloud, &camera, &colors, &run.unseen);
+    let pixels = raster.pixels.iter();
+    pixels.map(|[r, g, b, _]| [*r, *g, *b]).collect()
+}
