@@ -150,6 +150,35 @@ pub fn run(case: &Case, preset: Preset, other: Option<Relight<'_>>) -> Outcome {
     outcome
 }
 
+/// What a battery came to, for people: how many hold and how far off they are, and a line for each that does not.
+pub fn in_words(outcomes: &[Outcome]) -> String {
+    let failed: Vec<&Outcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
+    let largest =
+        |of: &dyn Fn(&Outcome) -> Option<f64>| outcomes.iter().filter_map(of).fold(0.0, f64::max);
+    let mut told = format!(
+        "Extreme cases: {} of {} hold; f32 is off f64 by at most {:.1e}",
+        outcomes.len() - failed.len(),
+        outcomes.len(),
+        largest(&|o| o.f32_error)
+    );
+    if outcomes.iter().any(|o| o.other_error.is_some()) {
+        told += &format!(", the GPU by {:.1e}", largest(&|o| o.other_error));
+    }
+    told += &format!(
+        " (relative L2); the worst condition number is {:.0e}.\n",
+        largest(&|o| o.condition)
+    );
+    for outcome in &failed {
+        told += &format!(
+            "  {} ({}): {}\n",
+            outcome.case,
+            outcome.preset.name(),
+            outcome.failure.as_deref().unwrap_or_default()
+        );
+    }
+    told
+}
+
 fn try_out(
     case: &Case,
     input: &Input,

@@ -24,6 +24,7 @@ pub enum Kind {
     Backdrop(usize),
     Export,
     Measure,
+    Extremes,
     Dialog,
 }
 
@@ -53,7 +54,12 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Load | Kind::Bake(_) | Kind::Ground | Kind::Export | Kind::Measure
+            Kind::Load
+                | Kind::Bake(_)
+                | Kind::Ground
+                | Kind::Export
+                | Kind::Measure
+                | Kind::Extremes
         )
     }
 

@@ -1,5 +1,8 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
+use transplat_core::extremes;
+use transplat_core::transfer::Preset;
+
 use super::jobs::{Handle, Kind, beside_the_rest};
 use super::session::{Event, Session};
 use crate::device::Device;
@@ -53,6 +56,27 @@ impl Session {
             })
         };
         self.jobs.start(Kind::Measure, label, work, Event::Failed);
+    }
+
+    /// Tries the extreme cases, which have scenes of their own, on this machine.
+    pub fn try_extremes(&mut self) {
+        if self.jobs.is_running(Kind::Extremes) {
+            return;
+        }
+        let work = |handle: &Handle<Event>| {
+            let cases = extremes::all();
+            let mut outcomes = Vec::new();
+            for (i, case) in cases.iter().enumerate() {
+                if handle.progress(i as f64 / cases.len() as f64).is_break() {
+                    return None;
+                }
+                let each = || Preset::ALL.map(|preset| extremes::run(case, preset, None));
+                outcomes.extend(beside_the_rest(each));
+            }
+            Some(Event::Extremes(extremes::in_words(&outcomes)))
+        };
+        let label = "trying the extreme cases";
+        self.jobs.start(Kind::Extremes, label, work, Event::Failed);
     }
 
     /// Takes a setting that was measured; epsilon stays as it is.

@@ -117,6 +117,8 @@ pub enum Event {
     /// The desktop shows no dialogs.
     NoDialog,
     LoadFailed(String),
+    /// What the extreme cases came to.
+    Extremes(String),
     /// What settings cost on the asset, and what they are worth.
     Measured {
         asset: u64,
@@ -265,6 +267,8 @@ pub struct Session {
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
     /// What settings cost on the asset; empty until it is asked for.
     pub measured: Vec<Point>,
+    /// What the extreme cases came to; empty until it is asked for.
+    pub extremes: String,
     /// What leaving something out saves on it.
     pub saved: Vec<Saved>,
     /// And what of that is worth a word.
@@ -363,6 +367,7 @@ impl Session {
             transfer_skips: Vec::new(),
             readout: None,
             measured: Vec::new(),
+            extremes: String::new(),
             saved: Vec::new(),
             measured_words: Vec::new(),
             wants_readout: false,
@@ -565,6 +570,7 @@ impl Session {
                 }
                 self.show_doubts(doubts);
             }
+            Event::Extremes(told) => self.extremes = told,
             Event::Measured {
                 asset,
                 points,

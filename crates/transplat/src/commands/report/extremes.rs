@@ -56,34 +56,10 @@ pub fn run(
     }
     bar.finish_and_clear();
     write(&args.output.join(CSV), &csv(&outcomes))?;
-    let failed: Vec<&Outcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
     report.set("extreme_cases", outcomes.len());
-    report.set("extreme_cases_failed", failed.len());
-    let largest =
-        |of: &dyn Fn(&Outcome) -> Option<f64>| outcomes.iter().filter_map(of).fold(0.0, f64::max);
-    let mut told = format!(
-        "Extreme cases: {} of {} hold; f32 is off f64 by at most {:.1e}",
-        outcomes.len() - failed.len(),
-        outcomes.len(),
-        largest(&|o| o.f32_error)
-    );
-    if gpu.is_some() {
-        told += &format!(", the GPU by {:.1e}", largest(&|o| o.other_error));
-    }
-    told += &format!(
-        " (relative L2); the worst condition number is {:.0e}.\n",
-        largest(&|o| o.condition)
-    );
-    for outcome in &failed {
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            told,
-            "  {} ({}): {}",
-            outcome.case,
-            outcome.preset.name(),
-            outcome.failure.as_deref().unwrap_or_default()
-        );
-    }
+    let failed = outcomes.iter().filter(|o| o.failure.is_some());
+    report.set("extreme_cases_failed", failed.count());
+    let mut told = extremes::in_words(&outcomes);
     page.heading("Stiff and extreme cases");
     page.paragraph(&told);
     page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L.");

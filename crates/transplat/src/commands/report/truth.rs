@@ -11,7 +11,7 @@ use transplat_core::export::{PngBits, write_png};
 use transplat_core::load::load_asset;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
-use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_core::visibility::{Bake, BakeSettings, DEFAULT_DIRECTIONS, no_progress};
 
 use super::tables::{RoundTrip, Row, ToldOfLight, csv, markdown};
 use super::unknown::Unknown;
@@ -57,6 +57,8 @@ pub fn run(
     std::fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())?;
     let variants = Variant::all(args.quick, args.unknown_light);
     let bar = progress_bar("comparing with the truth", report);
+    let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);
+    let bake = BakeSettings { directions };
     let mut rows: Vec<Row> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();
     let mut estimates: Vec<ToldOfLight> = Vec::new();
@@ -65,7 +67,7 @@ pub fn run(
         if bar.is_hidden() && !report.is_quiet() {
             eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
         }
-        let scene = TruthScene::load(object, device)
+        let scene = TruthScene::load(object, device, &bake)
             .with_context(|| format!("the object {}", object.name))?;
         let unknown = args
             .unknown_light
@@ -109,11 +111,10 @@ struct TruthScene<'a> {
 }
 
 impl<'a> TruthScene<'a> {
-    fn load(object: &'a TruthObject, device: &Device) -> Result<Self> {
+    fn load(object: &'a TruthObject, device: &Device, bake: &BakeSettings) -> Result<Self> {
         let (cloud, _) = load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
-        let bakes =
-            Preset::ALL.map(|p| Bake::new(&cloud, p, &BakeSettings::default(), &no_progress));
+        let bakes = Preset::ALL.map(|p| Bake::new(&cloud, p, bake, &no_progress));
         Ok(Self {
             object,
             views: Views::load(object, &cloud, device)?,

@@ -60,6 +60,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.separator();
     settings(ui, viewer);
+    ui.separator();
+    extremes(ui, viewer);
 }
 
 /// Error against run time of the settings that can be chosen.
@@ -69,7 +71,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     let is_running = session.jobs.is_running(Kind::Measure);
     let can_measure = session.asset.is_some() && !is_running;
     let button = ui.add_enabled(can_measure, Button::new("Measure on this object"));
-    let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error. Takes a while.");
+    let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while.");
     if button.clicked() {
         session.measure();
     }
@@ -112,5 +114,19 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     }
     if let Some(setting) = chosen {
         session.apply_setting(&setting);
+    }
+}
+
+/// Stiff and extreme cases.
+fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    let can_try = !session.jobs.is_running(Kind::Extremes);
+    let button = ui.add_enabled(can_try, Button::new("Try the extreme cases"));
+    let button = button.on_hover_text("Relights small scenes of lights and surfels that ask much of the numbers, and holds the results against 64-bit ones. Takes half a minute.");
+    if button.clicked() {
+        session.try_extremes();
+    }
+    for line in session.extremes.lines() {
+        ui.weak(line);
     }
 }
