@@ -54,6 +54,15 @@ impl Saved {
         }
     }
 
+    /// How far a pixel is off.
+    pub fn error_in_words(&self) -> String {
+        if self.max_error == 0.0 {
+            "the picture is the same".into()
+        } else {
+            format!("a pixel differs by up to {:.1e}", self.max_error)
+        }
+    }
+
     /// All of that.
     pub fn in_words(&self) -> String {
         let memory = match self.memory_in_words() {
@@ -61,10 +70,10 @@ impl Saved {
             memory => format!(" and {memory}"),
         };
         format!(
-            "saved {} in the {}{memory}; largest difference of a pixel {:.1e}",
+            "saved {} in the {}{memory}; {}",
             self.time_in_words(),
             self.skipped.stage.name(),
-            self.max_error
+            self.error_in_words()
         )
     }
 }
