@@ -125,7 +125,7 @@ impl PreparedTransfer {
         self.relight_seen(target, part, &[])
     }
 
-    /// The same; surfels that are not seen (`[n]` or empty) may stay black.
+    /// The same; surfels that are not seen (`[n]` or empty) may stay as captured.
     ///
     /// # Errors
     /// The light was not read for the preset.

@@ -83,6 +83,23 @@ fn controls_run_what_they_touch_and_nothing_else() {
     assert_eq!(orbited.sort, before_orbit.sort + 1);
     assert_eq!(orbited.project, before_orbit.project + 1);
 
+    // What is hidden needs no transfer, and is left out of the next one; what is seen again does.
+    let whole = d.picture();
+    d.viewer().session.look.hide.crop = true;
+    d.viewer().session.look.hide.crop_max.z = 0.0;
+    let cropped = d.picture();
+    assert_eq!(d.viewer().passes().transfer, orbited.transfer);
+    assert!(psnr(&whole, &cropped) < 30.0);
+    d.viewer().session.look.target.rotation = 60.0;
+    d.picture();
+    d.viewer().session.look.hide.crop = false;
+    let released = d.picture();
+    assert_eq!(d.viewer().passes().transfer, orbited.transfer + 2);
+    d.viewer().session.look.target.rotation = 0.0;
+    d.picture();
+    d.viewer().session.look.target.rotation = 60.0;
+    assert!(psnr(&released, &d.picture()) > 60.0);
+
     // Moving the wipe only presents.
     d.viewer().session.look.view = View::Split;
     d.picture();

@@ -483,7 +483,7 @@ impl BestTransfer {
         self.relight_seen(light, part, &[])
     }
 
-    /// The same but for surfels that are not seen (`[n]` or empty), which stay black: they still give light to the others.
+    /// The same but for surfels that are not seen (`[n]` or empty), which stay as captured: they still give light to the others.
     pub fn relight_seen(&self, light: BestLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
         let start = self.mean_ratio(&light);
@@ -495,7 +495,9 @@ impl BestTransfer {
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
             Scratch::default,
             |scratch, (i, out)| {
-                if !unseen.get(i).is_some_and(|u| *u) {
+                if unseen.get(i).is_some_and(|u| *u) {
+                    out.copy_from_slice(&asset.sh[i * k..][..k]);
+                } else {
                     self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
                 }
             },

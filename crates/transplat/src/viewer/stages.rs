@@ -244,7 +244,7 @@ impl Session {
             PreparedTransfer::Paper(_) => Part::Whole,
             PreparedTransfer::Best(_) => self.look.view.part(),
         };
-        let key = RelitKey {
+        let mut key = RelitKey {
             prepared: self.prepared_version,
             target,
             part,
@@ -252,6 +252,11 @@ impl Session {
         };
         if self.relit_for.as_ref() == Some(&key) {
             return;
+        }
+        // Now that it runs, it leaves out what is not seen now.
+        if !Arc::ptr_eq(&self.unseen.0, &self.hidden) && self.look.transfer.skips.unseen {
+            self.unseen = (self.hidden.clone(), self.unseen.1 + 1);
+            key.unseen = self.unseen.1;
         }
         if !self.relights_on_gpu {
             self.start_relight(prepared, key);
@@ -336,7 +341,7 @@ impl Session {
         let seen = |i: usize| self.hidden.get(i).is_none_or(|h| !h);
         let lacks = |(i, was_unseen): (usize, &bool)| *was_unseen && seen(i);
         if is_other_asset || self.unseen.0.iter().enumerate().any(lacks) {
-            self.unseen = (self.hidden.clone(), self.unseen.1 + 1);
+            self.unseen = (Arc::default(), self.unseen.1 + 1);
         }
     }
 
