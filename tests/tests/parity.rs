@@ -10,7 +10,6 @@ use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
-use transplat_core::skips::Skips;
 use transplat_core::transfer::paper::PaperTransfer;
 use transplat_core::transfer::{Preset, TransferSettings};
 use transplat_core::visibility::{
@@ -125,7 +124,6 @@ fn transfer() {
         let v = visibility.coefficients(light_degree);
         for off in ["", "shadow", "specular", "reflection", "attenuation"] {
             let mut settings = TransferSettings {
-                skips: Skips::NONE,
                 sh_degree: light_degree,
                 ..TransferSettings::of(Preset::Paper)
             };
@@ -145,10 +143,7 @@ fn transfer() {
             let got = on_gpu.read().expect("the driver works");
             let cpu = prepared.relight(&target);
             let oracle = OracleTransfer::new(&source, &target, &settings);
-            let (ka, kl) = (
-                coefficient_count(asset_degree),
-                coefficient_count(light_degree),
-            );
+            let (ka, kl) = (prepared.coefficients(), coefficient_count(light_degree));
             let (mut to_cpu, mut to_exact) = (0f64, 0f64);
             for i in 0..cloud.len() {
                 let color: Vec<[f64; 3]> =
@@ -160,7 +155,9 @@ fn transfer() {
                     prepared.normals[i].to_array().map(f64::from),
                     &v,
                 );
-                for (j, exact) in exact.iter().enumerate() {
+                // What is left out is nothing.
+                assert!(exact[ka..].iter().flatten().all(|v| *v == 0.0));
+                for (j, exact) in exact[..ka].iter().enumerate() {
                     for c in 0..3 {
                         let (g, p) = (f64::from(got[i * ka + j][c]), f64::from(cpu[i * ka + j][c]));
                         let size = 1.0 + exact[c].abs();

@@ -14,11 +14,11 @@ use crate::visibility::occlusion::CLOSED_SIDES_ERROR;
 pub struct Skips {
     /// Bake of preset `best`: rays into sides of surfels that the first rays found closed.
     pub closed_sides: bool,
-    /// Bakes, and shadows of preset `best`: all of them, where nothing blocks anything.
+    /// Bakes: where nothing blocks anything.
     pub open_object: bool,
     /// Transfer and drawing: SH bands in which the result holds nothing.
     pub empty_bands: bool,
-    /// Transfer of preset `paper`: two of the three channels of a grey light.
+    /// Transfer of preset `paper` on the CPU: two of the three channels of a grey light.
     pub gray_light: bool,
     /// Transfer of preset `best`: the pass for suns, where the light has none.
     pub suns: bool,
@@ -149,8 +149,6 @@ pub enum Stage {
     Prepare,
     /// To another light.
     Transfer,
-    /// To the screen.
-    Draw,
 }
 
 impl Stage {
@@ -161,7 +159,6 @@ impl Stage {
             Self::Bake => "bake",
             Self::Prepare => "prepare",
             Self::Transfer => "transfer",
-            Self::Draw => "draw",
         }
     }
 }
@@ -181,7 +178,8 @@ pub struct Skipped {
     pub share: Option<f32>,
     /// Bytes that were not allocated.
     pub bytes: usize,
-    /// The largest error that it may make, relative; 0 where the result is the same, none where it is a choice and no approximation.
+    /// The relative error that it may make, as its stage knows it: 0 where the result is the same, none where it is a choice and no
+    /// approximation.
     pub max_error: Option<f32>,
 }
 
@@ -212,7 +210,7 @@ impl Skipped {
             words += &format!("; saved {:.1} MB", self.bytes as f64 / 1e6);
         }
         if let Some(error) = self.max_error.filter(|e| *e > 0.0) {
-            words += &format!("; error up to {:.1} %", 100.0 * error);
+            words += &format!("; error about {:.2} % at most", 100.0 * error);
         }
         words
     }
@@ -291,7 +289,7 @@ fn of_paper(
         let why = "the source light has nothing there (see SH degree)";
         out.push(Skipped {
             bytes,
-            skip: Some("empty-bands"),
+            skip: settings.skips.empty_bands.then_some("empty-bands"),
             max_error: None,
             ..Skipped::exact(Stage::Transfer, what, why)
         });
@@ -305,7 +303,7 @@ fn of_paper(
         };
         out.push(Skipped {
             bytes,
-            skip: Some("empty-bands"),
+            skip: settings.skips.empty_bands.then_some("empty-bands"),
             ..Skipped::exact(Stage::Transfer, "specular transfer", why)
         });
     }
@@ -342,15 +340,8 @@ fn of_best(
             ("specular lobe".into(), why)
         };
         out.push(Skipped {
-            skip: Some("matte"),
+            skip: settings.skips.matte.then_some("matte"),
             ..Skipped::exact(Stage::Transfer, what, why)
-        });
-    }
-    if settings.terms.shadow && !best.settings.terms.shadow {
-        let why = "no surfel blocks the light of another";
-        out.push(Skipped {
-            max_error: asset.occlusion.open_object_error,
-            ..Skipped::exact(Stage::Transfer, "shadows", why)
         });
     }
     if best.turns() < TURNS && settings.terms.bounce && settings.terms.shadow {
@@ -362,15 +353,15 @@ fn of_best(
     }
 }
 
-/// What a transfer leaves out for a light.
-pub fn of_light(prepared: &PreparedTransfer, light: &Illumination) -> Vec<Skipped> {
+/// What a transfer leaves out for a light; the GPU works on all channels at once, and gains nothing by a grey one.
+pub fn of_light(prepared: &PreparedTransfer, light: &Illumination, on_gpu: bool) -> Vec<Skipped> {
     let mut out = Vec::new();
     match prepared {
         PreparedTransfer::Paper(paper) => {
             let is_gray = (light.radiance.coefficients.iter())
                 .take(coefficient_count(paper.light_degree))
                 .all(|[r, g, b]| r == g && g == b);
-            if is_gray && paper.settings.skips.gray_light {
+            if is_gray && paper.settings.skips.gray_light && !on_gpu {
                 let why = "the light is grey";
                 out.push(Skipped {
                     skip: Some("gray-light"),
@@ -403,7 +394,7 @@ pub fn of_unseen(unseen: &[bool]) -> Vec<Skipped> {
     vec![Skipped {
         skip: Some("unseen"),
         share: Some(count as f32 / unseen.len() as f32),
-        ..Skipped::exact(Stage::Draw, "surfels that nobody sees", why)
+        ..Skipped::exact(Stage::Transfer, "surfels that nobody sees", why)
     }]
 }
 

@@ -3,6 +3,7 @@
 //! Each stage remembers what it last ran with. A frame asks for a picture; a stage whose inputs are the same as last time is left out,
 //! and [`Passes`] counts those that ran.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -58,7 +59,11 @@ impl LiveAsset {
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
         let degree = cloud.filled_degree();
-        let filled = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
+        let filled = if degree == cloud.sh_degree {
+            Cow::Borrowed(&cloud.sh)
+        } else {
+            Cow::Owned(with_degree(cloud.sh.clone(), cloud.sh_degree, degree))
+        };
         Ok(Self {
             rasterizer: GpuRasterizer::new(context, cloud)?,
             stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),
@@ -129,6 +134,14 @@ impl LiveTransfer {
                 }
             }
         })
+    }
+
+    /// Makes what a light needs that no other did, so that it does not have to be made when it comes.
+    pub fn warm_up(&self, target: &Illumination) {
+        let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
+        if let (TransferStage::Best { transfer, .. }, true) = (&self.stage, has_suns) {
+            transfer.prepare_suns();
+        }
     }
 
     /// Preset `paper` has all parts in one result, in bands of their own; `best` makes the part that is wanted.

@@ -335,7 +335,7 @@ impl Scene {
         (light, part, unseen): (&Illumination, Part, &[bool]),
         report: &mut Report,
     ) -> Result<Relit> {
-        for skipped in skips::of_light(prepared, light) {
+        for skipped in skips::of_light(prepared, light, matches!(self.device, Device::Gpu(_))) {
             report.skipped(skipped);
         }
         if light.is_black() {

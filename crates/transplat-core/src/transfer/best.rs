@@ -124,10 +124,10 @@ pub struct BestTransfer {
 impl BestAsset {
     /// Takes an asset and its bake.
     pub fn new(cloud: &SurfelCloud, occlusion: Arc<Occlusion>, skips: &Skips) -> Self {
-        // A two-sided surfel may show another colour on either side, whatever it was captured with.
+        // A two-sided surfel may show another colour on either side, and gloss fills bands that the capture left empty.
         let has_two_sides = occlusion.two_sided.iter().any(|t| *t > 0.0);
-        let degree = if skips.empty_bands && !has_two_sides {
-            cloud.filled_degree()
+        let degree = if skips.empty_bands && !has_two_sides && !cloud.has_view_dependence() {
+            0
         } else {
             cloud.sh_degree
         };
@@ -361,18 +361,13 @@ impl BestTransfer {
         source: (&IncidentRadiance, &Beams),
         settings: &TransferSettings,
     ) -> Self {
-        let mut settings = settings.clone();
-        if settings.skips.open_object && asset.occlusion.is_open_object() {
-            // Nothing blocks what shines on a side that counts.
-            settings.terms.shadow = false;
-        }
         let source_was_black = source.1.mean_irradiance() <= 0.0;
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
-        let light = asset.light(source, light_gain, &settings, fill);
-        let light = asset.incident(light, &settings);
+        let light = asset.light(source, light_gain, settings, fill);
+        let light = asset.incident(light, settings);
         let divisor: Vec<Sides> = (0..asset.len())
             .into_par_iter()
             .map(|i| {
@@ -409,7 +404,7 @@ impl BestTransfer {
             .collect();
         Self {
             asset: asset.clone(),
-            settings,
+            settings: settings.clone(),
             light_gain,
             source_was_black,
             least: light.least,

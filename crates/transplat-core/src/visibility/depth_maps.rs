@@ -331,7 +331,7 @@ pub struct Visibility {
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
-    /// Where no map was drawn, since nothing blocks anything: [`OpenObject::max_error`].
+    /// Where no map was drawn, since nothing blocks anything: [`OpenObject::mean_error`].
     pub open_object_error: Option<f32>,
 }
 
@@ -385,7 +385,7 @@ impl Visibility {
                 }
             });
         Some(Self {
-            open_object_error: Some(object.max_error),
+            open_object_error: Some(object.mean_error),
             ..Self::from_open(cloud, directions, open)
         })
     }

@@ -168,7 +168,9 @@ impl GpuBest {
         let n = asset.len();
         context.check_bindings("preset best", MOST_BUFFERS)?;
         // Of high degrees, the colours at the nodes would outgrow what every adapter binds.
-        let chunk = chunk.min(EVERY_BINDING / (12 * asset.nodes.count()));
+        let chunk = chunk
+            .min(CHUNK)
+            .min(EVERY_BINDING / (12 * asset.nodes.count()));
         context.check_fits("what the surfels radiate", 32 * n)?;
         ResidentTracer::check_fits(context, &asset.occlusion.tracer)?;
         let source = shader::transfer_best(&asset.nodes, asset.encoding);
@@ -225,6 +227,11 @@ impl GpuBest {
             queue.write_buffer(&chunk.unseen, 0, bytemuck::cast_slice(&bits));
             first += chunk.count;
         }
+    }
+
+    /// Makes what suns need, before there is one.
+    pub fn prepare_suns(&self) {
+        self.suns();
     }
 
     fn suns(&self) -> &Suns {
@@ -332,7 +339,7 @@ impl GpuBest {
         self.chunks.iter().map(|c| c.tau.clone()).collect()
     }
 
-    /// The last result, as the CPU has it.
+    /// The last result; of surfels that nobody sees it holds nothing in particular.
     ///
     /// # Errors
     /// The driver failed.

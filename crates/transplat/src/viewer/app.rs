@@ -456,7 +456,11 @@ impl Viewer {
         if let Some(prepared) = &session.prepared {
             out.extend(session.transfer_skips.iter().cloned());
             let [_, target] = session.oriented_lights();
-            out.extend(skips::of_light(prepared, &target.light));
+            out.extend(skips::of_light(
+                prepared,
+                &target.light,
+                session.relights_on_gpu,
+            ));
         }
         out
     }
@@ -466,7 +470,9 @@ impl Viewer {
         let preset = self.session.look.transfer.preset;
         let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.preset == preset;
         let mut measured = self.session.saved.iter();
-        match measured.find(is_it).filter(|_| skipped.skip.is_some()) {
+        // What is hidden has changed since.
+        let is_kept = skipped.skip.is_some_and(|s| s != "unseen");
+        match measured.find(is_it).filter(|_| is_kept) {
             Some(saved) => format!("{}; {}", skipped.why, saved.in_words()),
             None => skipped.in_words(self.stage_ms(skipped.stage)),
         }
@@ -478,7 +484,6 @@ impl Viewer {
         match stage {
             Stage::Bake => session.baked().map(|b| b.ms),
             Stage::Transfer => Some(session.transfer_ms()),
-            Stage::Draw => Some(session.frame_timer.ms()),
             Stage::Prepare => Some(session.times.prepare),
             Stage::Project => None,
         }

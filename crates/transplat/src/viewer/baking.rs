@@ -78,7 +78,12 @@ pub fn bake(
         file: Some(file.to_owned()),
         complaint: None,
     };
-    let files = wanted.cache_files();
+    // A bake that leaves out nothing is for this time.
+    let files = if wanted.skips == Skips::default() {
+        wanted.cache_files()
+    } else {
+        Vec::new()
+    };
     let mut complaint = None;
     if let Some(file) = saved {
         let loaded = load_bake(file, wanted.cloud);
@@ -117,6 +122,7 @@ pub fn bake(
     let ms = ms();
     let file = match keep(&files, |file| save_bake(file, wanted.cloud, &bake)) {
         Ok(file) => Some(file),
+        Err(_) if files.is_empty() => None,
         Err(why) => {
             complaint.get_or_insert(format!("the bake could not be kept: {why}"));
             None
@@ -265,8 +271,11 @@ mod tests {
     fn a_cancelled_bake_leaves_nothing() {
         let folder = tempfile::tempdir().expect("a folder");
         let asset = folder.path().join("ball.ply");
-        let cloud = Arc::new(scenes::sphere(400));
-        let stop = |_| ControlFlow::Break(());
+        let cloud = Arc::new(scenes::sphere_over_plate(400));
+        let stop = |done: f64| match done > 0.1 {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
         for preset in Preset::ALL {
             let wanted = Wanted {
                 asset: &asset,

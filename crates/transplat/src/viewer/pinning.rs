@@ -43,7 +43,8 @@ impl Session {
             return false;
         };
         let unseen = self.unseen.0.clone();
-        if shown.part == Part::Whole && unseen.is_empty() {
+        let lacks_none = shown.unseen == self.unseen.1 && !self.unseen_hides;
+        if shown.part == Part::Whole && lacks_none {
             self.live().pin(display);
             return true;
         }

@@ -290,6 +290,8 @@ pub struct Session {
     pub(super) hidden_version: u64,
     /// Surfels that the last relight left out, and a number for it (see [`RelitKey`]).
     pub(super) unseen: (Arc<Vec<bool>>, u64),
+    /// Whether any of them is hidden, and may be shown again; what is too faint never is.
+    pub(super) unseen_hides: bool,
     pub(super) hidden_for: Option<(u64, Hide)>,
     pub(super) transfer_asset: Option<Arc<Mutex<TransferAsset>>>,
     pub(super) asset_id: u64,
@@ -383,6 +385,7 @@ impl Session {
             hidden: Arc::default(),
             hidden_version: 0,
             unseen: Default::default(),
+            unseen_hides: false,
             hidden_for: None,
             transfer_asset: None,
             asset_id: 0,
@@ -539,7 +542,7 @@ impl Session {
                 self.times.relight = Some(relit.ms);
                 let is_whole = relit.key.part == Part::Whole;
                 self.relit_is(relit.key);
-                if is_whole {
+                if is_whole && !self.unseen_hides {
                     self.readout = Some(((self.asset_id, self.relit_version), relit.relit));
                 }
             }

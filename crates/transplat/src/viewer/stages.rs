@@ -201,7 +201,7 @@ impl Session {
         if self.jobs.is_running(Kind::Prepare) {
             return;
         }
-        let [source, _] = self.oriented_lights();
+        let [source, target] = self.oriented_lights();
         let key = PrepareKey {
             asset: self.asset_id,
             bake: state.version,
@@ -220,6 +220,9 @@ impl Session {
                 .prepare(&cloud, &bake, key.bake, &key.source.light, &key.settings)
                 .map_err(anyhow::Error::from)
                 .and_then(|prepared| Ok((on_gpu(&context, &prepared)?, prepared)));
+            if let Ok((Some(live), _)) = &made {
+                live.warm_up(&target.light);
+            }
             Some(match made {
                 Ok((live, prepared)) => Event::Prepared(Box::new(Prepared {
                     key,
@@ -256,6 +259,7 @@ impl Session {
         // Now that it runs, it leaves out what is not seen now.
         if !Arc::ptr_eq(&self.unseen.0, &self.hidden) && self.look.transfer.skips.unseen {
             self.unseen = (self.hidden.clone(), self.unseen.1 + 1);
+            self.unseen_hides = !self.look.hide.is_off();
             key.unseen = self.unseen.1;
         }
         if !self.relights_on_gpu {
@@ -330,8 +334,13 @@ impl Session {
         let skips = &self.look.transfer.skips;
         let hide = &self.look.hide;
         self.hidden = Arc::new(hide.unseen(&asset.cloud, &asset.bounds, skips));
-        let count = self.hidden.iter().filter(|h| **h).count();
-        self.hidden_count = count.saturating_sub(asset.never_seen);
+        self.hidden_count = match hide.is_off() {
+            true => 0,
+            false => {
+                let hidden = hide.hidden(&asset.cloud, &asset.bounds);
+                hidden.into_iter().filter(|h| *h).count()
+            }
+        };
         self.hidden_version += 1;
         let is_other_asset = self
             .hidden_for
@@ -342,6 +351,7 @@ impl Session {
         let lacks = |(i, was_unseen): (usize, &bool)| *was_unseen && seen(i);
         if is_other_asset || self.unseen.0.iter().enumerate().any(lacks) {
             self.unseen = (Arc::default(), self.unseen.1 + 1);
+            self.unseen_hides = false;
         }
     }
 
