@@ -328,7 +328,7 @@ fn of_best(
             ..Skipped::exact(Stage::Transfer, what, why)
         });
     }
-    if settings.terms.lobe && best.glossy_surfels < n {
+    if settings.terms.lobe && settings.skips.matte && best.glossy_surfels < n {
         let (what, why) = if best.glossy_surfels > 0 {
             let matte = 100.0 * (n - best.glossy_surfels) as f32 / n as f32;
             let what = format!("the lobe of {matte:.0} % of the surfels");
@@ -340,7 +340,7 @@ fn of_best(
             ("specular lobe".into(), why)
         };
         out.push(Skipped {
-            skip: settings.skips.matte.then_some("matte"),
+            skip: Some("matte"),
             ..Skipped::exact(Stage::Transfer, what, why)
         });
     }

@@ -92,7 +92,7 @@ pub struct AssetOptions {
     /// The asset's colour is linear already
     #[arg(long)]
     pub linear: bool,
-    /// Visibility directions of preset paper [default: 256]
+    /// Visibility directions of preset paper [default: 128]
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,
     /// Where to compute
@@ -314,7 +314,7 @@ pub struct ReportArgs {
     /// Only these parts
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,...")]
     pub only: Vec<ReportPart>,
-    /// Fewer settings; only the presets as they are, without switching terms off
+    /// Fewer settings, bakes and repeats; of the part truth only the presets as they are, without switching terms off
     #[arg(long)]
     pub quick: bool,
     /// Also without being told the light of the capture: estimated, and even, as it comes and with its strength fitted

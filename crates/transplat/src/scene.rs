@@ -19,7 +19,7 @@ use transplat_core::load::{
 use transplat_core::look::{Look, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::skips::{self, Skips};
-use transplat_core::surfels::SurfelCloud;
+use transplat_core::surfels::{SurfelCloud, is_faint};
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
 use transplat_core::visibility::occlusion::Occlusion;
 use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Progress, Visibility};
@@ -56,6 +56,12 @@ impl Scene {
         report.set("sh_degree", cloud.sh_degree);
         for warning in asset_warnings(&asset, &file) {
             report.warn(warning);
+        }
+        if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
+            report.warn(format!(
+                "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
+                asset.display()
+            ));
         }
         let device = report.time("open device", || Device::open(args.options.device))?;
         report.set("adapter", device.name());

@@ -78,7 +78,8 @@ impl OpenObject {
         }
         let rays = (n * PROBES * PER_PATCH) as f32;
         let missed: f32 = sides.iter().map(Sides::missed).sum();
-        let mean_error = if n == 0 {
+        // One surfel has nothing that could block it.
+        let mean_error = if n < 2 {
             0.0
         } else {
             missed / n as f32 + 3.0 / rays

@@ -43,6 +43,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         None => Vec::new(),
     };
     let parts = args.parts();
+    if parts.contains(&ReportPart::Truth) && args.ground_truth.is_none() {
+        crate::commands::usage("the part truth needs --ground-truth DIR");
+    }
     let outputs: Vec<PathBuf> = parts
         .iter()
         .flat_map(|part| part.files())

@@ -103,7 +103,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
     };
     let directions: &[usize] = match effort {
         Effort::Full => &[16, 32, 64, 128, 256, 512, 1024, 2048],
-        Effort::Quick | Effort::Offered => &[32, 256],
+        Effort::Quick | Effort::Offered => &[32, DEFAULT_DIRECTIONS, 256],
     };
     let directions = directions.iter().map(|n| {
         let how = MapBake {
@@ -116,7 +116,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
     if effort != Effort::Full {
         return all;
     }
-    let resolutions = [128, 256, 512, 1024].map(|resolution| MapBake {
+    let resolutions = [64, 128, 256, 512, 1024].map(|resolution| MapBake {
         resolution,
         ..plain
     });
