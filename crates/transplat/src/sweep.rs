@@ -304,7 +304,9 @@ impl<'a> Sweep<'a> {
                 Preset::Best => &bakes[0],
                 Preset::Paper => &bakes[1],
             };
-            let only_cpu = setting.is_rounded || setting.samples.is_some();
+            let (whole, thinned) = (&*setting.blurred(whole), &*setting.blurred(thinned));
+            let is_blurred = setting.visibility_degree.is_some();
+            let only_cpu = setting.is_rounded || setting.samples.is_some() || is_blurred;
             let devices = if only_cpu {
                 &self.devices[..1]
             } else {
@@ -336,7 +338,8 @@ impl<'a> Sweep<'a> {
                 if let Some(samples) = setting.samples {
                     time.ms += self.reference.reflection_ms(&prepared, subject, samples);
                 }
-                let time = Some(time).filter(|_| !setting.is_rounded);
+                // Neither is what it would take if it were made for that.
+                let time = Some(time).filter(|_| !setting.is_rounded && !is_blurred);
                 let measured = self.relit_by(device, &setting, &prepared, thinned)?;
                 let saved = if setting.is_rounded {
                     prepared.bytes_saved_by_half()

@@ -168,7 +168,12 @@ fn fuzz<T>(whole: &[u8], load: impl Fn(&Path) -> Result<T>) {
 }
 
 fn ply(format: &str) -> Vec<u8> {
-    let cloud = scenes::sphere(6);
+    ply_of(6, format, |_, _| {})
+}
+
+/// A splat of `n` rows, each changed by `change`: position, DC, opacity, scales, rotation, and nine of the rest.
+fn ply_of(n: usize, format: &str, change: impl Fn(usize, &mut Vec<f32>)) -> Vec<u8> {
+    let cloud = scenes::sphere(n);
     let mut text = format!(
         "ply\nformat {format} 1.0\ncomment of the tests\nelement vertex {}\n",
         cloud.len()
@@ -184,11 +189,12 @@ fn ply(format: &str) -> Vec<u8> {
     }
     text += "end_header\n";
     let mut bytes = text.into_bytes();
-    for p in &cloud.positions {
+    for (i, p) in cloud.positions.iter().enumerate() {
         let mut row = vec![
             p.x, p.y, p.z, 0.3, 0.2, 0.1, 2.0, -1.0, -1.5, 0.9, 0.1, 0.2, 0.3,
         ];
         row.extend((0..9).map(|i| 0.01 * i as f32));
+        change(i, &mut row);
         for v in row {
             if format == "ascii" {
                 bytes.extend(format!("{v} ").bytes());
@@ -263,6 +269,32 @@ fn splats() {
             Ok(())
         });
     }
+}
+
+#[test]
+fn odd_rows_are_relit_or_left_out() {
+    let (opacity, scale, rotation) = (6, 7, 9);
+    let bytes = ply_of(60, "binary_little_endian", |i, row| match i {
+        0 => row[scale] = f32::NAN,
+        1 => row[rotation..rotation + 4].fill(0.0),
+        2 => row[opacity] = 50.0,
+        3 => row[opacity] = -50.0,
+        4 => row[scale..scale + 2].fill(-60.0),
+        5 => row[scale..scale + 2].fill(20.0),
+        6 => row[opacity] = f32::INFINITY,
+        7..10 => row[..3].fill(0.25),
+        10..13 => row[..3].copy_from_slice(&[i as f32, 0.0, 0.0]),
+        13 => row[3..6].fill(1e4),
+        14 => row[0] = 1e6,
+        _ => {}
+    });
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("odd.ply");
+    std::fs::write(&path, bytes).expect("room for it");
+    let (cloud, file) = load_asset(&path).expect("most of it is good");
+    let left_out = &file.report.left_out;
+    assert!(left_out.contains(&0) && left_out.len() <= 3, "{left_out:?}");
+    relit(&cloud);
 }
 
 #[test]

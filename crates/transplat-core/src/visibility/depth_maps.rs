@@ -12,7 +12,8 @@ use super::trace::Tracer;
 use super::{BakeSurfel, Progress, ScaledObject};
 use crate::error::{Error, Result};
 use crate::sh::{
-    MAX_COEFFICIENTS, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere, lattice,
+    MAX_COEFFICIENTS, MAX_DEGREE, coefficient_count, cosine_kernel, evaluate_basis,
+    fibonacci_sphere, lattice,
 };
 use crate::surfels::SurfelCloud;
 
@@ -333,6 +334,8 @@ pub struct Visibility {
     pub buried: usize,
     /// Where no map was drawn, since nothing blocks anything: [`OpenObject::mean_error`].
     pub open_object_error: Option<f32>,
+    /// The highest band of [`Visibility::coefficients`] that holds anything.
+    pub max_degree: usize,
 }
 
 impl Visibility {
@@ -369,6 +372,7 @@ impl Visibility {
             flipped: sides.iter().filter(|s| s.1).count(),
             buried: sides.iter().filter(|s| s.3).count(),
             open_object_error: None,
+            max_degree: MAX_DEGREE,
         }
     }
 
@@ -402,12 +406,26 @@ impl Visibility {
             flipped: 0,
             buried: 0,
             open_object_error: None,
+            max_degree: MAX_DEGREE,
         }
     }
 
     /// `V_k = (4 pi / N) sum_i v_i Y_k(w_i)`, `[n][K]`: a uniform lattice has equal weights.
     pub fn coefficients(&self, degree: usize) -> Vec<f32> {
-        self.project(degree, |_, v| v)
+        let mut all = self.project(degree, |_, v| v);
+        let kept = coefficient_count(self.max_degree.min(degree));
+        for v in all.chunks_exact_mut(coefficient_count(degree)) {
+            v[kept..].fill(0.0);
+        }
+        all
+    }
+
+    /// The same visibility, as blurred as a series of a degree is; the light keeps its own.
+    pub fn of_degree(&self, degree: usize) -> Self {
+        Self {
+            max_degree: degree,
+            ..self.clone()
+        }
     }
 
     /// The cosine transfer vector (Sloan et al. 2002), `T_k = (4 pi / N) sum_i v_i max(0, n.w_i) Y_k(w_i)`, `[n][K]`:
@@ -586,6 +604,24 @@ mod tests {
                     assert!((f64::from(t[i * k + j]) - exact[j].1).abs() < 1e-4);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_blurred_visibility_keeps_its_lower_bands() {
+        let visibility = bake(
+            &scenes::sphere(40),
+            &BakeSettings { directions: 64 },
+            &no_progress,
+        );
+        let visibility = visibility.expect("not cancelled");
+        let (whole, blurred) = (
+            visibility.coefficients(3),
+            visibility.of_degree(1).coefficients(3),
+        );
+        for (w, b) in whole.chunks_exact(16).zip(blurred.chunks_exact(16)) {
+            assert_eq!(w[..4], b[..4]);
+            assert!(b[4..].iter().all(|v| *v == 0.0) && w[4..].iter().any(|v| *v != 0.0));
         }
     }
 

@@ -1,5 +1,6 @@
 //! What is varied.
 
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::time::Instant;
 
@@ -30,6 +31,8 @@ pub struct Setting {
     pub is_rounded: bool,
     /// Samples that reflections are projected by, where that is not exact.
     pub samples: Option<usize>,
+    /// SH degree of the visibility, where that is below the light's.
+    pub visibility_degree: Option<usize>,
     /// Of which preset it is; none where both are served.
     pub of: Option<Preset>,
 }
@@ -44,11 +47,22 @@ impl Setting {
             is_offered: false,
             is_rounded: false,
             samples: None,
+            visibility_degree: None,
         }
     }
 
     pub fn preset(&self) -> &'static str {
         self.of.map_or("", Preset::name)
+    }
+
+    /// A bake as this setting sees it.
+    pub fn blurred<'a>(&self, bake: &'a Bake) -> Cow<'a, Bake> {
+        match (bake, self.visibility_degree) {
+            (Bake::Visibility(v), Some(degree)) => {
+                Cow::Owned(Bake::Visibility(v.of_degree(degree)))
+            }
+            _ => Cow::Borrowed(bake),
+        }
     }
 
     /// The preparation as this setting stores it.
@@ -220,6 +234,17 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
         && let Ok(series) = TransferSettings::of(Preset::Best).without("sums")
     {
         all.extend(degrees(&series, "cosine transfer (best without sums)"));
+    }
+    if effort == Effort::Full {
+        let sharp = TransferSettings {
+            sh_degree: MAX_DEGREE,
+            ..paper.clone()
+        };
+        all.extend([0, 1, 2, 3, 5].map(|degree| Setting {
+            name: format!("paper of degree {MAX_DEGREE}, visibility of {degree}"),
+            visibility_degree: Some(degree),
+            ..Setting::plain(sharp.clone())
+        }));
     }
     for preset in Preset::ALL {
         all.push(Setting {
