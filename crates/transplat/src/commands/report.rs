@@ -156,13 +156,13 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
     })
 }
 
-/// The CPU, and the adapters that there are.
+/// The CPU, and the GPU; a driver that computes on the CPU only where it is asked for.
 fn devices(choice: DeviceChoice, report: &mut Report) -> Vec<Device> {
     let mut devices = vec![Device::Cpu];
     if choice == DeviceChoice::Cpu {
         return devices;
     }
-    match GpuContext::new(true) {
+    match GpuContext::new(choice == DeviceChoice::Gpu) {
         Ok(context) => devices.push(Device::Gpu(Arc::new(context))),
         Err(error) => report.skip("the GPU", &error.to_string()),
     }
