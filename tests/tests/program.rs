@@ -566,11 +566,16 @@ fn a_report_measures_settings_and_extreme_cases() {
     assert!(rows.len() > 60);
     let (head, rows) = table("skipped.csv");
     assert_eq!(head, "what,why,time_saved_ms,memory_saved_bytes,max_error");
-    // The splat is made of one degree, and its light has no gloss to tell.
-    assert!(!rows.is_empty(), "{rows:?}");
+    assert!(!rows.is_empty());
     for row in &rows {
         let error = fields(row).pop().expect("a field");
-        assert!(error.parse::<f64>().expect("a number") < 0.05, "{row}");
+        // Where preset paper needs no maps, their softness goes as well.
+        let most = if row.starts_with("the bake (paper)") {
+            0.5
+        } else {
+            0.05
+        };
+        assert!(error.parse::<f64>().expect("a number") < most, "{row}");
     }
     let (_, rows) = table("epsilon.csv");
     assert!(rows.iter().filter(|r| r.contains(",true,")).count() == 2);

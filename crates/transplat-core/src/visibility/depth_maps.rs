@@ -525,17 +525,17 @@ mod tests {
         let cloud = scenes::sphere(1500);
         let visibility =
             bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
-        let lattice = fibonacci_sphere(256);
+        let lattice = fibonacci_sphere(DEFAULT_DIRECTIONS);
         let mut wrong = 0;
         for (i, n) in visibility.normals.iter().enumerate() {
             for (j, d) in lattice.iter().enumerate() {
                 let cosine = n.dot(Vec3::from_array(d.map(|v| v as f32)));
-                let open = visibility.open[i * 256 + j] > 127;
+                let open = visibility.open[i * DEFAULT_DIRECTIONS + j] > 127;
                 // Within the tilt of one surfel to the next the horizon may go either way.
                 wrong += usize::from(cosine.abs() > 0.15 && open != (cosine > 0.0));
             }
         }
-        assert!(wrong * 500 < cloud.len() * 256, "{wrong}");
+        assert!(wrong * 500 < cloud.len() * DEFAULT_DIRECTIONS, "{wrong}");
         let openness = visibility.openness();
         assert!(
             openness.iter().all(|o| *o > 0.9),

@@ -225,6 +225,7 @@ where
         let grey = RGBColor(150, 150, 150).stroke_width(2);
         chart.draw_series(LineSeries::new(front, grey))?;
     }
+    let mut labels = Labels::default();
     let is_used = |group: &usize| dots.iter().any(|d| d.group == *group);
     for group in (0..plot.groups.len()).filter(is_used) {
         let name = plot.groups[group];
@@ -238,16 +239,23 @@ where
         chart.draw_series(rings.map(|d| Circle::new((d.x, d.y), 9, color.stroke_width(2))))?;
         // Only what is on the front is named: the table has the rest.
         let named = of_group().filter(|d| d.on_front || d.is_default);
-        chart.draw_series(named.map(|d| {
+        let places: Vec<(&Dot, i32)> = named
+            .map(|d| {
+                let at = chart.backend_coord(&(d.x, d.y));
+                (d, labels.place(at, &d.label, d.x > middle))
+            })
+            .collect();
+        chart.draw_series(places.into_iter().map(|(d, dy)| {
             let style = ("sans-serif", 12).into_font().color(&color);
             // Towards the middle, where there is room.
-            let h_pos = if d.x > middle {
-                HPos::Right
+            let (h_pos, dx) = if d.x > middle {
+                (HPos::Right, -LABEL_GAP)
             } else {
-                HPos::Left
+                (HPos::Left, LABEL_GAP)
             };
-            let v_pos = VPos::Bottom;
-            Text::new(d.label.clone(), (d.x, d.y), style.pos(Pos { h_pos, v_pos }))
+            let v_pos = VPos::Center;
+            let text = Text::new(d.label.clone(), (dx, dy), style.pos(Pos { h_pos, v_pos }));
+            EmptyElement::at((d.x, d.y)) + text
         }))?;
     }
     chart
@@ -255,6 +263,34 @@ where
         .background_style(WHITE.mix(0.8))
         .border_style(RGBColor(200, 200, 200))
         .draw()
+}
+
+/// Pixels between a dot's ring and its label, and the size of the label's letters.
+const LABEL_GAP: i32 = 13;
+const LETTER: (i32, i32) = (7, 13);
+
+/// Where labels are, so that none lies on another: left, right and middle height, in pixels.
+#[derive(Default)]
+struct Labels(Vec<[i32; 3]>);
+
+impl Labels {
+    /// How far below its dot a label goes, as near as there is room.
+    fn place(&mut self, (x, y): (i32, i32), label: &str, is_on_left: bool) -> i32 {
+        let width = LETTER.0 * label.chars().count() as i32;
+        let (left, right) = if is_on_left {
+            (x - LABEL_GAP - width, x - LABEL_GAP)
+        } else {
+            (x + LABEL_GAP, x + LABEL_GAP + width)
+        };
+        let is_free = |dy: &i32| {
+            let mut taken = self.0.iter();
+            !taken.any(|[l, r, h]| left < *r && *l < right && (h - y - dy).abs() < LETTER.1)
+        };
+        let steps = (0..20).flat_map(|i| [-i, i]).map(|i| i * LETTER.1 / 2);
+        let dy = steps.into_iter().find(is_free).unwrap_or(0);
+        self.0.push([left, right, y + dy]);
+        dy
+    }
 }
 
 /// A number as short as it can be read.
