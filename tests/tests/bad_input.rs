@@ -313,6 +313,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "a picture is .png or .exr",
     );
     let two = ["--source", "even", "--target", "even", "--target"];
+    check(&["report", "-o", &good_ply], "is a file");
     check(
         &[
             &["relight", &good_ply],

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 pub mod bake;
 pub mod estimate;
@@ -33,6 +33,17 @@ pub fn refuse_overwriting<'a>(
         }
     }
     Ok(())
+}
+
+/// Makes the folder that outputs go into.
+pub fn make_folder(path: &Path) -> Result<()> {
+    if path.is_file() {
+        bail!(
+            "{}: is a file; the output is a folder of files here",
+            path.display()
+        );
+    }
+    std::fs::create_dir_all(path).with_context(|| path.display().to_string())
 }
 
 /// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.

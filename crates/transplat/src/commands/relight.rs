@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use transplat_core::export::{check_output, write_relit_ply};
 use transplat_core::transfer::Part;
 
 use crate::cli::RelightArgs;
-use crate::commands::refuse_overwriting;
+use crate::commands::{make_folder, refuse_overwriting};
 use crate::report::Report;
 use crate::scene::{Scene, asset_of, look_of, targets_of};
 
@@ -54,7 +54,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let scene = Scene::load(&args.asset, look, &mut report)?;
     let lights = scene.lights(&args.light, &mut report)?;
     if many {
-        std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
+        make_folder(&args.output)?;
     }
     let bake = scene.bake(args.light.bake.as_deref(), &mut report)?;
     let source = lights.oriented(&scene, &lights.targets[0])[0].clone();

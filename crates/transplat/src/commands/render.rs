@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use glam::Vec3;
 use transplat_core::camera::{Camera, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
@@ -16,7 +16,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::visibility::Bake;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
-use crate::commands::refuse_overwriting;
+use crate::commands::{make_folder, refuse_overwriting};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::report::Report;
 use crate::scene::{Lights, Scene, asset_of, look_of, progress_bar, targets_of};
@@ -379,8 +379,7 @@ impl Shots<'_> {
 
     fn take(&self, target: Option<&str>, lit: &Lit, report: &mut Report) -> Result<usize> {
         if !self.output.is_file {
-            let folder = self.output.folder(target);
-            std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+            make_folder(&self.output.folder(target))?;
         }
         let bar = progress_bar("drawing", report);
         for (done, (number, camera)) in self.frames.iter().enumerate() {

@@ -23,7 +23,7 @@ use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart};
-use crate::commands::refuse_overwriting;
+use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::Device;
 use crate::report::Report;
 use crate::scene::{Scene, progress_bar};
@@ -56,7 +56,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         .map(|o| &*o.asset)
         .chain(args.asset.as_deref());
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
-    std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
+    make_folder(&args.output)?;
     let device = Device::open(args.options.device)?;
     report.set("adapter", device.name());
     let mut page = Page::new("transplat: report");

@@ -18,6 +18,7 @@ use super::unknown::Unknown;
 use super::variants::Variant;
 use super::write;
 use crate::cli::ReportArgs;
+use crate::commands::make_folder;
 use crate::device::Device;
 use crate::metrics::Picture;
 use crate::report::Report;
@@ -54,7 +55,7 @@ pub fn run(
     report: &mut Report,
 ) -> Result<String> {
     let pictures = args.output.join("pictures");
-    std::fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())?;
+    make_folder(&pictures)?;
     let variants = Variant::all(args.quick, args.unknown_light);
     let bar = progress_bar("comparing with the truth", report);
     let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);

@@ -117,6 +117,7 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
                     let drag = egui::DragValue::new(value)
                         .speed(0.01)
                         .range(-3.0..=3.0)
+                        .prefix(format!("{side} "))
                         .suffix(" radii");
                     let response = ui.add(drag).on_hover_text(
                         "A side of the box, in the object's radius around its centre.",
