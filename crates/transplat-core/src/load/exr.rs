@@ -49,13 +49,18 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
             ));
         }
     }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_file(path)
+    let decode = || {
+        read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .all_layers()
+            .all_attributes()
+            .from_file(path)
+    };
+    // The crate asserts some of what only the file can break, such as the level that a tile says it is of.
+    let image = std::panic::catch_unwind(decode)
+        .map_err(|_| Error::invalid(path, "OpenEXR: a block is broken"))?
         .map_err(told)?;
     let found = image
         .layer_data
@@ -208,6 +213,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn no_word_of_a_file_that_says_one_is_a_panic() {
+        let channels = ["R", "G", "B"].map(|name| (name, FlatSamples::F32(ramp(0.0))));
+        let good = write(channels.into(), Compression::Uncompressed);
+        let bytes = std::fs::read(good.path()).expect("just written");
+        let mut refused = 0;
+        for i in 0..bytes.len() - 3 {
+            let mut broken = bytes.clone();
+            broken[i..i + 4].copy_from_slice(&1u32.to_le_bytes());
+            let file = tempfile::NamedTempFile::new().expect("a temporary file");
+            std::fs::write(file.path(), broken).expect("room for it");
+            refused += usize::from(load(file.path()).is_err());
+        }
+        assert!(refused > 50, "{refused}");
     }
 
     #[test]

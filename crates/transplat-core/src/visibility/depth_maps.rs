@@ -110,7 +110,7 @@ pub struct BakeInput {
 }
 
 impl BakeInput {
-    /// Scales the object to the unit ball and chooses the maps' resolution: a texel a median standard deviation, 128 to 512.
+    /// Scales the object to the unit ball and chooses the maps' resolution: a texel over four median standard deviations, 64 to 256.
     pub fn new(cloud: &SurfelCloud, settings: &BakeSettings) -> Self {
         let ScaledObject {
             surfels,
@@ -118,7 +118,7 @@ impl BakeInput {
             radius,
             median_size,
         } = ScaledObject::new(cloud);
-        let texels = (2.0 / median_size.max(1e-30)).clamp(128.0, 512.0);
+        let texels = (0.5 / median_size.max(1e-30)).clamp(64.0, 256.0);
         let resolution = (texels as usize).next_power_of_two();
         let frames = lattice(settings.directions)
             .into_iter()

@@ -130,7 +130,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
     if effort != Effort::Full {
         return all;
     }
-    let resolutions = [64, 128, 256, 512, 1024].map(|resolution| MapBake {
+    let resolutions = [32, 64, 128, 256, 512, 1024].map(|resolution| MapBake {
         resolution,
         ..plain
     });
