@@ -132,7 +132,7 @@ pub struct LightArgs {
     #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
         value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]
     pub without: Vec<String>,
-    /// Compute also what this scene does not need, which is slower and shows the same; a bake that is there already is taken as it is
+    /// Compute also what this scene does not need, which is slower and hardly shows; a bake that is there already is taken as it is
     #[arg(long)]
     pub compute_all: bool,
     /// Turn the source light about the up axis

@@ -103,7 +103,9 @@ pub fn measure(
     progress: &(dyn Fn(f64, &str) -> ControlFlow<()> + Sync),
 ) -> Result<Savings> {
     let mut savings = Savings::default();
-    let steps = (Preset::ALL.len() * (Skips::ALL.len() + 1)) as f64;
+    let of_preset = |p: Preset| Skips::ALL.iter().filter(move |s| s.presets.contains(&p));
+    let steps: usize = Preset::ALL.map(|p| 1 + of_preset(p).count()).iter().sum();
+    let steps = steps as f64;
     let mut done = 0.0;
     for preset in Preset::ALL {
         let mut next = |what: &str| {
@@ -116,7 +118,7 @@ pub fn measure(
         // A kept bake does not know what was left out of it.
         let with = run(subject, preset, Skips::default(), None)?;
         let is_open = (with.told.iter()).any(|s| s.skip == Some("open-object"));
-        for skip in Skips::ALL.iter().filter(|s| s.presets.contains(&preset)) {
+        for skip in of_preset(preset) {
             if next(skip.name).is_break() {
                 bail!("cancelled");
             }

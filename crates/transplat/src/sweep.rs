@@ -448,29 +448,33 @@ impl Point {
             && (is_transfer || self.setting.preset() == other.setting.preset())
     }
 
-    /// Whether another one is both quicker and nearer, beyond what measuring can tell.
-    fn is_beaten_by(&self, other: &Self) -> bool {
-        let (Some(a), Some(b)) = (self.time, other.time) else {
-            return false;
-        };
-        let (Some(mine), Some(its)) = (self.error(), other.error()) else {
-            return false;
-        };
-        b.ms <= a.ms && its <= mine && (b.ms < a.ms || its < mine)
+    /// Whether it is nearer than another by 0.01 dB or 1 %: less is luck.
+    fn is_nearer_than(&self, other: &Self) -> bool {
+        match (self.error(), other.error()) {
+            (Some(a), Some(b)) if self.psnr_truth.is_some() => a < b - 0.01,
+            (Some(a), Some(b)) => a < 0.99 * b,
+            _ => false,
+        }
     }
 }
 
+/// Marks what nothing beats in both: from the quickest on, each that is nearer than all before it.
 fn mark_front(mut points: Vec<Point>) -> Vec<Point> {
-    let on_front: Vec<bool> = points
-        .iter()
-        .map(|p| {
-            p.time.is_some()
-                && p.error().is_some()
-                && !points.iter().any(|q| q.is_beside(p) && p.is_beaten_by(q))
-        })
+    let key = |p: &Point| Some((p.time?.ms, p.error()?));
+    let mut order: Vec<(usize, (f64, f64))> = (points.iter().enumerate())
+        .filter_map(|(i, p)| Some((i, key(p)?)))
         .collect();
-    for (point, on_front) in points.iter_mut().zip(on_front) {
-        point.on_front = on_front;
+    order.sort_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let mut front: Vec<usize> = Vec::new();
+    for (i, _) in order {
+        let point = &points[i];
+        let mut quicker = front.iter().map(|j| &points[*j]);
+        if quicker.all(|q| !q.is_beside(point) || point.is_nearer_than(q)) {
+            front.push(i);
+        }
+    }
+    for i in front {
+        points[i].on_front = true;
     }
     points
 }

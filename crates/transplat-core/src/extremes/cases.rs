@@ -225,7 +225,7 @@ fn monotone_in_epsilon(trial: &Trial<'_>) -> std::result::Result<(), String> {
 }
 
 /// There and back many times: preset `best` is to come back the first time, and what becomes of it is told.
-fn converging(trial: &Trial<'_>) -> std::result::Result<(), String> {
+fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let [source, target] = &trial.lights;
     let mut cloud = trial.cloud.clone();
     let normals = trial.bake.normals();
@@ -483,9 +483,9 @@ fn settings() -> Vec<Case> {
         ),
         case(
             "there and back fifty times",
-            "converging",
+            "finite; best comes back once",
             || Ok(usual()),
-            converging,
+            comes_back,
         ),
     ]
 }

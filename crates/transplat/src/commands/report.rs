@@ -56,10 +56,14 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         .map(|o| &*o.asset)
         .chain(args.asset.as_deref());
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
-    make_folder(&args.output)?;
+    if args.output.is_file() {
+        // Told before anything is computed.
+        make_folder(&args.output)?;
+    }
     let device = Device::open(args.options.device)?;
     report.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
+    page.paragraph(&measured_what(args));
     let mut told = String::new();
     let of_asset = [ReportPart::Time, ReportPart::Extremes, ReportPart::Skipped];
     let subject = if parts.iter().any(|part| of_asset.contains(part)) {
@@ -67,6 +71,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     } else {
         None
     };
+    make_folder(&args.output)?;
     let devices = if subject.is_some() {
         devices(args.options.device, &mut report)
     } else {
@@ -154,6 +159,36 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
         views: None,
         bakes: Vec::new(),
     })
+}
+
+/// What the numbers are of, for the page.
+fn measured_what(args: &ReportArgs) -> String {
+    let name = |path: &Path| {
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        name.to_string_lossy().into_owned()
+    };
+    let mut what = match (&args.asset, &args.source, &args.target) {
+        (Some(asset), Some(source), target) => {
+            let target = target.as_deref().unwrap_or(Path::new(BUNDLED_LIGHTS[1]));
+            format!(
+                "{}, captured under {}, relit by {}",
+                name(asset),
+                name(source),
+                name(target)
+            )
+        }
+        _ => "The bundled scene".to_owned(),
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    what += &format!(
+        "; transplat {}, {threads} threads of {}",
+        env!("CARGO_PKG_VERSION"),
+        std::env::consts::ARCH
+    );
+    if args.quick {
+        what += ", fewer repeats and settings (--quick)";
+    }
+    what + "."
 }
 
 /// The CPU, and the GPU; a driver that computes on the CPU only where it is asked for.

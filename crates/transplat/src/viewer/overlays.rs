@@ -66,7 +66,7 @@ impl Viewer {
                 let told = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
                 let all: Vec<String> = left_out.iter().map(told).collect();
                 ui.label(text)
-                    .on_hover_text(format!("Not needed for this scene:\n{}", all.join("\n")));
+                    .on_hover_text(format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
             }
         });
     }

@@ -109,8 +109,14 @@ impl Viewport {
                 .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         }
         if let Some((camera, ..)) = self.camera_at(session, self.rect.min) {
-            draw_crop_box(ui, self.rect, session, &camera);
-            mark_surfel(ui, self.rect, session, &camera, self.inspected);
+            let mut parts = [self.rect.left_top(), self.rect.right_top()]
+                .map(|at| self.part_at(session, Some(at)))
+                .to_vec();
+            parts.dedup();
+            for part in parts {
+                draw_crop_box(ui, part, session, &camera);
+                mark_surfel(ui, part, session, &camera, self.inspected);
+            }
         }
         annotate(ui, self.rect, session, view);
     }

@@ -1,6 +1,7 @@
 //! Stiff and extreme cases, and how stiff the transfer is in epsilon.
 
 use std::fmt::Write;
+use std::time::Instant;
 
 use anyhow::Result;
 use transplat_core::environment::Illumination;
@@ -35,6 +36,7 @@ pub fn run(
     let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
     let bar = progress_bar("extreme cases", report);
     let cases = extremes::all();
+    let start = Instant::now();
     let mut outcomes = Vec::new();
     for (i, case) in cases.iter().enumerate() {
         bar.set_position((1000 * i / cases.len()) as u64);
@@ -55,6 +57,7 @@ pub fn run(
         }
     }
     bar.finish_and_clear();
+    report.add_ms("extremes", 1e3 * start.elapsed().as_secs_f64());
     write(&args.output.join(CSV), &csv(&outcomes))?;
     report.set("extreme_cases", outcomes.len());
     let failed = outcomes.iter().filter(|o| o.failure.is_some());
@@ -62,7 +65,7 @@ pub fn run(
     let mut told = extremes::in_words(&outcomes);
     page.heading("Stiff and extreme cases");
     page.paragraph(&told);
-    page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L.");
+    page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L. Everything is asked to be finite. Bounded: the ratio is within what the lights and epsilon allow. Scale-invariant, as at scale 1: the same colours whatever the unit of light or length. Monotone: a larger epsilon never makes a larger change. Black: no light, no colour. As with even light: a black source tells nothing. There and back, preset best is to come back the first time; the drift after many turns is told and not asked for, because each turn keeps the error of those before. A number is missing where the oracle has no such case (a channel that is missing in the source is filled up, pixels that are no numbers, no surfels) or the ratio is held at its bound.");
     onto(page, &outcomes);
     if let Some(subject) = subject {
         told += &stiffness(args, subject, page)?;
@@ -132,7 +135,7 @@ fn onto(page: &mut Page, outcomes: &[Outcome]) {
         "case",
         "preset",
         "asked",
-        "",
+        "holds",
         "f32 off f64",
         "GPU off f64",
         "condition",
@@ -192,7 +195,8 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
                     label: String::new(),
                     group: usize::from(s.preset == Preset::Paper),
                     is_default: s.is_default,
-                    on_front: false,
+                    // A line joins them.
+                    on_front: true,
                 })
             })
             .collect();

@@ -238,7 +238,7 @@ where
         let rings = of_group().filter(|d| d.is_default);
         chart.draw_series(rings.map(|d| Circle::new((d.x, d.y), 9, color.stroke_width(2))))?;
         // Only what is on the front is named: the table has the rest.
-        let named = of_group().filter(|d| d.on_front || d.is_default);
+        let named = of_group().filter(|d| (d.on_front || d.is_default) && !d.label.is_empty());
         let places: Vec<(&Dot, i32)> = named
             .map(|d| {
                 let at = chart.backend_coord(&(d.x, d.y));

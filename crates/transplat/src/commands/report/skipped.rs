@@ -31,7 +31,7 @@ pub fn run(
     let progress = |done: f64, what: &str| {
         bar.set_position((1000.0 * done) as u64);
         if bar.is_hidden() && !args.out.quiet {
-            eprintln!("{:3.0} % left out: {what}", 100.0 * done);
+            eprintln!("{:3.0} % with and without: {what}", 100.0 * done);
         }
         ControlFlow::Continue(())
     };

@@ -109,6 +109,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.end_row();
         }
     });
+    if !session.measured.is_empty() {
+        ui.weak("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset.");
+    }
     for line in &session.measured_words {
         ui.weak(line);
     }
@@ -128,5 +131,8 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     }
     for line in session.extremes.lines() {
         ui.weak(line);
+    }
+    if !session.extremes.is_empty() {
+        ui.weak("Black and one-coloured lights, a sun of a million skies, surfels without extent or far from the origin, ... with either preset; transplat report --extremes lists them.");
     }
 }
