@@ -479,6 +479,15 @@ fn mark_front(mut points: Vec<Point>) -> Vec<Point> {
     points
 }
 
+fn percent(error: f64) -> String {
+    let percent = 100.0 * error;
+    if percent < 0.01 {
+        "under 0.01 %".to_owned()
+    } else {
+        format!("{percent:.2} %")
+    }
+}
+
 /// In words: what the next steps from each default buy, and for how much.
 pub fn in_words(points: &[Point]) -> Vec<String> {
     let mut out = Vec::new();
@@ -499,8 +508,9 @@ pub fn in_words(points: &[Point]) -> Vec<String> {
                 _ => match (default.numeric, other.numeric) {
                     (Some(a), Some(b)) => {
                         format!(
-                            "{:.1e} instead of {:.1e} off the oracle",
-                            b.rel_l2, a.rel_l2
+                            "off by {} instead of {}",
+                            percent(b.rel_l2),
+                            percent(a.rel_l2)
                         )
                     }
                     _ => continue,
@@ -557,9 +567,10 @@ mod tests {
             point("default", 2.0, 30.0),
             point("beaten", 3.0, 29.0),
             point("slow", 4.0, 31.0),
+            point("slower and nearer by luck", 5.0, 31.005),
         ]);
         let front: Vec<bool> = points.iter().map(|p| p.on_front).collect();
-        assert_eq!(front, [true, true, false, true]);
+        assert_eq!(front, [true, true, false, true, false]);
         let words = in_words(&points);
         assert_eq!(words.len(), 2, "{words:?}");
         assert!(words[0].contains("quick instead of default: -10.00 dB"));

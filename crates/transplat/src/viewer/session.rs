@@ -267,6 +267,8 @@ pub struct Session {
     pub(super) readout: Option<((u64, u64), Arc<Relit>)>,
     /// What settings cost on the asset; empty until it is asked for.
     pub measured: Vec<Point>,
+    /// Whether the user has not seen it yet.
+    pub measured_is_new: bool,
     /// What the extreme cases came to; empty until it is asked for.
     pub extremes: String,
     /// What leaving something out saves on it.
@@ -369,6 +371,7 @@ impl Session {
             transfer_skips: Vec::new(),
             readout: None,
             measured: Vec::new(),
+            measured_is_new: false,
             extremes: String::new(),
             saved: Vec::new(),
             measured_words: Vec::new(),
@@ -582,6 +585,7 @@ impl Session {
                 self.saved = savings.saved;
                 self.measured_words = in_words(&points);
                 self.measured = points;
+                self.measured_is_new = true;
             }
             Event::Baked { .. }
             | Event::Measured { .. }

@@ -208,7 +208,7 @@ where
         .x_label_formatter(&|v| number(*v))
         .y_label_formatter(&|v| number(*v))
         .bold_line_style(RGBColor(215, 215, 215))
-        .light_line_style(RGBColor(240, 240, 240))
+        .light_line_style(TRANSPARENT)
         .draw()?;
     let fronts = if plot.is_front_shared {
         1

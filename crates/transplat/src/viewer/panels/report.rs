@@ -1,6 +1,6 @@
 //! What ran, how long it took, and what was left out.
 
-use eframe::egui::{self, Button, Ui};
+use eframe::egui::{self, Align, Button, Ui};
 
 use crate::report::milliseconds;
 use crate::sweep::{Point, Stage};
@@ -74,6 +74,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while.");
     if button.clicked() {
         session.measure();
+    }
+    if std::mem::take(&mut session.measured_is_new) {
+        ui.scroll_to_cursor(Some(Align::TOP));
     }
     let mut chosen = None;
     egui::Grid::new("settings").num_columns(4).striped(true).show(ui, |ui| {
