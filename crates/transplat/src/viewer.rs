@@ -9,6 +9,7 @@ mod estimating;
 mod export;
 mod files;
 mod frame;
+mod inspecting;
 mod jobs;
 mod lights;
 mod measuring;

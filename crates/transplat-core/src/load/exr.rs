@@ -142,6 +142,7 @@ fn pick_channels(
 mod tests {
     use super::*;
     use crate::export::{ExrFloats, write_exr};
+    use crate::load::fuzz::raster;
     use exr::prelude::*;
 
     fn write(
@@ -219,13 +220,7 @@ mod tests {
     #[test]
     fn no_word_of_a_file_that_says_one_is_a_panic() {
         let good = tempfile::NamedTempFile::new().expect("a temporary file");
-        let raster = Raster {
-            width: 8,
-            height: 4,
-            pixels: (0..32).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect(),
-            depth: Vec::new(),
-        };
-        write_exr(good.path(), &raster, ExrFloats::Half).expect("room for it");
+        write_exr(good.path(), &raster(), ExrFloats::Half).expect("room for it");
         let bytes = std::fs::read(good.path()).expect("just written");
         let mut refused = 0;
         for i in 0..bytes.len() - 3 {

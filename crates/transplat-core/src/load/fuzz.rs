@@ -242,7 +242,7 @@ fn written(save: impl FnOnce(&Path) -> Result<()>) -> Vec<u8> {
     std::fs::read(&path).expect("it is there")
 }
 
-fn raster() -> Raster {
+pub fn raster() -> Raster {
     let pixels = (0..32).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect();
     Raster {
         width: 8,

@@ -5,13 +5,12 @@
 
 mod incident;
 mod lobe;
+mod neighbors;
 mod nodes;
 
-use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use glam::Vec3;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::{Part, Relit, Terms, TransferSettings, round_to_half};
@@ -21,19 +20,18 @@ use crate::sh::{coefficient_count, with_degree};
 use crate::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::visibility::occlusion::{Occlusion, directions};
-use crate::visibility::{BakeSurfel, smoothstep};
+use crate::visibility::smoothstep;
 
 use incident::{Incident, Planes, planes};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
 use lobe::{Fitted, Rays, find_gloss, mirrored};
 pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION};
+pub(crate) use neighbors::NEIGHBORS;
+use neighbors::neighbors;
 use nodes::Frame;
 pub use nodes::Nodes;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
-
-/// Surfels around one that its gloss is pooled over.
-pub(crate) const NEIGHBORS: usize = 64;
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -237,45 +235,6 @@ fn whitest(means: &[Sides], divisor: &[Sides]) -> f32 {
     }
     let index = ((albedos.len() - 1) as f32 * WHITEST) as usize;
     (*albedos.select_nth_unstable_by(index, f32::total_cmp).1).max(1e-12)
-}
-
-/// The surfels nearest in place and normal: probably of the same stuff. `[n][min(NEIGHBORS, n - 1)]`
-fn neighbors(surfels: &[BakeSurfel], normals: &[Vec3]) -> Vec<u32> {
-    let n = normals.len();
-    let mean_size: f32 = surfels.iter().map(|s| s.bias).sum::<f32>() / n.max(1) as f32;
-    let unit = 1.0 / (3.0 * mean_size).max(1e-12);
-    let points: Vec<[f32; 6]> = surfels
-        .iter()
-        .zip(normals)
-        .map(|(s, n)| {
-            let (p, n) = (s.position * unit, *n * 2.0);
-            [p.x, p.y, p.z, n.x, n.y, n.z]
-        })
-        .collect();
-    let count = NEIGHBORS.min(n.saturating_sub(1));
-    let (Some(wanted), Ok(tree)) = (
-        NonZeroUsize::new(count + 1).filter(|_| count > 0),
-        ImmutableKdTree::<f32, 6>::new_from_slice(&points),
-    ) else {
-        return Vec::new();
-    };
-    points
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(i, p)| {
-            let found = tree
-                .query(p)
-                .nearest_n::<SquaredEuclidean<f32>>(wanted)
-                .execute();
-            let others: Vec<u32> = found
-                .into_iter()
-                .map(|f| f.item)
-                .filter(|j| *j as usize != i)
-                .take(count)
-                .collect();
-            others
-        })
-        .collect()
 }
 
 impl BestAsset {

@@ -23,7 +23,7 @@ use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart};
-use crate::commands::{make_folder, refuse_overwriting};
+use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::device::Device;
 use crate::report::Report;
 use crate::scene::{Scene, progress_bar};
@@ -56,10 +56,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         .map(|o| &*o.asset)
         .chain(args.asset.as_deref());
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
-    if args.output.is_file() {
-        // Told before anything is computed.
-        make_folder(&args.output)?;
-    }
+    refuse_file(&args.output)?;
     let device = Device::open(args.options.device)?;
     report.set("adapter", device.name());
     let mut page = Page::new("transplat: report");

@@ -7,14 +7,13 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 use eframe::egui;
-use transplat_core::color::{Encoding, decode_sh};
+use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::Ground;
 use transplat_core::load::AssetFile;
 use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
-use transplat_core::sh::{coefficient_count, with_degree};
 use transplat_core::skips::{self, Skipped};
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{
@@ -638,44 +637,6 @@ impl Session {
     /// The bake itself, as far as it is.
     pub fn bake_so_far(&self) -> Option<&Arc<Bake>> {
         self.baked()?.bake.as_ref()
-    }
-
-    /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
-    pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
-        let degree = self.asset.as_ref()?.cloud.sh_degree;
-        if let Some(PreparedTransfer::Best(_)) = &self.prepared {
-            // None while a newer one is on its way.
-            let (of, relit) = self.readout.as_ref()?;
-            if *of != (self.asset_id, self.relit_version) {
-                return None;
-            }
-            let k = coefficient_count(relit.degree);
-            let sh = relit.sh.get(i * k..(i + 1) * k)?;
-            let linear = match relit.encoding {
-                Encoding::Linear => sh.to_vec(),
-                encoding => decode_sh(sh, relit.degree, encoding),
-            };
-            let linear = with_degree(linear, relit.degree, degree);
-            return Some((*relit.tau.get(i)?, linear));
-        }
-        let Some(PreparedTransfer::Paper(paper)) = &self.prepared else {
-            return None;
-        };
-        if i >= paper.surfels {
-            return None;
-        }
-        let light = paper.light(&self.oriented_lights()[TARGET].light.radiance);
-        let relit = paper.relight_one(&light, i);
-        let (dc, relit_dc) = (paper.dc[i], relit[0]);
-        let ratio = |c: usize| {
-            if dc[c] > 0.0 {
-                relit_dc[c] / dc[c]
-            } else {
-                0.0
-            }
-        };
-        let whole = with_degree(relit.clone(), paper.asset_degree, degree);
-        Some((std::array::from_fn(ratio), whole))
     }
 
     /// Whether the open asset's colour was taken as linear.

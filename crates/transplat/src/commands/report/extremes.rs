@@ -195,8 +195,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
                     label: String::new(),
                     group: usize::from(s.preset == Preset::Paper),
                     is_default: s.is_default,
-                    // A line joins them.
-                    on_front: true,
+                    is_joined: true,
                 })
             })
             .collect();

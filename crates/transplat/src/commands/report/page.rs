@@ -22,7 +22,8 @@ pub struct Dot {
     /// Which colour, by what it belongs to.
     pub group: usize,
     pub is_default: bool,
-    pub on_front: bool,
+    /// Whether a line joins it with others of its group, such as those on the front; it is named then.
+    pub is_joined: bool,
 }
 
 /// A plot of dots over a logarithmic axis.
@@ -218,7 +219,7 @@ where
     for group in 0..fronts {
         let mut front: Vec<(f64, f64)> = dots
             .iter()
-            .filter(|d| d.on_front && (plot.is_front_shared || d.group == group))
+            .filter(|d| d.is_joined && (plot.is_front_shared || d.group == group))
             .map(|d| (d.x, d.y))
             .collect();
         front.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -238,7 +239,7 @@ where
         let rings = of_group().filter(|d| d.is_default);
         chart.draw_series(rings.map(|d| Circle::new((d.x, d.y), 9, color.stroke_width(2))))?;
         // Only what is on the front is named: the table has the rest.
-        let named = of_group().filter(|d| (d.on_front || d.is_default) && !d.label.is_empty());
+        let named = of_group().filter(|d| (d.is_joined || d.is_default) && !d.label.is_empty());
         let places: Vec<(&Dot, i32)> = named
             .map(|d| {
                 let at = chart.backend_coord(&(d.x, d.y));
@@ -325,7 +326,7 @@ mod tests {
             label: "<script>".into(),
             group: 0,
             is_default: x == 1.0,
-            on_front: true,
+            is_joined: true,
         };
         for is_y_logarithmic in [true, false] {
             let plot = Plot {

@@ -136,7 +136,7 @@ fn plots(page: &mut Page, stage: Stage, device: &str, points: &[&Point]) -> Resu
                         group: group(p),
                         is_default: p.setting.is_default,
                         // The front is that of the error which counts.
-                        on_front: p.on_front && has_truth != is_y_logarithmic,
+                        is_joined: p.on_front && has_truth != is_y_logarithmic,
                     })
                 })
                 .collect();

@@ -1,0 +1,47 @@
+//! What is told of the surfel that is inspected.
+
+use transplat_core::color::{Encoding, decode_sh};
+use transplat_core::sh::{coefficient_count, with_degree};
+use transplat_core::transfer::PreparedTransfer;
+
+use super::session::{Session, TARGET};
+
+impl Session {
+    /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
+    pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
+        let degree = self.asset.as_ref()?.cloud.sh_degree;
+        if let Some(PreparedTransfer::Best(_)) = &self.prepared {
+            // None while a newer one is on its way.
+            let (of, relit) = self.readout.as_ref()?;
+            if *of != (self.asset_id, self.relit_version) {
+                return None;
+            }
+            let k = coefficient_count(relit.degree);
+            let sh = relit.sh.get(i * k..(i + 1) * k)?;
+            let linear = match relit.encoding {
+                Encoding::Linear => sh.to_vec(),
+                encoding => decode_sh(sh, relit.degree, encoding),
+            };
+            let linear = with_degree(linear, relit.degree, degree);
+            return Some((*relit.tau.get(i)?, linear));
+        }
+        let Some(PreparedTransfer::Paper(paper)) = &self.prepared else {
+            return None;
+        };
+        if i >= paper.surfels {
+            return None;
+        }
+        let light = paper.light(&self.oriented_lights()[TARGET].light.radiance);
+        let relit = paper.relight_one(&light, i);
+        let (dc, relit_dc) = (paper.dc[i], relit[0]);
+        let ratio = |c: usize| {
+            if dc[c] > 0.0 {
+                relit_dc[c] / dc[c]
+            } else {
+                0.0
+            }
+        };
+        let whole = with_degree(relit.clone(), paper.asset_degree, degree);
+        Some((std::array::from_fn(ratio), whole))
+    }
+}
