@@ -10,18 +10,19 @@ struct OcclusionParameters {
 }
 
 struct OcclusionSurfel {
-    // Scaled for the rays, with the size that keeps them off the surface.
+    // Scaled for the rays, with its smaller and larger standard deviation.
     position: vec3f,
-    bias: f32,
+    minor: f32,
+    // Towards the front.
     normal: vec3f,
-    unused: u32,
+    major: f32,
 }
 
 @group(0) @binding(0) var<uniform> parameters: OcclusionParameters;
 // Of each patch of this dispatch, its first direction before the others.
 @group(0) @binding(1) var<uniform> directions: array<vec4f, RAYS>;
 @group(0) @binding(2) var<storage, read> surfels: array<OcclusionSurfel>;
-// Which sides of a surfel are closed: bit 0 is the stored normal's. [count]
+// Whether the back of a surfel is closed. [count]
 @group(0) @binding(6) var<storage, read> closed: array<u32>;
 // The surfel that the first ray meets in the low 24 bits, from bit 24 on which rays are open, and HAS_MET. [PATCH_BATCH][count]
 @group(0) @binding(5) var<storage, read_write> found: array<u32>;
@@ -38,12 +39,11 @@ fn trace_patches(@builtin(global_invocation_id) id: vec3u) {
     var result = 0u;
     for (var place = 0u; place < PER_PATCH; place++) {
         let d = directions[PER_PATCH * id.y + place].xyz;
-        let side = select(0u, 1u, dot(surfel.normal, d) < 0.0);
-        if (closed[id.x] >> side & 1u) == 1u {
+        if closed[id.x] == 1u && dot(surfel.normal, d) < 0.0 {
             continue;
         }
-        let origin = ray_origin(surfel.position, surfel.bias, surfel.normal, d);
-        let hit = trace(origin, d, NEAREST_SCALES * surfel.bias, place > 0u, parameters.box_count);
+        let extent = vec2f(surfel.minor, surfel.major);
+        let hit = trace(surfel.position, surfel.normal, extent, d, place > 0u, parameters.box_count);
         if hit == MISS {
             result |= 1u << (24u + place);
         } else if place == 0u {

@@ -40,12 +40,14 @@ struct BestBeam {
 }
 
 struct BestSurfel {
-    // Unit, turned to the more open side.
+    // Unit normal of the surface, towards the front.
     normal: vec3f,
     two_sided: f32,
-    // Scaled for the rays, with the size that keeps them off the surface.
+    // Scaled for the rays, with the smaller and the larger standard deviation, and the surfel's own normal.
     position: vec3f,
-    bias: f32,
+    minor: f32,
+    own_normal: vec3f,
+    major: f32,
     // Irradiance under the source on each side; where the surfel's hits begin and end.
     front_divisor: vec3f,
     first_hit: u32,
@@ -118,7 +120,8 @@ fn see_suns(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let n = surfels[i].normal;
-    let bias = surfels[i].bias;
+    let own_normal = surfels[i].own_normal;
+    let extent = vec2f(surfels[i].minor, surfels[i].major);
     var front = vec3f(0.0);
     var back = vec3f(0.0);
     var seen = 0u;
@@ -127,8 +130,7 @@ fn see_suns(@builtin(global_invocation_id) id: vec3u) {
         let cosine = dot(n, sun.direction);
         var open = settings.shadow == 0u;
         if !open && (cosine > 0.0 || surfels[i].two_sided > 0.0) {
-            let origin = ray_origin(surfels[i].position, bias, n, sun.direction);
-            open = trace(origin, sun.direction, NEAREST_SCALES * bias, true, settings.box_count) == MISS;
+            open = trace(surfels[i].position, own_normal, extent, sun.direction, true, settings.box_count) == MISS;
         }
         if open {
             seen |= 1u << k;

@@ -13,8 +13,10 @@ struct TraceBox {
 struct TraceDisc {
     center: vec3f,
     surfel: u32,
+    // Towards the front.
     normal: vec3f,
-    unused_a: u32,
+    // 1 where it is seen from its front alone.
+    one_sided: u32,
     // Half axes over their squared lengths.
     axis_a: vec3f,
     unused_b: u32,
@@ -27,13 +29,14 @@ struct TraceDisc {
 
 const MISS = 0xffffffffu;
 
-// Where a ray starts that leaves a surfel: on the side that it goes to.
-fn ray_origin(position: vec3f, bias: f32, normal: vec3f, d: vec3f) -> vec3f {
-    return position + normal * (select(1.0, -1.0, dot(normal, d) < 0.0) * START_SCALES * bias);
-}
-
-// The surfel that a ray meets first beyond `nearest`, or any that it meets, or MISS.
-fn trace(origin: vec3f, d: vec3f, nearest: f32, any_will_do: bool, box_count: u32) -> u32 {
+// The surfel that a ray from a surfel meets first, or any that it meets, or MISS. `normal` points to the surfel's front; `extent` is its
+// smaller and its larger standard deviation.
+fn trace(position: vec3f, normal: vec3f, extent: vec2f, d: vec3f, any_will_do: bool, box_count: u32) -> u32 {
+    let in_front = dot(normal, d) >= 0.0;
+    let origin = position + normal * (select(-1.0, 1.0, in_front) * START_SCALES * extent.x);
+    // From where on the ray meets anything, and discs that it leaves through their fronts.
+    let nearest = NEAREST_SCALES * extent.x;
+    let stack = select(nearest, STACK_SCALES * extent.y, in_front);
     // A direction along an axis never divides by zero.
     let safe = select(d, select(vec3f(1e-12), vec3f(-1e-12), d < vec3f(0.0)), abs(d) < vec3f(1e-12));
     let inverse = 1.0 / safe;
@@ -62,7 +65,8 @@ fn trace(origin: vec3f, d: vec3f, nearest: f32, any_will_do: bool, box_count: u3
             let at = from_center + t * d;
             let u = dot(at, disc.axis_a);
             let v = dot(at, disc.axis_b);
-            if abs(facing) >= 1e-6 && u * u + v * v <= 1.0 && t > nearest && t < farthest {
+            let least = select(nearest, stack, disc.one_sided == 1u && facing > 0.0);
+            if abs(facing) >= 1e-6 && u * u + v * v <= 1.0 && t > least && t < farthest {
                 farthest = t;
                 hit = disc.surfel;
                 if any_will_do {

@@ -14,7 +14,6 @@ use transplat_core::transfer::best::{BestAsset, BestTransfer};
 use transplat_core::transfer::{Part, Preset, Relit, Terms, TransferSettings};
 use transplat_core::visibility::no_progress;
 use transplat_core::visibility::occlusion::{DIRECTIONS, Found, Occlusion};
-use transplat_core::visibility::trace::Tracer;
 use transplat_gpu::GpuError;
 use transplat_gpu::transfer::best::GpuBest;
 use transplat_gpu::visibility::occlusion::GpuTracer;
@@ -183,7 +182,7 @@ fn bake() {
     cloud.opacities[3] = 0.1;
     cloud.scales[5] = glam::Vec2::splat(0.8);
     let cpu = Occlusion::bake(&cloud, &no_progress).expect("not cancelled");
-    let tracer = Arc::new(Tracer::new(&cloud));
+    let tracer = Occlusion::tracer(&cloud, &no_progress).expect("not cancelled");
     let on_gpu = GpuTracer::new(&gpu, &tracer).expect("the driver works");
     let by = |patches: &[usize],
               found: &mut [Found],

@@ -124,6 +124,7 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
         match baked {
             Bake::Visibility(visibility) => out.write_all(&visibility.open),
             Bake::Occlusion(occlusion) => {
+                out.write_all(bytemuck::cast_slice(&occlusion.tracer.fronts.of))?;
                 out.write_all(bytemuck::cast_slice(&occlusion.open))?;
                 out.write_all(bytemuck::cast_slice(&occlusion.starts))?;
                 out.write_all(bytemuck::cast_slice(&occlusion.hits))

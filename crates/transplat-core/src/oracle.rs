@@ -9,7 +9,9 @@ use glam::DVec3;
 
 use crate::environment::EnvironmentMap;
 use crate::sh::{coefficient_count, evaluate_basis, fibonacci_sphere};
-use crate::visibility::trace::{NEAREST_SCALES, START_SCALES};
+use crate::surfels::SurfelCloud;
+use crate::visibility::trace::{NEAREST_SCALES, RaySurfel, STACK_SCALES, START_SCALES};
+use crate::visibility::transmittance::{LEAST_OPACITY, MOST_REACH};
 use crate::visibility::{BakeInput, EDGE_ON, MIN_SLOPE_COSINE, SHARPNESS, TAPS, Visibility};
 
 pub use best::OracleBest;
@@ -145,26 +147,55 @@ pub fn openness(input: &BakeInput, i: usize, j: usize) -> f64 {
 }
 
 /// How far a ray from surfel `i` towards `direction` goes until it meets the disc of surfel `j`, if it does.
-pub fn hit_distance(input: &BakeInput, i: usize, direction: DVec3, j: usize) -> Option<f64> {
-    let (from, surfel) = (&input.surfels[i], &input.surfels[j]);
-    let (normal, size) = (from.normal.as_dvec3(), f64::from(from.bias));
-    let start = f64::from(START_SCALES) * size * normal.dot(direction).signum();
-    let origin = from.position.as_dvec3() + normal * start;
-    let [a, b] = surfel.axes.map(|v| v.as_dvec3());
-    let facing = surfel.normal.as_dvec3().dot(direction);
+pub fn hit_distance(surfels: &[RaySurfel], i: usize, direction: DVec3, j: usize) -> Option<f64> {
+    let (from, met) = (&surfels[i], &surfels[j]);
+    let (normal, minor) = (from.normal.as_dvec3(), f64::from(from.minor));
+    let in_front = normal.dot(direction) >= 0.0;
+    let side = if in_front { 1.0 } else { -1.0 };
+    let origin = from.position.as_dvec3() + normal * (side * f64::from(START_SCALES) * minor);
+    let [a, b] = met.axes.map(|v| v.as_dvec3());
+    let facing = met.normal.as_dvec3().dot(direction);
     if a.length() == 0.0 || b.length() == 0.0 || facing.abs() < 1e-6 {
         return None;
     }
-    let center = surfel.position.as_dvec3();
-    let t = (center - origin).dot(surfel.normal.as_dvec3()) / facing;
+    let center = met.position.as_dvec3();
+    let t = (center - origin).dot(met.normal.as_dvec3()) / facing;
     let p = origin + direction * t - center;
     let (u, v) = (p.dot(a) / a.length_squared(), p.dot(b) / b.length_squared());
-    (u * u + v * v <= 1.0 && t > f64::from(NEAREST_SCALES) * size).then_some(t)
+    // Out of the front of what is seen from its front alone: a member of the surfel's own stack.
+    let nearest = if in_front && met.one_sided && facing > 0.0 {
+        f64::from(STACK_SCALES) * f64::from(from.major)
+    } else {
+        f64::from(NEAREST_SCALES) * minor
+    };
+    (u * u + v * v <= 1.0 && t > nearest).then_some(t)
+}
+
+/// What of the light from far away towards `direction` reaches the centre of surfel `i`: all surfels between, each as far as it
+/// reaches.
+pub fn transmittance(cloud: &SurfelCloud, i: usize, direction: DVec3) -> f64 {
+    let origin = cloud.positions[i].as_dvec3();
+    let lets_through = |j: usize| {
+        let [u, v] = cloud.tangents[j].map(|t| t.as_dvec3());
+        let [a, b] = cloud.scales[j].as_dvec2().to_array();
+        let n = u.cross(v);
+        let center = cloud.positions[j].as_dvec3();
+        let t = (center - origin).dot(n) / n.dot(direction);
+        if j == i || !(t > 0.0 && t.is_finite()) {
+            return 1.0;
+        }
+        let p = origin + direction * t - center;
+        let off = (p.dot(u) / a).powi(2) + (p.dot(v) / b).powi(2);
+        let alpha = f64::from(cloud.opacities[j]) * (-0.5 * off).exp();
+        let reaches = alpha >= f64::from(LEAST_OPACITY) && off <= f64::from(MOST_REACH).powi(2);
+        if reaches { 1.0 - alpha } else { 1.0 }
+    };
+    (0..cloud.len()).map(lets_through).product()
 }
 
 /// The nearest of those distances over all surfels.
-pub fn first_hit(input: &BakeInput, i: usize, direction: DVec3) -> Option<f64> {
-    (0..input.surfels.len())
-        .filter_map(|j| hit_distance(input, i, direction, j))
+pub fn first_hit(surfels: &[RaySurfel], i: usize, direction: DVec3) -> Option<f64> {
+    (0..surfels.len())
+        .filter_map(|j| hit_distance(surfels, i, direction, j))
         .min_by(f64::total_cmp)
 }

@@ -66,7 +66,21 @@ pub fn sphere_over_plate(n: usize) -> SurfelCloud {
     from_points(&points, &normals, plate.scales[0].x)
 }
 
-/// The same with some view dependence of a degree, different on every surfel; linear colour.
+/// A sphere over a slab: the plate has an underside, so that every surfel has one front.
+pub fn sphere_over_slab(n: usize) -> SurfelCloud {
+    let mut cloud = sphere_over_plate(n);
+    let plate = cloud.len() - sheet((n as f32).sqrt() as usize).len()..cloud.len();
+    for i in plate {
+        cloud.positions.push(cloud.positions[i] - 0.15 * Vec3::Z);
+        cloud.tangents.push(cloud.tangents[i]);
+        cloud.scales.push(cloud.scales[i]);
+        cloud.opacities.push(cloud.opacities[i]);
+        cloud.sh.push(cloud.sh[i]);
+    }
+    cloud
+}
+
+/// A sphere over a plate with some view dependence of a degree, different on every surfel; linear colour.
 pub fn glossy_sphere_over_plate(n: usize, degree: usize) -> SurfelCloud {
     let mut cloud = sphere_over_plate(n);
     let k = coefficient_count(degree);

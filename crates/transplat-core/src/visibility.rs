@@ -1,9 +1,12 @@
 //! Stage *bake*: what blocks the light, of the geometry alone; for each preset in a form of its own.
 
 mod depth_maps;
+pub mod front;
+mod hierarchy;
 pub mod occlusion;
 pub mod open_object;
 pub mod trace;
+pub(crate) mod transmittance;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -219,7 +222,10 @@ impl Bake {
         match self {
             Self::Visibility(v) => v.open.len(),
             Self::Occlusion(o) => {
-                size_of_val(&o.open[..]) + size_of_val(&o.starts[..]) + size_of_val(&o.hits[..])
+                size_of_val(&o.tracer.fronts.of[..])
+                    + size_of_val(&o.open[..])
+                    + size_of_val(&o.starts[..])
+                    + size_of_val(&o.hits[..])
             }
         }
     }

@@ -19,7 +19,7 @@ use transplat_core::sh::{
 };
 use transplat_core::transfer::paper::{MAX_RADIANCE, PaperTransfer};
 use transplat_core::visibility::occlusion::PER_PATCH;
-use transplat_core::visibility::trace::{NEAREST_SCALES, START_SCALES};
+use transplat_core::visibility::trace::{NEAREST_SCALES, STACK_SCALES, START_SCALES};
 use transplat_core::visibility::{
     DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
 };
@@ -125,9 +125,10 @@ pub fn bake_occlusion() -> String {
 /// Source of `shared/trace.wgsl`, its buffers bound to those numbers.
 fn trace(boxes: usize, discs: usize) -> String {
     format!(
-        "const START_SCALES = {};\nconst NEAREST_SCALES = {};\n{}",
+        "const START_SCALES = {};\nconst NEAREST_SCALES = {};\nconst STACK_SCALES = {};\n{}",
         literal(f64::from(START_SCALES)),
         literal(f64::from(NEAREST_SCALES)),
+        literal(f64::from(STACK_SCALES)),
         include_str!("../../../shaders/shared/trace.wgsl")
             .replace("BOX_BINDING", &boxes.to_string())
             .replace("DISC_BINDING", &discs.to_string())

@@ -22,7 +22,7 @@ gpu_struct! {
         center: [f32; 3],
         surfel: u32,
         normal: [f32; 3],
-        unused_a: u32,
+        one_sided: u32,
         axis_a: [f32; 3],
         unused_b: u32,
         axis_b: [f32; 3],
@@ -63,6 +63,7 @@ impl ResidentTracer {
                 center: d.center.to_array(),
                 surfel: d.surfel,
                 normal: d.normal.to_array(),
+                one_sided: u32::from(d.one_sided),
                 axis_a: d.inverse_axes[0].to_array(),
                 axis_b: d.inverse_axes[1].to_array(),
                 ..Default::default()

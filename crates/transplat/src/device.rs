@@ -15,7 +15,6 @@ use transplat_core::transfer::best::BestTransfer;
 use transplat_core::transfer::paper::PaperTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
 use transplat_core::visibility::occlusion::{Found, Occlusion};
-use transplat_core::visibility::trace::Tracer;
 use transplat_core::visibility::{BakeInput, Progress, bake_visibility};
 use transplat_gpu::rasterize::GpuRasterizer;
 use transplat_gpu::transfer::best::GpuBest;
@@ -95,7 +94,7 @@ impl Device {
         let Self::Gpu(context) = self else {
             return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
         };
-        let tracer = Arc::new(Tracer::new(cloud));
+        let tracer = Occlusion::tracer(cloud, progress)?;
         let rays = match GpuTracer::new(context, &tracer) {
             // On the CPU, as drawing does.
             Err(_) if !context.is_lost() => {

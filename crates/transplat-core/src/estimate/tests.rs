@@ -16,7 +16,7 @@ fn lit(
     sky: impl Fn(Vec3) -> [f32; 3],
     sun: Option<(Vec3, f32)>,
 ) -> (SurfelCloud, Arc<Occlusion>) {
-    let mut cloud = scenes::sphere_over_plate(n);
+    let mut cloud = scenes::sphere_over_slab(n);
     let bake = Arc::new(Occlusion::bake(&cloud, &no_progress).expect("it is small"));
     let albedo = |i: usize| match (cloud.positions[i].y * 2.0).floor() as i32 & 1 {
         0 => [0.6, 0.55, 0.5],
@@ -179,7 +179,7 @@ fn what_cannot_be_told_is_said() {
     check(&|_| [0.0; 3], Obstacle::Black);
     check(&|_| [f32::NAN; 3], Obstacle::Black);
     // Grey patches all over, as bright as chance has it: paint that no light explains.
-    let cells: Vec<f32> = scenes::sphere_over_plate(1500)
+    let cells: Vec<f32> = scenes::sphere_over_slab(1500)
         .positions
         .iter()
         .map(|p| {
@@ -248,9 +248,9 @@ fn a_black_backdrop_changes_little() {
     let n = cloud.len();
     cloud
         .positions
-        .extend(plate.positions.iter().map(|p| 3.2 * *p - 4.0 * Vec3::Z));
+        .extend(plate.positions.iter().map(|p| 4.0 * *p - 4.0 * Vec3::Z));
     cloud.tangents.extend(&plate.tangents);
-    cloud.scales.extend(plate.scales.iter().map(|s| 3.2 * *s));
+    cloud.scales.extend(plate.scales.iter().map(|s| 4.0 * *s));
     cloud.opacities.extend(&plate.opacities);
     cloud.sh.extend(vec![[0.0; 3]; plate.len()]);
     let share: f32 = cloud.scales[n..]

@@ -1,7 +1,7 @@
 //! Saved bakes, tied to the geometry that they were baked from. [`crate::export::save_bake`] writes them.
 //!
-//! After the head: of preset `paper` the openness `[n][N]`; of preset `best` the open bits `[n][WORDS]`, where the hits of each surfel begin
-//! `[n + 1]`, and the hits. All little-endian.
+//! After the head: of preset `paper` the openness `[n][N]`; of preset `best` the fronts `[n]`, the open bits `[n][WORDS]`, where the hits of
+//! each surfel begin `[n + 1]`, and the hits. All little-endian.
 
 use std::io::Read;
 use std::path::Path;
@@ -12,6 +12,7 @@ use bytemuck::Pod;
 use crate::error::{Error, Result};
 use crate::surfels::SurfelCloud;
 use crate::transfer::Preset;
+use crate::visibility::front::{Front, Fronts};
 use crate::visibility::occlusion::{self, Found, Hit, MOST_SURFELS, Occlusion, PATCHES, WORDS};
 use crate::visibility::trace::Tracer;
 use crate::visibility::{Bake, DIRECTIONS, Visibility, check_preset};
@@ -20,7 +21,7 @@ use crate::visibility::{Bake, DIRECTIONS, Visibility, check_preset};
 pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
 
 /// What a bake file begins with.
-pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 2";
+pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 3";
 
 /// Magic, geometry key, surfels, kind and directions.
 const HEADER_BYTES: u64 = 16 + 4 * 8;
@@ -118,7 +119,10 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
     // Of preset best, the hits come on top.
     let (least, most) = match preset {
         Preset::Paper => (header.directions, 0),
-        Preset::Best => (8 * WORDS as u64 + 4, 4 * PATCHES as u64),
+        Preset::Best => (
+            (size_of::<Front>() + size_of::<[u64; WORDS]>() + 4) as u64,
+            4 * PATCHES as u64,
+        ),
     };
     let known = match preset {
         Preset::Paper => DIRECTIONS.contains(&(header.directions as usize)),
@@ -187,17 +191,22 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
         }
         Preset::Best => {
             let found = found_in(&bytes, cloud.len());
-            let found = found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
-            let tracer = Arc::new(Tracer::new(cloud));
+            let (fronts, found) =
+                found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
+            let tracer = Arc::new(Tracer::new(cloud, fronts));
             let occlusion = Occlusion::of(cloud, tracer, &found);
             Ok(Bake::Occlusion(Arc::new(occlusion)))
         }
     }
 }
 
-/// What the rays of `n` surfels found; none if the numbers do not belong together.
-fn found_in(bytes: &[u8], n: usize) -> Option<Vec<Found>> {
-    let (open, rest) = bytes.split_at_checked(8 * WORDS * n)?;
+/// The fronts of `n` surfels, and what their rays found; none if the numbers do not belong together.
+fn found_in(bytes: &[u8], n: usize) -> Option<(Fronts, Vec<Found>)> {
+    let (fronts, rest) = bytes.split_at_checked(size_of::<Front>() * n)?;
+    let fronts = Fronts {
+        of: read_all(fronts)?,
+    };
+    let (open, rest) = rest.split_at_checked(8 * WORDS * n)?;
     let (starts, hits) = rest.split_at_checked(4 * (n + 1))?;
     let (open, starts): (Vec<[u64; WORDS]>, Vec<u32>) = (read_all(open)?, read_all(starts)?);
     let hits: Vec<Hit> = read_all(hits)?;
@@ -206,7 +215,8 @@ fn found_in(bytes: &[u8], n: usize) -> Option<Vec<Found>> {
     if !whole || hits.iter().any(|h| h.surfel() >= n) {
         return None;
     }
-    open.into_iter()
+    let found: Option<Vec<Found>> = open
+        .into_iter()
         .zip(starts.windows(2))
         .map(|(open, range)| {
             let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
@@ -216,7 +226,8 @@ fn found_in(bytes: &[u8], n: usize) -> Option<Vec<Found>> {
                 ..Found::default()
             })
         })
-        .collect()
+        .collect();
+    Some((fronts, found?))
 }
 
 fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
@@ -251,6 +262,8 @@ mod tests {
                 (Bake::Occlusion(a), Bake::Occlusion(b)) => {
                     assert_eq!((&a.open, &a.starts), (&b.open, &b.starts));
                     assert_eq!((&a.hits, &a.two_sided), (&b.hits, &b.two_sided));
+                    assert_eq!(a.tracer.fronts, b.tracer.fronts);
+                    assert_eq!(a.prominence, b.prominence);
                 }
                 _ => panic!("of another kind"),
             }

@@ -15,7 +15,6 @@ use crate::transfer::best::{
     NORMAL_OVER_GRAZING, RESIDUAL_FLOOR, RIDGE, TRUSTED_CORRELATION, TURNS, WHITEST, WIDTHS,
 };
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, PER_PATCH, directions};
-use crate::visibility::{BakeInput, BakeSettings};
 
 type Rgb = [f64; 3];
 /// Front and back.
@@ -25,7 +24,6 @@ type Sides = [Rgb; 2];
 pub struct OracleBest<'a> {
     cloud: &'a SurfelCloud,
     bake: &'a Occlusion,
-    input: BakeInput,
     directions: Vec<DVec3>,
     epsilon: f64,
     /// To the camera in the surfel's frame, and the area of each.
@@ -88,7 +86,6 @@ impl<'a> OracleBest<'a> {
         let mut oracle = Self {
             cloud,
             bake,
-            input: BakeInput::new(cloud, &BakeSettings { directions: 16 }),
             directions: directions().iter().map(|d| d.as_dvec3()).collect(),
             epsilon: f64::from(epsilon),
             nodes,
@@ -207,7 +204,7 @@ impl<'a> OracleBest<'a> {
             .iter()
             .map(|sun| {
                 let d = sun.direction.as_dvec3();
-                let sees = |i| first_hit(&self.input, i, d).is_none();
+                let sees = |i| first_hit(&self.bake.tracer.surfels, i, d).is_none();
                 (
                     d,
                     sun.energy.map(|e| self.light_gain * f64::from(e)),
@@ -393,17 +390,31 @@ impl<'a> OracleBest<'a> {
             .collect()
     }
 
+    /// The surfels around one and itself, each with how much it makes up of what is seen of them; alike where nothing is.
+    fn around(&self, i: usize) -> Vec<(usize, f64)> {
+        let around = self.neighbors(i);
+        let prominence = |j: &usize| f64::from(self.bake.prominence[*j]);
+        let all: f64 = around.iter().map(prominence).sum();
+        let share = |j: &usize| match all > 0.0 {
+            true => prominence(j) / all,
+            false => 1.0 / around.len() as f64,
+        };
+        around.iter().map(|j| (*j, share(j))).collect()
+    }
+
     fn neighbors(&self, i: usize) -> Vec<usize> {
         let n = self.cloud.len();
         let mean_size = self
-            .input
+            .bake
+            .tracer
             .surfels
             .iter()
-            .map(|s| f64::from(s.bias))
+            .map(|s| f64::from(s.major))
             .sum::<f64>()
             / n as f64;
         let distance = |j: usize| {
-            let place = |i: usize| self.input.surfels[i].position.as_dvec3() / (3.0 * mean_size);
+            let surfels = &self.bake.tracer.surfels;
+            let place = |i: usize| surfels[i].position.as_dvec3() / (3.0 * mean_size);
             (place(i) - place(j)).length_squared() + 4.0 * (self.n(i) - self.n(j)).length_squared()
         };
         let mut others: Vec<usize> = (0..n).filter(|j| *j != i).collect();
@@ -419,9 +430,16 @@ impl<'a> OracleBest<'a> {
             let albedo = |i: usize| {
                 PI * self.means[i][0].iter().sum::<f64>() / self.divisor[i][0].iter().sum::<f64>()
             };
-            let mut all: Vec<f64> = (0..n).map(albedo).collect();
-            all.sort_by(f64::total_cmp);
-            all[((n - 1) as f32 * WHITEST) as usize]
+            let mut all: Vec<(f64, f64)> = (0..n)
+                .map(|i| (albedo(i), f64::from(self.bake.prominence[i])))
+                .collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let mut below = 0.0;
+            let whitest = all.iter().find(|(_, share)| {
+                below += share;
+                below >= f64::from(WHITEST)
+            });
+            whitest.map_or(1.0, |w| w.0)
         };
         // Mean, covariance with the colour and variance of what each lobe mirrors, without and with its rise; and the colour's variance.
         let moments: Vec<Vec<[[Rgb; 3]; 2]>> = (0..n)
@@ -461,11 +479,12 @@ impl<'a> OracleBest<'a> {
         (0..n)
             .map(|i| {
                 let (mut mirrored, mut light, mut width, mut weight) = (0.0, 0.0, 0.0, 0.0);
-                for j in self.neighbors(i) {
-                    let (k, w) = (mean(believed(j, 0)), regressed[j][0].1);
+                for (j, share) in self.around(i) {
+                    let w = regressed[j][0].1;
+                    let k = share * mean(believed(j, 0));
                     let m = mean(moments[j][w][0][0]).max(0.0);
                     mirrored += k * m;
-                    light += m;
+                    light += share * m;
                     width += k * w as f64;
                     weight += k;
                 }
@@ -515,9 +534,9 @@ impl<'a> OracleBest<'a> {
         moments: &[Vec<[[Rgb; 3]; 2]>],
         variances: &[Rgb],
     ) -> (Rgb, usize, f64) {
-        let around = self.neighbors(i);
+        let around = self.around(i);
         let pooled = |f: &dyn Fn(usize, usize) -> f64| {
-            rgb(|c| around.iter().map(|j| f(*j, c)).sum::<f64>() / around.len() as f64)
+            rgb(|c| around.iter().map(|(j, share)| share * f(*j, c)).sum())
         };
         let var = pooled(&|j, c| variances[j][c]);
         let unit = |j: usize| {
@@ -545,10 +564,11 @@ impl<'a> OracleBest<'a> {
                 .sum();
             let sum = |f: &dyn Fn(usize, usize) -> f64| {
                 let all = around.iter().flat_map(|j| (0..3).map(move |c| (*j, c)));
-                all.map(|(j, c)| unit(j) * f(j, c)).sum::<f64>()
+                all.map(|((j, share), c)| share * unit(j) * f(j, c))
+                    .sum::<f64>()
             };
             let (a, b) = (sum(&|j, c| of(j)[1][c]), sum(&|j, c| of(j)[2][c]));
-            let correlation = a.max(0.0).powi(2) / (b * sum(&|j, c| variances[j][c])).max(1e-12);
+            let correlation = a.max(0.0).powi(2) / (b * sum(&|j, c| variances[j][c])).max(1e-16);
             if best.is_none_or(|(least, _)| residual < least) {
                 best = Some((residual, (k, w, correlation)));
             }

@@ -217,24 +217,28 @@ fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
     sum
 }
 
-/// Share of surfels whose albedo is below the whitest one, so that a few odd ones do not count.
+/// Share of what is seen whose albedo is below the whitest one, so that a little that is odd does not count.
 pub(crate) const WHITEST: f32 = 0.95;
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels.
-fn whitest(means: &[Sides], divisor: &[Sides]) -> f32 {
-    let mut albedos: Vec<f32> = means
+fn whitest(means: &[Sides], divisor: &[Sides], prominence: &[f32]) -> f32 {
+    let mut albedos: Vec<(f32, f32)> = means
         .iter()
         .zip(divisor)
         .map(|([m, _], [d, _])| {
             std::f32::consts::PI * m.iter().sum::<f32>() / d.iter().sum::<f32>()
         })
-        .filter(|a| a.is_finite())
+        .zip(prominence.iter().copied())
+        .filter(|(albedo, _)| albedo.is_finite())
         .collect();
-    if albedos.is_empty() {
-        return 1.0;
-    }
-    let index = ((albedos.len() - 1) as f32 * WHITEST) as usize;
-    (*albedos.select_nth_unstable_by(index, f32::total_cmp).1).max(1e-12)
+    albedos.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let all: f64 = albedos.iter().map(|a| f64::from(a.1)).sum();
+    let mut below = 0.0;
+    let whitest = albedos.iter().find(|(_, share)| {
+        below += f64::from(*share);
+        below >= f64::from(WHITEST) * all
+    });
+    whitest.map_or(1.0, |a| a.0.max(1e-12))
 }
 
 impl BestAsset {
@@ -341,7 +345,8 @@ impl BestTransfer {
             means: &asset.means,
             neighbors: &asset.neighbors,
             two_sided: &asset.occlusion.two_sided,
-            white: whitest(&asset.means, &divisor),
+            prominence: &asset.occlusion.prominence,
+            white: whitest(&asset.means, &divisor, &asset.occlusion.prominence),
         };
         let gloss = if settings.terms.lobe {
             find_gloss(&fitted, &|i, out| {

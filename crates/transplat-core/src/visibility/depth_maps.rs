@@ -7,6 +7,7 @@ use glam::{Vec2, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use super::front::Fronts;
 use super::open_object::OpenObject;
 use super::trace::Tracer;
 use super::{BakeSurfel, Progress, ScaledObject};
@@ -378,7 +379,7 @@ impl Visibility {
 
     /// Without any map, where nothing blocks the light of any surfel (see [`OpenObject`]).
     pub fn of_open_object(cloud: &SurfelCloud, directions: usize) -> Option<Self> {
-        let object = OpenObject::probe(&Tracer::new(cloud))?;
+        let object = OpenObject::probe(&Tracer::new(cloud, Fronts::unknown(cloud)))?;
         let lattice = lattice(directions);
         let mut open = vec![0u8; cloud.len() * directions];
         open.par_chunks_exact_mut(directions)

@@ -9,6 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::front::{Front, Fronts};
 use super::open_object::OpenObject;
 use super::trace::{MISS, PACKET, Tracer};
 use super::{Progress, refining_order, smoothstep};
@@ -58,13 +59,13 @@ pub fn directions() -> Vec<Vec3> {
 const NEIGHBORHOOD: usize = 16 * PACKET;
 
 /// Patches that are traced before it is asked which sides need the others.
-const PROBES: usize = 32;
+const PROBES: usize = 16;
 
-/// A side that is less open than this towards the probed patches is closed: nowhere near two-sided (see [`TWO_SIDED`]).
+/// A back that is less open than this towards the probed patches is closed: nowhere near two-sided (see [`TWO_SIDED`]).
 const CLOSED: f32 = 0.02;
 
-/// The other side is at least that open; where both are nearly closed, either may be the front.
-const OPEN: f32 = 0.25;
+/// Share of a bake that finding the fronts takes, for its progress.
+const FRONTS_SHARE: f64 = 0.2;
 
 /// What closing sides was measured to change of the relit colour (relative L2): at most that on eight objects, a plant of single sheets being
 /// the worst; on solid ones a fifth of that and less.
@@ -82,15 +83,17 @@ pub const MOST_SURFELS: usize = 1 << 24;
 pub struct Occlusion {
     /// Whether the direction is open, a bit each. `[n][WORDS]`
     pub open: Vec<[u64; WORDS]>,
-    /// Unit normals, turned to the more open side. `[n]`
+    /// Unit normals of the surface, towards the front. `[n]`
     pub normals: Vec<Vec3>,
+    /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
+    pub prominence: Vec<f32>,
     /// How much of a two-sided surfel it is, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
     /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
     pub starts: Vec<u32>,
     /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
     pub hits: Vec<Hit>,
-    /// How many stored normals pointed to the closed side.
+    /// How many stored normals pointed to the back.
     pub flipped: usize,
     /// Surfels that are closed on both sides.
     pub buried: usize,
@@ -142,8 +145,8 @@ impl Hit {
 pub struct Found {
     pub(crate) open: [u64; WORDS],
     pub(crate) hits: Vec<Hit>,
-    /// Whether the side of the stored normal, and the other one, is known to be closed: its rays are not traced any more.
-    pub closed: [bool; 2],
+    /// Whether the back is known to be closed: its rays are not traced any more.
+    pub back_is_closed: bool,
 }
 
 impl Found {
@@ -159,9 +162,9 @@ impl Found {
         self.open[j / 64] |= u64::from(open) << (j % 64);
     }
 
-    /// Whether a direction, whose cosine to the stored normal it is, is on a closed side.
-    pub fn is_closed(&self, cosine: f32) -> bool {
-        self.closed[usize::from(cosine < 0.0)]
+    /// Whether a direction, whose cosine to the front's normal it is, is on a closed side.
+    fn is_closed(&self, cosine: f32) -> bool {
+        self.back_is_closed && cosine < 0.0
     }
 }
 
@@ -185,12 +188,21 @@ impl Occlusion {
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
-        let tracer = Arc::new(Tracer::new(cloud));
+        let tracer = Self::tracer(cloud, progress)?;
         let directions = directions();
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
             trace(&tracer, &directions, patches, found, progress)
         };
         Self::bake_by(cloud, &tracer, stages, by, progress, preview)
+    }
+
+    /// What the rays are traced through: the beginning of a bake.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when `progress` asked for it.
+    pub fn tracer(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Arc<Tracer>> {
+        let fronts = Fronts::find(cloud, &|p| progress(FRONTS_SHARE * p))?;
+        Ok(Arc::new(Tracer::new(cloud, fronts)))
     }
 
     /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
@@ -212,6 +224,7 @@ impl Occlusion {
             ))
             .into());
         }
+        let progress = |p: f64| progress(FRONTS_SHARE + (1.0 - FRONTS_SHARE) * p);
         if progress(0.0).is_break() {
             return Err(Error::Cancelled.into());
         }
@@ -225,7 +238,12 @@ impl Occlusion {
         }
         let directions = directions();
         let patches = refining_order(PATCHES);
-        let mut found = vec![Found::default(); cloud.len()];
+        let is_closed = |f: &Front| skips.closed_sides && f.hides_its_back();
+        let begin = |f: &Front| Found {
+            back_is_closed: is_closed(f),
+            ..Found::default()
+        };
+        let mut found: Vec<Found> = tracer.fronts.of.iter().map(begin).collect();
         let mut done = 0;
         let mut ends: Vec<usize> = stages.iter().map(|s| PATCHES.div_ceil(*s)).collect();
         let shown = ends.clone();
@@ -240,7 +258,7 @@ impl Occlusion {
             trace(part, &mut found, &within)?;
             done = end;
             if done == PROBES && skips.closed_sides {
-                close_sides(cloud, &directions, &patches[..done], &mut found);
+                close_backs(tracer, &directions, &patches[..done], &mut found);
             }
             if done < PATCHES && shown.contains(&done) {
                 let mut filled = found.clone();
@@ -255,30 +273,24 @@ impl Occlusion {
     /// From what the rays found, `[n]`.
     pub(crate) fn of(cloud: &SurfelCloud, tracer: Arc<Tracer>, found: &[Found]) -> Self {
         let directions = &directions();
-        let sides: Vec<(Vec3, [f32; 2], bool)> = found
+        let two_sided: Vec<f32> = found
             .par_iter()
-            .enumerate()
-            .map(|(i, f)| {
-                let n = cloud.stored_normal(i).normalize_or(Vec3::Z);
-                let [front, back] = openness(&f.open, directions, n);
-                if back > front {
-                    (-n, [back, front], true)
-                } else {
-                    (n, [front, back], false)
-                }
+            .zip(&tracer.surfels)
+            .map(|(f, surfel)| {
+                let [_, back] = openness(&f.open, directions, surfel.normal);
+                smoothstep(TWO_SIDED[0], TWO_SIDED[1], back)
             })
             .collect();
-        let two_sided: Vec<f32> = sides
-            .iter()
-            .map(|s| smoothstep(TWO_SIDED[0], TWO_SIDED[1], s.1[1]))
+        let normals: Vec<Vec3> = (tracer.fronts.of.iter())
+            .map(|f| f.surface_normal())
             .collect();
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
-        for ((f, (n, ..)), two) in found.iter().zip(&sides).zip(&two_sided) {
+        for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
             let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
             // Where the ray met a two-sided surfel from behind, it saw its back.
             let told = |hit: &Hit| {
                 let met = hit.surfel();
-                hit.on(two_sided[met] > 0.0 && faces(sides[met].0, hit))
+                hit.on(two_sided[met] > 0.0 && faces(normals[met], hit))
             };
             let from = hits.len();
             let counts = |h: &&Hit| *two > 0.0 || faces(*n, h);
@@ -288,15 +300,18 @@ impl Occlusion {
         }
         Self {
             open: found.iter().map(|f| f.open).collect(),
-            normals: sides.iter().map(|s| s.0).collect(),
-            flipped: sides.iter().filter(|s| s.2).count(),
-            buried: sides.iter().filter(|s| s.1[0] + s.1[1] < 0.02).count(),
+            flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
+            buried: (found.iter().zip(&normals))
+                .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
+                .count(),
+            prominence: tracer.fronts.prominence(cloud),
+            closed_share: closed_share(&tracer, directions, found),
+            normals,
             two_sided,
             starts,
             hits,
             tracer,
             open_object_error: None,
-            closed_share: closed_share(cloud, directions, found),
         }
     }
 
@@ -421,42 +436,41 @@ fn trace_neighborhood(
 }
 
 /// Share of the rays that were not traced, since they go into closed sides.
-fn closed_share(cloud: &SurfelCloud, directions: &[Vec3], found: &[Found]) -> f32 {
-    let after = refining_order(PATCHES).split_off(PROBES);
+fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
+    let order = refining_order(PATCHES);
     let skipped: usize = found
         .par_iter()
-        .enumerate()
-        .filter(|(_, f)| f.closed != [false; 2])
-        .map(|(i, f)| {
-            let n = cloud.stored_normal(i);
-            let rays = after
+        .zip(tracer.surfels.par_iter().zip(&tracer.fronts.of))
+        .filter(|(f, _)| f.back_is_closed)
+        .map(|(f, (surfel, front))| {
+            let traced = if front.hides_its_back() { 0 } else { PROBES };
+            let rays = order[traced..]
                 .iter()
                 .flat_map(|p| (0..PER_PATCH).map(move |k| k * PATCHES + p));
-            rays.filter(|j| f.is_closed(n.dot(directions[*j]))).count()
+            rays.filter(|j| f.is_closed(surfel.normal.dot(directions[*j])))
+                .count()
         })
         .sum();
     skipped as f32 / (found.len() * DIRECTIONS).max(1) as f32
 }
 
-/// Closes the sides, at most one a surfel, from which the first patches saw nothing: all that their rays could tell is how much of a
-/// two-sided surfel it is, and it is none.
-fn close_sides(cloud: &SurfelCloud, directions: &[Vec3], patches: &[usize], found: &mut [Found]) {
+/// Closes the backs from which the first patches saw nothing: all that their rays could tell is how much of a two-sided surfel it is, and it
+/// is none.
+fn close_backs(tracer: &Tracer, directions: &[Vec3], patches: &[usize], found: &mut [Found]) {
     let probes: Vec<usize> = (0..PER_PATCH)
         .flat_map(|place| patches.iter().map(move |patch| place * PATCHES + patch))
         .collect();
-    found.par_iter_mut().enumerate().for_each(|(i, f)| {
-        let n = cloud.stored_normal(i);
-        let (mut seen, mut all) = ([0f32; 2], [1e-9f32; 2]);
+    let surfels = tracer.surfels.par_iter();
+    found.par_iter_mut().zip(surfels).for_each(|(f, surfel)| {
+        let (mut seen, mut all) = (0f32, 1e-9f32);
         for j in &probes {
-            let cosine = n.dot(directions[*j]);
-            let side = usize::from(cosine < 0.0);
-            all[side] += cosine.abs();
+            let behind = (-surfel.normal.dot(directions[*j])).max(0.0);
+            all += behind;
             if is_open(&f.open, *j) {
-                seen[side] += cosine.abs();
+                seen += behind;
             }
         }
-        let [front, back] = [seen[0] / all[0], seen[1] / all[1]];
-        f.closed = [front < CLOSED && back > OPEN, back < CLOSED && front > OPEN];
+        f.back_is_closed = seen < CLOSED * all;
     });
 }
 
@@ -494,7 +508,6 @@ mod tests {
     use crate::oracle;
     use crate::scenes;
     use crate::visibility::no_progress;
-    use crate::visibility::{BakeInput, BakeSettings};
 
     /// Traces every ray.
     fn all_rays(cloud: &SurfelCloud) -> Occlusion {
@@ -523,15 +536,15 @@ mod tests {
     #[test]
     fn hits_agree_with_asking_every_disc() {
         let cloud = scenes::sphere_over_plate(300);
-        let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
         let baked = all_rays(&cloud);
+        let surfels = &baked.tracer.surfels;
         let directions = directions();
         let (mut differ, mut all) = (0, 0);
         for i in 0..cloud.len() {
             // Both those that know what they meet, and those that stop at anything.
             for j in (0..DIRECTIONS).step_by(3) {
                 let direction = directions[j].as_dvec3();
-                let exact = oracle::first_hit(&input, i, direction);
+                let exact = oracle::first_hit(surfels, i, direction);
                 all += 1;
                 differ += usize::from(exact.is_none() != baked.is_open(i, j));
                 let hit = baked.hits_of(i).iter().find(|h| h.patch() == j);
@@ -540,7 +553,7 @@ mod tests {
                 if let (Some(hit), Some(exact)) = (hit, exact) {
                     // Of discs in one plane, either may be named.
                     let met = hit.surfel();
-                    let distance = oracle::hit_distance(&input, i, direction, met);
+                    let distance = oracle::hit_distance(surfels, i, direction, met);
                     differ += usize::from(distance.is_none_or(|t| (t - exact).abs() > 1e-5));
                 }
             }

@@ -132,10 +132,16 @@ fn add_direction(tracer: &Tracer, direction: Vec3, sides: &mut [Sides]) {
 mod tests {
     use super::*;
     use crate::scenes;
+    use crate::surfels::SurfelCloud;
+    use crate::visibility::front::Fronts;
+    use crate::visibility::no_progress;
 
     #[test]
     fn a_ball_and_a_sheet_are_open_and_a_ball_over_a_plate_is_not() {
-        let probe = |cloud| OpenObject::probe(&Tracer::new(&cloud));
+        let probe = |cloud: SurfelCloud| {
+            let fronts = Fronts::find(&cloud, &no_progress).expect("not cancelled");
+            OpenObject::probe(&Tracer::new(&cloud, fronts))
+        };
         let ball = scenes::sphere(2000);
         let open = probe(ball.clone()).expect("convex");
         assert!(open.mean_error < 0.01, "{}", open.mean_error);

@@ -1,79 +1,93 @@
 //! Rays against the discs of an asset: which surfel a ray from a surfel towards a direction meets first.
 //!
-//! Rays of one direction from [`PACKET`] surfels that are neighbours walk the hierarchy together: they meet the same boxes and
-//! the same discs, and everything that depends on the direction alone is computed once for all of them.
+//! What a ray meets close to its start may be the surface that it leaves. Trained surfaces are stacks of translucent surfels: a ray crosses
+//! the members above its own from behind, and what else shines on the surface it would meet on its front. So a crossing from behind counts
+//! only beyond the reach of the surfel's own stack, any other one from close by on: the other face of a thin plate is met.
 
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use multiversion::multiversion;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
-use super::{BakeSurfel, ScaledObject};
+use super::ScaledObject;
+use super::front::Fronts;
+pub use super::hierarchy::{BoxInOrder, PACKET};
+use super::hierarchy::{Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane};
 use crate::surfels::SurfelCloud;
-
-/// Rays that are traced together.
-pub const PACKET: usize = 16;
 
 /// No surfel: the ray left the object.
 pub const MISS: u32 = u32::MAX;
 
-/// A ray starts this many of its surfel's standard deviations off the surface.
+/// A ray starts this many of its surfel's smaller standard deviations off the surface.
 pub const START_SCALES: f32 = 0.3;
 
-/// Hits nearer than this many of the surfel's standard deviations are its own neighbours.
-pub const NEAREST_SCALES: f32 = 2.5;
+/// Hits nearer than this many of the surfel's smaller standard deviations do not count.
+pub const NEAREST_SCALES: f32 = 1.0;
 
-/// Discs in a leaf of the hierarchy, at most.
-const LEAF: u32 = 4;
+/// From the front, discs that are left through their fronts belong to the surfel's own stack if they are nearer than this many of its larger
+/// standard deviations.
+pub const STACK_SCALES: f32 = 2.5;
+
+/// A surfel as rays see it, in units of the object's radius around its centre.
+#[derive(Clone, Copy, Debug)]
+pub struct RaySurfel {
+    /// Centre.
+    pub position: Vec3,
+    /// Half axes of the disc that casts a shadow; zero where it casts none.
+    pub axes: [Vec3; 2],
+    /// Unit normal, towards the front.
+    pub normal: Vec3,
+    /// Smaller standard deviation.
+    pub minor: f32,
+    /// Larger standard deviation.
+    pub major: f32,
+    /// Whether it is seen from its front alone.
+    pub one_sided: bool,
+}
+
+impl RaySurfel {
+    /// Where a ray towards a direction starts, and from which distance on it meets anything, and discs that it leaves through their fronts.
+    pub fn start(&self, direction: Vec3) -> (Vec3, f32, f32) {
+        let in_front = self.normal.dot(direction) >= 0.0;
+        let side = if in_front { 1.0 } else { -1.0 };
+        let nearest = NEAREST_SCALES * self.minor;
+        let stack = STACK_SCALES * self.major;
+        (
+            self.position + self.normal * (side * START_SCALES * self.minor),
+            nearest,
+            if in_front { stack } else { nearest },
+        )
+    }
+
+    fn casts(&self) -> bool {
+        self.axes[0] != Vec3::ZERO && self.axes[1] != Vec3::ZERO
+    }
+}
 
 /// A disc that casts a shadow.
 #[derive(Clone, Copy, Debug)]
 pub struct Disc {
     /// Its middle.
     pub center: Vec3,
-    /// Unit normal.
+    /// Unit normal, towards the front.
     pub normal: Vec3,
     /// Half axes over their squared lengths: the disc is where `u^2 + v^2 <= 1`.
     pub inverse_axes: [Vec3; 2],
     /// Which surfel it is of.
     pub surfel: u32,
-}
-
-/// A node: the box, and its two children from `first` on, or `count` discs.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    min: Vec3,
-    max: Vec3,
-    first: u32,
-    count: u32,
-}
-
-/// A box of the hierarchy in an order that needs no stack: whatever meets the box goes on with the next one, and whatever does not, with
-/// number `skip`.
-#[derive(Clone, Copy, Debug)]
-pub struct BoxInOrder {
-    /// Corner.
-    pub min: Vec3,
-    /// The opposite one.
-    pub max: Vec3,
-    /// What follows all that is in the box.
-    pub skip: u32,
-    /// First of the discs in it.
-    pub first: u32,
-    /// How many discs are in it; 0 where it holds boxes.
-    pub count: u32,
+    /// Whether that is seen from its front alone.
+    pub one_sided: bool,
 }
 
 /// The discs of an asset in a hierarchy of boxes.
 #[derive(Clone, Debug)]
 pub struct Tracer {
-    nodes: Vec<Node>,
+    hierarchy: Hierarchy,
     /// Leaf by leaf.
     pub discs: Vec<Disc>,
-    /// The surfels that rays start from, in units of the object's radius. `[n]`
-    pub surfels: Vec<BakeSurfel>,
+    /// The surfels that rays start from. `[n]`
+    pub surfels: Vec<RaySurfel>,
+    /// Which side of each is its front.
+    pub fronts: Fronts,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
 }
@@ -82,26 +96,29 @@ pub struct Tracer {
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 struct Packet {
-    origin: [[f32; PACKET]; 3],
+    origin: [Lanes; 3],
     /// Hits nearer than this do not count.
-    nearest: [f32; PACKET],
+    nearest: Lanes,
+    /// The same of discs that are left through their fronts.
+    stack: Lanes,
 }
 
 impl Packet {
     /// Rays from the surfels `of`, at most [`PACKET`]; the last one fills what is left.
-    fn new(surfels: &[BakeSurfel], of: &[u32], direction: Vec3) -> Self {
+    fn new(surfels: &[RaySurfel], of: &[u32], direction: Vec3) -> Self {
         let mut packet = Self {
             origin: [[0.0; PACKET]; 3],
             nearest: [0.0; PACKET],
+            stack: [0.0; PACKET],
         };
         for lane in 0..PACKET {
             let surfel = &surfels[of[lane.min(of.len() - 1)] as usize];
-            let side = surfel.normal.dot(direction).signum();
-            let origin = surfel.position + surfel.normal * (side * START_SCALES * surfel.bias);
+            let (origin, nearest, stack) = surfel.start(direction);
             for axis in 0..3 {
                 packet.origin[axis][lane] = origin[axis];
             }
-            packet.nearest[lane] = NEAREST_SCALES * surfel.bias;
+            packet.nearest[lane] = nearest;
+            packet.stack[lane] = stack;
         }
         packet
     }
@@ -109,82 +126,46 @@ impl Packet {
 
 impl Tracer {
     /// Builds the hierarchy over the surfels that cast shadows.
-    pub fn new(cloud: &SurfelCloud) -> Self {
-        let surfels = ScaledObject::new(cloud).surfels;
-        let casting: Vec<u32> = (0..surfels.len() as u32)
-            .filter(|i| casts(&surfels[*i as usize]))
-            .collect();
-        let boxes: Vec<Aabb> = casting
-            .iter()
-            .map(|i| disc_box(&surfels[*i as usize]))
-            .collect();
-        let bvh = build(&boxes);
-        let discs = bvh
-            .primitive_indices
-            .iter()
-            .map(|i| disc(casting[*i as usize], &surfels))
-            .collect();
-        let nodes = bvh
-            .nodes
-            .iter()
-            .map(|n| Node {
-                min: n.aabb.min.into(),
-                max: n.aabb.max.into(),
-                first: n.first_index,
-                count: n.prim_count,
+    pub fn new(cloud: &SurfelCloud, fronts: Fronts) -> Self {
+        let object = ScaledObject::new(cloud);
+        let surfels: Vec<RaySurfel> = (object.surfels.iter().enumerate())
+            .map(|(i, s)| RaySurfel {
+                position: s.position,
+                axes: s.axes,
+                normal: fronts.normal(cloud, i),
+                minor: cloud.scales[i].min_element() / object.radius,
+                major: cloud.scales[i].max_element() / object.radius,
+                one_sided: fronts.of[i].is_one_sided(),
             })
             .collect();
-        let mut keyed: Vec<(u32, u32)> = surfels
-            .iter()
-            .map(|s| morton(s.position))
-            .zip(0..)
+        let casting: Vec<u32> = (0..surfels.len() as u32)
+            .filter(|i| surfels[*i as usize].casts())
             .collect();
-        keyed.sort_unstable();
+        let boxes: Vec<_> = casting
+            .iter()
+            .map(|i| ellipse_box(surfels[*i as usize].position, surfels[*i as usize].axes))
+            .collect();
+        let (hierarchy, order) = Hierarchy::new(&boxes);
         Self {
-            nodes,
-            discs,
-            order: keyed.into_iter().map(|k| k.1).collect(),
+            hierarchy,
+            discs: order
+                .iter()
+                .map(|i| disc(casting[*i as usize], &surfels))
+                .collect(),
+            order: neighborhood_order(surfels.iter().map(|s| s.position)),
             surfels,
+            fronts,
         }
     }
 
     /// How many boxes there are.
     pub fn box_count(&self) -> usize {
-        self.nodes.len()
+        self.hierarchy.len()
     }
 
     /// The boxes, each before those that it holds.
     pub fn boxes_in_order(&self) -> Vec<BoxInOrder> {
-        let mut out: Vec<BoxInOrder> = Vec::with_capacity(self.nodes.len());
-        // A node, or the end of one that holds others.
-        enum Step {
-            Enter(u32),
-            Leave(usize),
-        }
-        let mut steps = Vec::new();
-        if !self.nodes.is_empty() {
-            steps.push(Step::Enter(0));
-        }
-        while let Some(step) = steps.pop() {
-            match step {
-                Step::Leave(place) => out[place].skip = out.len() as u32,
-                Step::Enter(index) => {
-                    let node = &self.nodes[index as usize];
-                    if node.count == 0 {
-                        steps.push(Step::Leave(out.len()));
-                        steps.extend([node.first + 1, node.first].map(Step::Enter));
-                    }
-                    out.push(BoxInOrder {
-                        min: node.min,
-                        max: node.max,
-                        skip: out.len() as u32 + 1,
-                        first: node.first,
-                        count: node.count,
-                    });
-                }
-            }
-        }
-        out
+        self.hierarchy.boxes_in_order()
     }
 
     /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it
@@ -217,40 +198,22 @@ impl Tracer {
     }
 }
 
-fn casts(surfel: &BakeSurfel) -> bool {
-    surfel.axes[0] != Vec3::ZERO && surfel.axes[1] != Vec3::ZERO
-}
-
-fn build(boxes: &[Aabb]) -> Bvh2 {
-    let indices = (0..boxes.len() as u32).collect();
-    let mut bvh = PlocBuilder::new().build(
-        PlocSearchDistance::High,
-        boxes,
-        indices,
-        SortPrecision::U64,
-        0,
-    );
-    obvhs::bvh2::leaf_collapser::collapse(&mut bvh, LEAF, 1.0);
-    bvh
-}
-
-fn disc_box(surfel: &BakeSurfel) -> Aabb {
-    let [a, b] = surfel.axes;
-    let half = Vec3::from_array(std::array::from_fn(|i| a[i].hypot(b[i])));
-    Aabb {
-        min: Vec3A::from(surfel.position - half),
-        max: Vec3A::from(surfel.position + half),
-    }
-}
-
-fn disc(i: u32, surfels: &[BakeSurfel]) -> Disc {
+fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {
     let s = &surfels[i as usize];
     Disc {
         center: s.position,
         normal: s.normal,
         inverse_axes: s.axes.map(|a| a / a.length_squared()),
         surfel: i,
+        one_sided: s.one_sided,
     }
+}
+
+/// Indices of points in the unit ball so that neighbours follow each other.
+pub(super) fn neighborhood_order(points: impl Iterator<Item = Vec3>) -> Vec<u32> {
+    let mut keyed: Vec<(u32, u32)> = points.map(morton).zip(0..).collect();
+    keyed.sort_unstable();
+    keyed.into_iter().map(|k| k.1).collect()
 }
 
 /// The position's bits interleaved, ten an axis; the object lies in the unit ball.
@@ -265,17 +228,6 @@ fn morton(p: Vec3) -> u32 {
     spread(p.x) | (spread(p.y) << 1) | (spread(p.z) << 2)
 }
 
-type Lanes = [f32; PACKET];
-
-#[inline(always)]
-fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
-    let mut out = [0.0; PACKET];
-    for i in 0..PACKET {
-        out[i] = f(i);
-    }
-    out
-}
-
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn walk(
     tracer: &Tracer,
@@ -284,54 +236,27 @@ fn walk(
     any: bool,
     stack: &mut Vec<u32>,
 ) -> [u32; PACKET] {
-    // A direction along an axis never divides by zero.
-    let inverse = d.to_array().map(|v| {
-        let tiny = 1e-12f32.copysign(v);
-        1.0 / if v.abs() < 1e-12 { tiny } else { v }
-    });
-    let [ox, oy, oz] = packet.origin;
+    let toward = Toward::new(d);
     let mut farthest: Lanes = [f32::MAX; PACKET];
     let mut hit = [MISS; PACKET];
-    stack.clear();
-    if !tracer.nodes.is_empty() {
-        stack.push(0);
-    }
-    while let Some(index) = stack.pop() {
-        let node = &tracer.nodes[index as usize];
-        if !meets(node, &packet.origin, &inverse, &farthest) {
-            continue;
-        }
-        if node.count == 0 {
-            let [a, b] = [node.first, node.first + 1];
-            let middle = |i: u32| {
-                let n = &tracer.nodes[i as usize];
-                (n.min + n.max).dot(d)
-            };
-            // The nearer one is looked at first.
-            if middle(a) < middle(b) {
-                stack.extend([b, a]);
-            } else {
-                stack.extend([a, b]);
-            }
-            continue;
-        }
-        for disc in &tracer.discs[node.first as usize..][..node.count as usize] {
+    let hierarchy = &tracer.hierarchy;
+    hierarchy.enter(stack);
+    while let Some(discs) = hierarchy.next_leaf(&packet.origin, &toward, &farthest, stack) {
+        for disc in &tracer.discs[discs] {
             let facing = disc.normal.dot(d);
-            if facing.abs() < 1e-6 {
+            if facing.abs() < LEAST_FACING {
                 continue;
             }
-            let over = 1.0 / facing;
-            let (n, [a, b], c) = (disc.normal, disc.inverse_axes, disc.center);
-            let (da, db) = (d.dot(a), d.dot(b));
-            let (cn, ca, cb) = (c.dot(n), c.dot(a), c.dot(b));
-            let t = lanes(|i| (cn - (ox[i] * n.x + oy[i] * n.y + oz[i] * n.z)) * over);
-            let outside = lanes(|i| {
-                let u = ox[i] * a.x + oy[i] * a.y + oz[i] * a.z - ca + t[i] * da;
-                let v = ox[i] * b.x + oy[i] * b.y + oz[i] * b.z - cb + t[i] * db;
-                u * u + v * v
-            });
+            let leaves = disc.one_sided && facing > 0.0;
+            let ellipse = (disc.center, disc.normal, disc.inverse_axes);
+            let (t, outside) = meet_plane(&packet.origin, d, facing, ellipse);
             for i in 0..PACKET {
-                let met = (outside[i] <= 1.0) & (t[i] > packet.nearest[i]) & (t[i] < farthest[i]);
+                let nearest = if leaves {
+                    packet.stack[i]
+                } else {
+                    packet.nearest[i]
+                };
+                let met = (outside[i] <= 1.0) & (t[i] > nearest) & (t[i] < farthest[i]);
                 // A ray that has met anything is done: no box is nearer than its start.
                 let end = if any { -1.0 } else { t[i] };
                 farthest[i] = if met { end } else { farthest[i] };
@@ -340,30 +265,4 @@ fn walk(
         }
     }
     hit
-}
-
-/// Whether any ray of the packet passes through the box before what it has met already.
-#[inline(always)]
-fn meets(node: &Node, origin: &[Lanes; 3], inverse: &[f32; 3], farthest: &Lanes) -> bool {
-    let (mut enter, mut leave) = ([0f32; PACKET], *farthest);
-    for axis in 0..3 {
-        let (near, far) = if inverse[axis] >= 0.0 {
-            (node.min[axis], node.max[axis])
-        } else {
-            (node.max[axis], node.min[axis])
-        };
-        for i in 0..PACKET {
-            let (a, b) = (
-                (near - origin[axis][i]) * inverse[axis],
-                (far - origin[axis][i]) * inverse[axis],
-            );
-            enter[i] = if a > enter[i] { a } else { enter[i] };
-            leave[i] = if b < leave[i] { b } else { leave[i] };
-        }
-    }
-    let mut any = 0u32;
-    for i in 0..PACKET {
-        any |= u32::from(enter[i] <= leave[i]);
-    }
-    any != 0
 }

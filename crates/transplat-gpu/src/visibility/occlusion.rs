@@ -28,9 +28,9 @@ gpu_struct! {
     /// A surfel that rays start from.
     struct OcclusionSurfel {
         position: [f32; 3],
-        bias: f32,
+        minor: f32,
         normal: [f32; 3],
-        unused: u32,
+        major: f32,
     }
 }
 
@@ -68,9 +68,9 @@ impl GpuTracer {
                     let s = &tracer.surfels[*i as usize];
                     OcclusionSurfel {
                         position: s.position.to_array(),
-                        bias: s.bias,
+                        minor: s.minor,
                         normal: s.normal.to_array(),
-                        unused: 0,
+                        major: s.major,
                     }
                 })
                 .collect();
@@ -110,12 +110,10 @@ impl GpuTracer {
         let all = directions();
         let closed: Vec<wgpu::Buffer> = (self.chunks.iter())
             .map(|chunk| {
-                let bits = self.order[chunk.range.clone()].iter().map(|i| {
-                    let [front, back] = found[*i as usize].closed.map(u32::from);
-                    front | back << 1
-                });
-                let bits: Vec<u32> = bits.collect();
-                self.context.upload(&bits, BufferUsages::STORAGE)
+                let of = self.order[chunk.range.clone()].iter();
+                let closed = of.map(|i| u32::from(found[*i as usize].back_is_closed));
+                let closed: Vec<u32> = closed.collect();
+                self.context.upload(&closed, BufferUsages::STORAGE)
             })
             .collect();
         for (batch, of_batch) in patches.chunks(PATCH_BATCH).enumerate() {

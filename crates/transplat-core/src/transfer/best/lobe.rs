@@ -192,6 +192,8 @@ pub struct Fitted<'a> {
     pub neighbors: &'a [u32],
     /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
     pub two_sided: &'a [f32],
+    /// How much each surfel counts where many are pooled. `[n]`
+    pub prominence: &'a [f32],
     /// The asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
     pub white: f32,
 }
@@ -229,6 +231,15 @@ pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync
     let metal = regress(input, &moments, &variances, 0);
     let coated = regress(input, &moments, &variances, 1);
     choose(input, &moments, &metal, &coated)
+}
+
+/// What one of `count` surfels counts of all; alike where nothing of any is seen.
+fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
+    if total > 0.0 {
+        prominence / total
+    } else {
+        1.0 / count as f32
+    }
 }
 
 fn color_variance(input: &Fitted<'_>, i: usize) -> [f32; 3] {
@@ -288,7 +299,8 @@ fn regress(
         .map(|i| {
             let around = &input.neighbors[i * each..][..each];
             let with_self = || around.iter().map(|j| *j as usize).chain([i]);
-            let share = 1.0 / (each + 1) as f32;
+            let total: f32 = with_self().map(|j| input.prominence[j]).sum();
+            let share = |j: usize| share_of(input.prominence[j], total, each + 1);
             let mut best: Option<(f32, Regressed)> = None;
             for w in 0..WIDTHS.len() {
                 let (mut num, mut den, mut var) = ([0f32; 3], [0f32; 3], [0f32; 3]);
@@ -296,7 +308,8 @@ fn regress(
                 for j in with_self() {
                     let m = &moments[j][kind][w];
                     let brightness: f32 = input.means[j][0].iter().map(|c| c * c).sum();
-                    let unit = 1.0 / brightness.max(1e-6);
+                    let share = share(j);
+                    let unit = share / brightness.max(1e-6);
                     for c in 0..3 {
                         num[c] += share * m.covariance[c];
                         den[c] += share * m.variance[c];
@@ -321,7 +334,7 @@ fn regress(
                     .sum();
                 if best.is_none_or(|(least, _)| residual < least) {
                     let correlation =
-                        relative[0].max(0.0).powi(2) / (relative[1] * relative[2]).max(1e-12);
+                        relative[0].max(0.0).powi(2) / (relative[1] * relative[2]).max(1e-16);
                     best = Some((
                         residual,
                         Regressed {
@@ -363,12 +376,15 @@ fn choose(
         .map(|i| {
             let around = &input.neighbors[i * each..][..each];
             // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors.
+            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
+            let total: f32 = with_self().map(|j| input.prominence[j]).sum();
             let (mut mirrored, mut light, mut width, mut weight) = (0f32, 0f32, 0f32, 0f32);
-            for j in around.iter().map(|j| *j as usize).chain([i]) {
-                let k = mean(believed(&metal[j], j));
+            for j in with_self() {
+                let share = share_of(input.prominence[j], total, each + 1);
+                let k = share * mean(believed(&metal[j], j));
                 let m = mean(moments[j][0][metal[j].width].mean).max(0.0);
                 mirrored += k * m;
-                light += m;
+                light += share * m;
                 width += k * metal[j].width as f32;
                 weight += k;
             }
