@@ -187,7 +187,7 @@ impl Fronts {
         };
         let all: Vec<f64> = self.of.iter().enumerate().map(each).collect();
         let sum: f64 = all.iter().sum();
-        if !(sum > 0.0) {
+        if sum.is_nan() || sum <= 0.0 {
             return vec![1.0 / cloud.len().max(1) as f32; cloud.len()];
         }
         all.into_iter().map(|w| (w / sum) as f32).collect()

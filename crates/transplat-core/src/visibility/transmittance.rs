@@ -57,7 +57,7 @@ impl Veils {
                 let reach_squared =
                     (2.0 * (opacity / LEAST_OPACITY).ln()).min(MOST_REACH * MOST_REACH);
                 // A line or a point covers nothing.
-                if !(reach_squared > 0.0) || scale.min_element() < 1e-9 {
+                if reach_squared.is_nan() || reach_squared <= 0.0 || scale.min_element() < 1e-9 {
                     return None;
                 }
                 let reach = reach_squared.sqrt();
