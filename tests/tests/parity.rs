@@ -247,8 +247,7 @@ fn bake_and_rasterize_over_more_than_one_chunk() {
         "the second chunk is in sight"
     );
     let psnr = raster_psnr(&cpu, &got);
-    // Surfels at one depth may be drawn in either order: drivers round differently from one processor to another (52 dB on some).
-    assert!(psnr > 50.0, "{psnr}");
+    assert!(psnr > 55.0, "{psnr}");
 }
 
 fn camera(size: [usize; 2]) -> Camera {
@@ -341,15 +340,11 @@ fn rasterize_depth_and_pictures_larger_than_a_tile() {
             .expect("the driver works");
         let psnr = raster_psnr(&cpu, &got);
         assert!(psnr > 55.0, "{} wide: {psnr}", camera.width);
-        let covered = (0..cpu.depth.len()).filter(|i| cpu.pixels[*i][3] > 0.5);
-        let (mut off, mut all) = (0, 0);
-        for (c, g) in covered.map(|i| (cpu.depth[i], got.depth[i])) {
-            // Where two surfels at one depth are drawn in the other order, the mean of what is hit moves a little.
-            assert!((c - g).abs() < 0.05, "depth {c} {g}");
-            off += usize::from((c - g).abs() >= 0.01);
-            all += 1;
+        for (i, (c, g)) in cpu.depth.iter().zip(&got.depth).enumerate() {
+            if cpu.pixels[i][3] > 0.5 {
+                assert!((c - g).abs() < 0.01, "depth {c} {g}");
+            }
         }
-        assert!(off * 100 < all, "{off} of {all} depths");
     }
 }
 
