@@ -11,8 +11,9 @@ use crate::environment::Beams;
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis, gauss_legendre};
 use crate::surfels::SurfelCloud;
 use crate::transfer::best::{
-    BACK_RANGE, FIT_FLOOR, FIT_RIDGE, HORIZON, METAL, MOST_GLOSS, MOST_REFLECTANCE, NEIGHBORS,
-    NORMAL_OVER_GRAZING, RESIDUAL_FLOOR, RIDGE, TRUSTED_CORRELATION, TURNS, WHITEST, WIDTHS,
+    BACK_RANGE, FIT_FLOOR, FIT_RIDGE, HORIZON, METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE,
+    NEIGHBORS, NORMAL_OVER_GRAZING, RESIDUAL_FLOOR, RIDGE, TRUSTED_CORRELATION, TURNS, WHITEST,
+    WIDTHS,
 };
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, PER_PATCH, directions};
 
@@ -428,7 +429,13 @@ impl<'a> OracleBest<'a> {
         let n = self.cloud.len();
         let white = {
             let albedo = |i: usize| {
-                PI * self.means[i][0].iter().sum::<f64>() / self.divisor[i][0].iter().sum::<f64>()
+                let around = self.around(i);
+                let pooled = |of: &[[Rgb; 2]]| -> f64 {
+                    let each = around.iter();
+                    each.map(|(j, share)| share * of[*j][0].iter().sum::<f64>())
+                        .sum()
+                };
+                PI * pooled(&self.means) / pooled(&self.divisor)
             };
             let mut all: Vec<(f64, f64)> = (0..n)
                 .map(|i| (albedo(i), f64::from(self.bake.prominence[i])))
@@ -476,18 +483,24 @@ impl<'a> OracleBest<'a> {
             k.map(|k| k * trust * (1.0 - f64::from(self.bake.two_sided[i])))
         };
         let mean = |v: Rgb| v.iter().sum::<f64>() / 3.0;
+        let around: Vec<Vec<(usize, f64)>> = (0..n).map(|i| self.around(i)).collect();
+        let mut stuff: Vec<[f64; 4]> = (0..n)
+            .map(|i| {
+                let w = regressed[i][0].1;
+                let k = mean(believed(i, 0));
+                let light = mean(moments[i][w][0][0]).max(0.0);
+                [k * light, light, k * w as f64, k]
+            })
+            .collect();
+        for _ in 0..METAL_TURNS {
+            let pooled = |of: &Vec<(usize, f64)>| {
+                std::array::from_fn(|v| of.iter().map(|(j, share)| share * stuff[*j][v]).sum())
+            };
+            stuff = around.iter().map(pooled).collect();
+        }
         (0..n)
             .map(|i| {
-                let (mut mirrored, mut light, mut width, mut weight) = (0.0, 0.0, 0.0, 0.0);
-                for (j, share) in self.around(i) {
-                    let w = regressed[j][0].1;
-                    let k = share * mean(believed(j, 0));
-                    let m = mean(moments[j][w][0][0]).max(0.0);
-                    mirrored += k * m;
-                    light += share * m;
-                    width += k * w as f64;
-                    weight += k;
-                }
+                let [mirrored, light, width, weight] = stuff[i];
                 let [low, high] = METAL.map(f64::from);
                 let metallic = smoothstep(low, high, mirrored / (white * light).max(1e-9));
                 let most = f64::from(MOST_REFLECTANCE) * white;

@@ -25,8 +25,10 @@ use crate::visibility::smoothstep;
 use incident::{Incident, Planes, planes};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
-use lobe::{Fitted, Rays, find_gloss, mirrored};
-pub(crate) use lobe::{METAL, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION};
+use lobe::{Fitted, Rays, find_gloss, mirrored, pooled};
+pub(crate) use lobe::{
+    METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
+};
 pub(crate) use neighbors::NEIGHBORS;
 use neighbors::neighbors;
 use nodes::Frame;
@@ -220,14 +222,16 @@ fn weighted_mean(weights: &[f32], values: &[[f32; 3]]) -> [f32; 3] {
 /// Share of what is seen whose albedo is below the whitest one, so that a little that is odd does not count.
 pub(crate) const WHITEST: f32 = 0.95;
 
-/// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels.
-fn whitest(means: &[Sides], divisor: &[Sides], prominence: &[f32]) -> f32 {
-    let mut albedos: Vec<(f32, f32)> = means
-        .iter()
-        .zip(divisor)
-        .map(|([m, _], [d, _])| {
-            std::f32::consts::PI * m.iter().sum::<f32>() / d.iter().sum::<f32>()
-        })
+/// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels, around each surfel.
+fn whitest(asset: &BestAsset, divisor: &[Sides]) -> f32 {
+    let prominence = &asset.occlusion.prominence;
+    let each = asset.means.iter().zip(divisor);
+    let light: Vec<[f32; 2]> = each
+        .map(|([m, _], [d, _])| [std::f32::consts::PI * m.iter().sum::<f32>(), d.iter().sum()])
+        .collect();
+    let mut albedos: Vec<(f32, f32)> = pooled(&light, &asset.neighbors, prominence)
+        .into_iter()
+        .map(|[exitance, irradiance]| exitance / irradiance)
         .zip(prominence.iter().copied())
         .filter(|(albedo, _)| albedo.is_finite())
         .collect();
@@ -346,7 +350,7 @@ impl BestTransfer {
             neighbors: &asset.neighbors,
             two_sided: &asset.occlusion.two_sided,
             prominence: &asset.occlusion.prominence,
-            white: whitest(&asset.means, &divisor, &asset.occlusion.prominence),
+            white: whitest(asset, &divisor),
         };
         let gloss = if settings.terms.lobe {
             find_gloss(&fitted, &|i, out| {

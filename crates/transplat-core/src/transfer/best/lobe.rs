@@ -33,6 +33,10 @@ pub const TRUSTED_CORRELATION: f32 = 0.03;
 /// mirrors that much, and a metal has no other colour.
 pub const METAL: [f32; 2] = [0.15, 0.3];
 
+/// Turns of pooling by which neighbours agree on being a metal: one stuff seldom ends within a few surfels, and where normals are off no
+/// single one tells.
+pub const METAL_TURNS: usize = 8;
+
 /// What shines on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
 #[derive(Clone, Debug)]
 pub struct Rays {
@@ -233,6 +237,31 @@ pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync
     choose(input, &moments, &metal, &coated)
 }
 
+/// Means over each surfel and its neighbours, by how much they make up of what is seen. `[n]`
+pub(super) fn pooled<const N: usize>(
+    values: &[[f32; N]],
+    neighbors: &[u32],
+    prominence: &[f32],
+) -> Vec<[f32; N]> {
+    let each = neighbors.len() / values.len().max(1);
+    (0..values.len())
+        .into_par_iter()
+        .map(|i| {
+            let around = &neighbors[i * each..][..each];
+            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
+            let total: f32 = with_self().map(|j| prominence[j]).sum();
+            let mut sum = [0f32; N];
+            for j in with_self() {
+                let share = share_of(prominence[j], total, each + 1);
+                for (s, v) in sum.iter_mut().zip(values[j]) {
+                    *s += share * v;
+                }
+            }
+            sum
+        })
+        .collect()
+}
+
 /// What one of `count` surfels counts of all; alike where nothing of any is seen.
 fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
     if total > 0.0 {
@@ -364,30 +393,27 @@ fn choose(
     metal: &[Regressed],
     coated: &[Regressed],
 ) -> Vec<Gloss> {
-    let each = input.neighbors.len() / moments.len();
     let believed = |r: &Regressed, i: usize| {
         let trust =
             smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - input.two_sided[i]);
         r.reflectance.map(|k| k * trust)
     };
     let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
-    (0..moments.len())
+    // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors: what is mirrored, the light, and the lobe's
+    // width by its weight.
+    let own = |(i, metal): (usize, &Regressed)| {
+        let k = mean(believed(metal, i));
+        let light = mean(moments[i][0][metal.width].mean).max(0.0);
+        [k * light, light, k * metal.width as f32, k]
+    };
+    let mut stuff: Vec<[f32; 4]> = metal.iter().enumerate().map(own).collect();
+    for _ in 0..METAL_TURNS {
+        stuff = pooled(&stuff, input.neighbors, input.prominence);
+    }
+    stuff
         .into_par_iter()
-        .map(|i| {
-            let around = &input.neighbors[i * each..][..each];
-            // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors.
-            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
-            let total: f32 = with_self().map(|j| input.prominence[j]).sum();
-            let (mut mirrored, mut light, mut width, mut weight) = (0f32, 0f32, 0f32, 0f32);
-            for j in with_self() {
-                let share = share_of(input.prominence[j], total, each + 1);
-                let k = share * mean(believed(&metal[j], j));
-                let m = mean(moments[j][0][metal[j].width].mean).max(0.0);
-                mirrored += k * m;
-                light += share * m;
-                width += k * metal[j].width as f32;
-                weight += k;
-            }
+        .enumerate()
+        .map(|(i, [mirrored, light, width, weight])| {
             let metallic = smoothstep(
                 METAL[0],
                 METAL[1],
