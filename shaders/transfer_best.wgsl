@@ -26,8 +26,9 @@ struct BestSettings {
     near: f32,
     shadow: u32,
     two_sided: u32,
-    unused_a: u32,
-    unused_b: u32,
+    // Power to which a change of matte light is taken.
+    trust: f32,
+    unused: u32,
 }
 
 struct BestBeam {
@@ -171,6 +172,11 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
     next_radiance[all + 1u] = vec4f(surfels[i].back_mean * settings.start, 0.0);
 }
 
+// A change of matte light, as far as the source is known.
+fn believed(change: vec3f) -> vec3f {
+    return select(pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn bounce(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
@@ -193,8 +199,8 @@ fn bounce(@builtin(global_invocation_id) id: vec3u) {
     if settings.two_sided == 0u {
         tau_back = tau_front;
     }
-    tau[2u * i] = vec4f(tau_front, irradiance[2u * i].w);
-    tau[2u * i + 1u] = vec4f(tau_back, 0.0);
+    tau[2u * i] = vec4f(believed(tau_front), irradiance[2u * i].w);
+    tau[2u * i + 1u] = vec4f(believed(tau_back), 0.0);
     let all = 2u * (chunk.first + i);
     next_radiance[all] = vec4f(surfels[i].front_mean * tau_front, 0.0);
     next_radiance[all + 1u] = vec4f(surfels[i].back_mean * tau_back, 0.0);

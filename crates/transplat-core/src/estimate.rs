@@ -15,13 +15,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::environment::EnvironmentMap;
-use crate::sh::{SQRT_4PI, evaluate_sh};
+use crate::environment::{EnvironmentMap, Illumination};
+use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::best::mean_radiance;
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, directions};
 use clusters::Clusters;
-use fit::{Fit, Fitted, Light};
+use fit::{Explained, Fit, Fitted, Light};
 
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
@@ -29,8 +29,15 @@ pub const DEGREE: usize = 6;
 /// The albedo that the whitest twentieth of the object is taken to have.
 pub const WHITEST_ALBEDO: f64 = 0.65;
 
-/// From this confidence on, the estimate is better than even light.
-pub const GOOD_CONFIDENCE: f32 = 0.5;
+/// From this confidence on, the estimate is taken. A metal whose highlights were trained into layers beside it reaches 0.47, and would be
+/// relit worse than by [`Estimate::stand_in`]; single-sheet leaves reach 0.87, and are relit better.
+pub const GOOD_CONFIDENCE: f32 = 0.6;
+
+/// How far even light is believed where the object tells nothing. To leave the colour as it was captured (0) and to relight it from even light
+/// (1) are wrong by about as much, and in opposite ways: the one keeps the old shading alone, the other lays the new one over it. Half of
+/// the change, in logarithms, was never worse than leaving it by more than 0.1 dB on 14 objects, and better by 0.9 dB on average; even light
+/// was worse by up to 3.6.
+pub const STAND_IN_TRUST: f32 = 0.5;
 
 /// Clusters that are needed to tell anything.
 const FEWEST_CLUSTERS: usize = 8;
@@ -95,7 +102,7 @@ impl Obstacle {
 /// What an asset tells of the light it was captured under.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// The most probable light; even where nothing is told.
+    /// The most probable light; even where that is not good.
     pub light: EstimatedLight,
     /// How sure it is, 0 to 1: of the variance of the light over the object, and of the noise that no light explains, the share that is told.
     pub confidence: f32,
@@ -114,9 +121,18 @@ impl Estimate {
         self.is_good() && self.light.dominant_direction().dot(up.direction()) < LOW_LIGHT
     }
 
-    /// Whether the estimate is better than even light.
+    /// Whether the estimate is better than what stands in for it.
     pub fn is_good(&self) -> bool {
         self.obstacle.is_none()
+    }
+
+    /// The source light where the estimate is not good: even, so strong that the whitest albedo is plausible, and believed by half.
+    pub fn stand_in(&self) -> Illumination {
+        let radiance = self.light.sky_radiance(Vec3::Z);
+        Illumination {
+            trust: STAND_IN_TRUST,
+            ..Illumination::even(MAX_DEGREE).tinted(radiance)
+        }
     }
 
     fn none(obstacle: Obstacle) -> Self {
@@ -153,6 +169,7 @@ pub fn estimate_light(cloud: &SurfelCloud, occlusion: &Occlusion) -> Estimate {
 fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let clusters = fit.clusters;
     let even = fit.explain(&Light::even());
+    let of_even = EstimatedLight::new(&Light::even(), &even);
     let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
         let each = clusters.mass.iter().enumerate();
         each.map(|(i, m)| m * value(i)).sum()
@@ -168,7 +185,10 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let told = (unevenness - fitted.open).max(0.0);
     let confidence = told / (unevenness + fitted.noise);
     if !confidence.is_finite() {
-        return Estimate::none(Obstacle::Noise);
+        return Estimate {
+            light: of_even,
+            ..Estimate::none(Obstacle::Noise)
+        };
     }
     let each = clusters.normals.iter().zip(&clusters.mass);
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
@@ -182,7 +202,10 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
         Some(Obstacle::Noise)
     };
     Estimate {
-        light: EstimatedLight::new(&fitted),
+        light: match obstacle {
+            None => EstimatedLight::new(&fitted.light, &fitted.explained),
+            Some(_) => of_even,
+        },
         confidence: if matches!(obstacle, Some(Obstacle::OneWay | Obstacle::EvenLight)) {
             0.0
         } else {
@@ -193,8 +216,7 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
 }
 
 impl EstimatedLight {
-    fn new(fitted: &Fitted) -> Self {
-        let (light, explained) = (&fitted.light, &fitted.explained);
+    fn new(light: &Light, explained: &Explained) -> Self {
         let scale: [f64; 3] =
             std::array::from_fn(|c| explained.exposure / explained.mean_radiance[c]);
         let constant = scale.map(|s| (s.ln() * SQRT_4PI) as f32);

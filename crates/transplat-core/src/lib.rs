@@ -40,6 +40,7 @@ pub mod extremes;
 pub mod ground;
 pub mod load;
 pub mod look;
+mod nearest;
 pub mod oracle;
 pub mod present;
 pub mod rasterize;

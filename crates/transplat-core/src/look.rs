@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::color::Display;
+use crate::color::{Display, Encoding};
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
-use crate::surfels::{Hide, UpAxis};
+use crate::surfels::{Hide, SurfelCloud, UpAxis};
 use crate::transfer::TransferSettings;
 use crate::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
@@ -204,6 +204,8 @@ pub struct Look {
     pub up: Option<UpAxis>,
     /// The asset's colour is linear already.
     pub linear: bool,
+    /// Places, in the asset's coordinates, that see its outside: where which side of a surface is its front could not be told.
+    pub outside_from: Vec<Vec3>,
     /// Directions of the bake.
     pub directions: usize,
     /// The light that the asset was captured under.
@@ -243,6 +245,7 @@ impl Default for Look {
             asset: None,
             up: None,
             linear: false,
+            outside_from: Vec::new(),
             directions: DEFAULT_DIRECTIONS,
             source: LightSettings::default(),
             target: LightSettings::default(),
@@ -311,10 +314,21 @@ impl Look {
                 )));
             }
         }
+        if !self.outside_from.iter().all(|p| p.is_finite()) {
+            return Err(Error::Mismatch("outside_from holds no place".into()));
+        }
         self.hide.validate()?;
         self.source.validate("source")?;
         self.target.validate("target")?;
         self.camera.map_or(Ok(()), |c| c.validate())
+    }
+
+    /// What of it the asset itself is: how its colour is read, and where its outside is.
+    pub fn apply_to(&self, cloud: &mut SurfelCloud) {
+        if self.linear {
+            cloud.encoding = Encoding::StoredLinear;
+        }
+        cloud.outside_from.clone_from(&self.outside_from);
     }
 
     /// The two lights as the asset sees them, from their maps' light: the target brought to the source's mean where that is wanted.
@@ -497,6 +511,7 @@ mod tests {
         let light = Illumination {
             radiance: project_environment(&map, 6),
             beams: Some(Beams::of(&map)),
+            trust: 1.0,
         };
         let settings = LightSettings {
             rotation: 35.0,

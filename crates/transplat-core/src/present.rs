@@ -121,7 +121,7 @@ pub enum Doubt {
     Clipped,
     /// The ratio is beyond 3 stops either way.
     AtLimit,
-    /// Both its sides are about equally open: which way its normal points is a guess.
+    /// Both its sides are seen about equally, and nothing else tells: which one is the front is a guess.
     AmbiguousNormal,
 }
 
@@ -174,7 +174,7 @@ pub fn doubts(
             } else if most >= 8.0 || least <= 0.125 {
                 Some(Doubt::AtLimit)
             } else {
-                bake.is_two_sided(i).then_some(Doubt::AmbiguousNormal)
+                bake.is_ambiguous(i).then_some(Doubt::AmbiguousNormal)
             }
         })
         .collect()

@@ -24,6 +24,7 @@ pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud
         sh_degree: 0,
         encoding: Encoding::Linear,
         up: UpAxis::PlusZ,
+        outside_from: Vec::new(),
     }
 }
 

@@ -28,6 +28,8 @@ pub struct SurfelCloud {
     pub encoding: Encoding,
     /// Direction that is up in the asset's own coordinates.
     pub up: UpAxis,
+    /// Places that see the outside of it, where somebody told: what they see of a surfel is its front.
+    pub outside_from: Vec<Vec3>,
 }
 
 impl SurfelCloud {
@@ -67,6 +69,7 @@ impl SurfelCloud {
             sh_degree: self.sh_degree,
             encoding: self.encoding,
             up: self.up,
+            outside_from: self.outside_from.clone(),
         }
     }
 

@@ -267,7 +267,7 @@ impl TransferAsset {
                     _ => Arc::new(BestAsset::new(cloud, occlusion.clone(), &settings.skips)),
                 };
                 self.best = Some((bake_id, settings.skips, asset.clone()));
-                let best = BestTransfer::new(&asset, source.for_best()?, settings);
+                let best = BestTransfer::new(&asset, source, settings)?;
                 PreparedTransfer::Best(Arc::new(best))
             }
         })

@@ -246,6 +246,23 @@ impl Bake {
         }
     }
 
+    /// Whether it is little better than a guess which side of surfel `i` is its front.
+    pub fn is_ambiguous(&self, i: usize) -> bool {
+        match self {
+            Self::Visibility(v) => v.two_sided[i],
+            Self::Occlusion(o) => o.tracer.fronts.of[i].is_guess(),
+        }
+    }
+
+    /// Share of what is seen of the asset that is ambiguous, 0 to 1.
+    pub fn ambiguous_share(&self) -> f32 {
+        let ambiguous = (0..self.len()).filter(|i| self.is_ambiguous(*i));
+        match self {
+            Self::Visibility(v) => ambiguous.count() as f32 / v.normals.len().max(1) as f32,
+            Self::Occlusion(o) => ambiguous.map(|i| o.prominence[i]).sum(),
+        }
+    }
+
     /// How many stored normals pointed to the closed side.
     pub fn flipped(&self) -> usize {
         match self {

@@ -92,6 +92,9 @@ pub struct AssetOptions {
     /// The asset's colour is linear already
     #[arg(long)]
     pub linear: bool,
+    /// A place that sees the outside of the asset, in its coordinates; several of them add up. For thin sheets whose front is a guess
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    pub outside_from: Vec<[f32; 3]>,
     /// Visibility directions of preset paper [default: 128]
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,

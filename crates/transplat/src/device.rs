@@ -71,6 +71,7 @@ impl Device {
         Ok(Illumination {
             radiance: self.project_environment(map, MAX_DEGREE)?,
             beams: (preset == Preset::Best).then(|| Beams::of(map)),
+            trust: 1.0,
         })
     }
 
@@ -98,7 +99,9 @@ impl Device {
         let rays = match GpuTracer::new(context, &tracer) {
             // On the CPU, as drawing does.
             Err(_) if !context.is_lost() => {
-                return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
+                return Ok(Occlusion::bake_through(
+                    cloud, &tracer, stages, progress, preview,
+                )?);
             }
             made => made?,
         };

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use glam::Vec3;
 use indicatif::{ProgressBar, ProgressStyle};
-use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::ground::Ground;
@@ -73,9 +73,7 @@ impl Scene {
         if let Some(up) = look.up {
             cloud.up = up;
         }
-        if look.linear {
-            cloud.encoding = Encoding::StoredLinear;
-        }
+        look.apply_to(&mut cloud);
         Self {
             cloud: Arc::new(cloud),
             file,
@@ -99,6 +97,11 @@ impl Scene {
         report.set("normals_flipped", bake.flipped());
         report.set("normals_two_sided", two_sided(&bake));
         report.set("buried", bake.buried());
+        let ambiguous = bake.ambiguous_share();
+        report.set("normals_ambiguous_share", ambiguous);
+        if preset == Preset::Best && ambiguous > AMBIGUOUS_SHARE {
+            report.warn(ambiguous_warning(ambiguous));
+        }
         Ok(bake)
     }
 
@@ -224,10 +227,7 @@ impl Scene {
                 .with_context(|| path.display().to_string())?;
         }
         let saved = args.bake.as_deref();
-        let mut light = |path: &Path| {
-            let map = self.load_light(path, saved, report)?;
-            self.light(map.as_ref(), report)
-        };
+        let mut light = |path: &Path| self.light_of(path, saved, report);
         // An estimate needs the bake, and comes last.
         let known = is_file(source_file).then(|| light(source_file));
         let known = known.transpose()?;
@@ -284,10 +284,18 @@ impl Scene {
         Ok(prepared)
     }
 
-    /// A light as its map holds it.
-    pub fn light_of(&self, path: &Path, report: &mut Report) -> Result<Illumination> {
-        let map = self.load_light(path, None, report)?;
-        self.light(map.as_ref(), report)
+    /// A light as its map holds it; where an estimate cannot tell, what stands in for it. `saved` is a bake for the preset that is set.
+    pub fn light_of(
+        &self,
+        path: &Path,
+        saved: Option<&Path>,
+        report: &mut Report,
+    ) -> Result<Illumination> {
+        let map = self.load_light(path, saved, report)?;
+        let light = self.light(map.as_ref(), report)?;
+        let untold = is_estimate(path) && map.is_none();
+        let estimate = self.estimate.get().filter(|_| untold);
+        Ok(estimate.map_or(light, Estimate::stand_in))
     }
 
     /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the preset that is set.
@@ -304,8 +312,9 @@ impl Scene {
             let estimate = self.estimate(saved, report)?;
             if let Some(obstacle) = estimate.obstacle {
                 report.warn(format!(
-                    "the light of the capture cannot be told from the splat: {}; even light is assumed",
-                    obstacle.reason()
+                    "the light of the capture cannot be told from the splat: {}; {}",
+                    obstacle.reason(),
+                    what_stands_in(self.look.transfer.preset)
                 ));
                 return Ok(None);
             }
@@ -365,6 +374,27 @@ impl Scene {
             report.add_ms("transfer", times[times.len() / 2]);
         }
         transfer.result()
+    }
+}
+
+/// Share of what is seen whose front may be a guess before a warning is due.
+pub const AMBIGUOUS_SHARE: f32 = 0.05;
+
+/// For the user.
+pub fn ambiguous_warning(share: f32) -> String {
+    format!(
+        "which side is the front is a guess on {:.0} % of what is seen (thin sheets); a place that sees the outside settles it (--outside-from)",
+        100.0 * share
+    )
+}
+
+/// What is done where the light of the capture cannot be told, for the user.
+pub fn what_stands_in(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Best => {
+            "half of the change is made that would be right for a capture under even light"
+        }
+        Preset::Paper => "even light is assumed",
     }
 }
 
@@ -485,6 +515,13 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
         look.up = Some(up);
     }
     look.linear |= asset.linear;
+    if !asset.outside_from.is_empty() {
+        look.outside_from = asset
+            .outside_from
+            .iter()
+            .map(|p| Vec3::from_array(*p))
+            .collect();
+    }
     if let Some(directions) = asset.directions {
         look.directions = directions;
     }

@@ -12,6 +12,9 @@ pub struct Illumination {
     pub radiance: IncidentRadiance,
     /// As beams, for the preset `best`; where nobody needs them they are left out.
     pub beams: Option<Beams>,
+    /// How far it is to be believed as the light of a capture, 0 to 1: what a surfel changes by, away from it, is taken to that power
+    /// (preset `best`).
+    pub trust: f32,
 }
 
 impl Illumination {
@@ -20,6 +23,7 @@ impl Illumination {
         Self {
             radiance: IncidentRadiance::even(degree),
             beams: Some(Beams::even()),
+            trust: 1.0,
         }
     }
 
@@ -28,6 +32,7 @@ impl Illumination {
         Self {
             radiance: project_environment(map, degree),
             beams: Some(Beams::of(map)),
+            trust: 1.0,
         }
     }
 
@@ -45,6 +50,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.rotated(rotation),
             beams: self.beams.as_ref().map(|b| b.rotated(rotation)),
+            trust: self.trust,
         }
     }
 
@@ -53,6 +59,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.mirrored(),
             beams: self.beams.as_ref().map(Beams::mirrored),
+            trust: self.trust,
         }
     }
 
@@ -61,6 +68,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.tinted(gain),
             beams: self.beams.as_ref().map(|b| b.tinted(gain)),
+            trust: self.trust,
         }
     }
 

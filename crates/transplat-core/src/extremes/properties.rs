@@ -60,6 +60,7 @@ fn cloud() -> impl Strategy<Value = SurfelCloud> {
             sh_degree: degree,
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,
+            outside_from: Vec::new(),
         })
     })
 }

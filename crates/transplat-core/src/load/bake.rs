@@ -57,7 +57,8 @@ pub(crate) fn kind_of(preset: Preset) -> u64 {
     }
 }
 
-/// A key of everything that a bake depends on: positions, frames, scales and opacities (FNV-1a, 64 bits).
+/// A key of everything that a bake is told apart by: positions, frames, scales, opacities, and what is known to be outside (FNV-1a, 64 bits).
+/// Colours are not among them: a relit splat keeps its bake.
 pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
     let mut key = Fnv::default();
     key.add(bytemuck::cast_slice(&cloud.positions));
@@ -67,6 +68,7 @@ pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
     }
     key.add(bytemuck::cast_slice(&cloud.scales));
     key.add(bytemuck::cast_slice(&cloud.opacities));
+    key.add(bytemuck::cast_slice(&cloud.outside_from));
     key.0
 }
 
@@ -172,7 +174,7 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
         return Err(Error::invalid(
             path,
             format!(
-                "this bake ({} surfels) was made from another geometry than the asset's ({} surfels)",
+                "this bake ({} surfels) was made from another geometry than the asset's ({} surfels), or with another outside",
                 header.surfels,
                 cloud.len()
             ),

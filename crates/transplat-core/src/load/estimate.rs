@@ -11,7 +11,7 @@ use crate::estimate::Estimate;
 use crate::surfels::SurfelCloud;
 
 /// Another one for each change of the estimate's mathematics, or of what it shares with preset `best` (its epsilon, what is white).
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 #[derive(Serialize, Deserialize)]
 pub(crate) struct EstimateFile {

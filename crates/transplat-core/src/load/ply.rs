@@ -381,6 +381,7 @@ impl<'a> Builder<'a> {
             sh_degree: layout.degree,
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,
+            outside_from: Vec::new(),
         };
         Self {
             layout,

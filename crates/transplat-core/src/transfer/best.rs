@@ -15,7 +15,8 @@ use rayon::prelude::*;
 
 use super::{Part, Relit, Terms, TransferSettings, round_to_half};
 use crate::color::Encoding;
-use crate::environment::{Beam, Beams, IncidentRadiance};
+use crate::environment::{Beam, Beams, Illumination, IncidentRadiance};
+use crate::error::Result;
 use crate::sh::{coefficient_count, with_degree};
 use crate::skips::Skips;
 use crate::surfels::SurfelCloud;
@@ -103,6 +104,8 @@ pub struct BestTransfer {
     pub light_gain: f32,
     /// Whether the source was black, and even light was taken in its place.
     pub source_was_black: bool,
+    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
+    pub trust: f32,
     /// Epsilon's part of the divisor.
     least: [f32; 3],
     /// Share of each light's mean that a channel gets because the source hardly has it.
@@ -323,11 +326,16 @@ impl BestAsset {
 
 impl BestTransfer {
     /// Prepares asset and source light.
+    ///
+    /// # Errors
+    /// The light was read without its beams.
     pub fn new(
         asset: &Arc<BestAsset>,
-        source: (&IncidentRadiance, &Beams),
+        source: &Illumination,
         settings: &TransferSettings,
-    ) -> Self {
+    ) -> Result<Self> {
+        let trust = source.trust;
+        let source = source.for_best()?;
         let source_was_black = source.1.mean_irradiance() <= 0.0;
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
@@ -352,7 +360,7 @@ impl BestTransfer {
             prominence: &asset.occlusion.prominence,
             white: whitest(asset, &divisor),
         };
-        let gloss = if settings.terms.lobe {
+        let gloss = if settings.terms.lobe && trust >= 1.0 {
             find_gloss(&fitted, &|i, out| {
                 asset.rays_of(i, &light, &asset.means, out)
             })
@@ -370,11 +378,12 @@ impl BestTransfer {
                 asset.explain(i, (&gloss[i], &light), scratch, matte, residual)
             })
             .collect();
-        Self {
+        Ok(Self {
             asset: asset.clone(),
             settings: settings.clone(),
             light_gain,
             source_was_black,
+            trust,
             least: light.least,
             fill,
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
@@ -383,7 +392,7 @@ impl BestTransfer {
             matte,
             residual,
             encoded_mean,
-        }
+        })
     }
 
     /// Bytes that a change of light reads: of the bake, of the colour and of what was prepared.
@@ -531,6 +540,11 @@ impl BestTransfer {
                     [front, if two_sided { back } else { front }]
                 })
                 .collect();
+        }
+        if self.trust < 1.0 {
+            for value in tau.iter_mut().flatten().flatten() {
+                *value = value.powf(self.trust);
+            }
         }
         tau
     }

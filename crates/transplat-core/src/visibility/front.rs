@@ -3,21 +3,20 @@
 //! Three things tell the front. *What is seen*: the side from which more of the surfel is seen through what lies around it. *What was
 //! photographed*: a trained colour varies with the view where there were cameras, and is smooth where there were none; how much that tells
 //! differs between trainers, and is counted on those surfels whose front the first leaves no doubt of. *What neighbours say*: surfels in one
-//! plane have one front. All are log odds, and add up.
+//! plane have one front. All are log odds, and add up. Where that is not enough, the user tells: what is seen from some place is outside.
 
-use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::Progress;
 use super::hierarchy::PACKET;
 use super::transmittance::Veils;
 use crate::error::{Error, Result};
-use crate::sh::{coefficient_count, evaluate_sh, fibonacci_sphere};
+use crate::nearest::Nearest;
+use crate::sh::{coefficient_count, evaluate_sh, lattice};
 use crate::surfels::SurfelCloud;
 
 /// Directions from which it is asked how much of a surfel is seen.
@@ -64,8 +63,12 @@ const SMOOTHING_TURNS: usize = 3;
 const HIDDEN: u8 = 2;
 const CERTAINLY: u8 = 250;
 
-/// Below this probability a front is a guess.
-const GUESS: f32 = 0.75;
+/// Below this certainty a front is a guess: it is wrong for one surfel in four.
+const GUESS: f32 = 0.5;
+
+/// Log odds that the user adds who says that what is seen from somewhere is the outside: more than all other evidence together, but for
+/// what is seen at a grazing angle.
+const TOLD: f32 = 20.0;
 
 /// Which side of a surfel is its front; eight bytes, as in a bake's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -112,11 +115,6 @@ impl Front {
         self.seen[usize::from(!self.is_turned())] <= HIDDEN && self.certainty >= CERTAINLY
     }
 
-    /// How probable it is that this is the front, 0.5 to 1.
-    pub fn probability(&self) -> f32 {
-        0.5 + 0.5 * self.certainty()
-    }
-
     /// By how much more probable it is than the other side, 0 to 1.
     pub fn certainty(&self) -> f32 {
         f32::from(self.certainty) / 255.0
@@ -124,7 +122,7 @@ impl Front {
 
     /// Whether it is little better than a guess.
     pub fn is_guess(&self) -> bool {
-        self.probability() < GUESS
+        self.certainty() < GUESS
     }
 
     /// Unit normal of the surface that the surfel is part of.
@@ -158,8 +156,14 @@ impl Fronts {
         let normals: Vec<Vec3> = (0..cloud.len()).map(|i| stored_normal(cloud, i)).collect();
         let seen = seen_from_sides(&veils, &normals, progress)?;
         let variation = variation_on_sides(cloud, &normals);
-        let own = log_odds(&seen, &variation);
-        let neighbors = Neighbors::new(&veils.positions);
+        let mut own = log_odds(&seen, &variation);
+        for eye in &cloud.outside_from {
+            for (own, told) in own.iter_mut().zip(told(cloud, &veils, &normals, *eye)) {
+                *own += told;
+            }
+        }
+        let points: Vec<[f32; 3]> = veils.positions.iter().map(Vec3::to_array).collect();
+        let neighbors = Nearest::new(&points, NEIGHBORS);
         let odds = agreed(cloud, &veils, &neighbors, &normals, own);
         let fronts: Vec<Vec3> = (normals.iter().zip(&odds))
             .map(|(n, odds)| if *odds < 0.0 { -*n } else { *n })
@@ -181,10 +185,8 @@ impl Fronts {
     /// How much each surfel makes up of what is seen of the asset: its area, by its opacity, by how much of it is seen. `[n]`, sums to 1
     pub fn prominence(&self, cloud: &SurfelCloud) -> Vec<f32> {
         let largest = (cloud.scales.iter()).fold(0f32, |l, s| l.max(s.max_element()));
-        let each = |(i, front): (usize, &Front)| {
-            let scale = cloud.scales[i] / largest.max(f32::MIN_POSITIVE);
-            f64::from(front.seen() * cloud.opacities[i] * scale.element_product())
-        };
+        let unit = largest.max(f32::MIN_POSITIVE);
+        let each = |(i, front): (usize, &Front)| f64::from(seen_area(cloud, i, front.seen(), unit));
         let all: Vec<f64> = self.of.iter().enumerate().map(each).collect();
         let sum: f64 = all.iter().sum();
         if sum.is_nan() || sum <= 0.0 {
@@ -198,11 +200,9 @@ fn stored_normal(cloud: &SurfelCloud, i: usize) -> Vec3 {
     cloud.stored_normal(i).normalize_or(Vec3::Z)
 }
 
-fn lattice(count: usize) -> Vec<Vec3> {
-    let directions = fibonacci_sphere(count).into_iter();
-    directions
-        .map(|d| Vec3::from_array(d.map(|v| v as f32)))
-        .collect()
+/// Area of surfel `i` in units of `unit` squared, by its opacity and by how much of it is seen.
+fn seen_area(cloud: &SurfelCloud, i: usize, seen: f32, unit: f32) -> f32 {
+    seen * cloud.opacities[i] * (cloud.scales[i] / unit).element_product()
 }
 
 /// How much of each surfel is seen from the stored normal's side, and from the other one, 0 to 1: cosine-weighted means. `[n]`
@@ -296,48 +296,31 @@ fn log_odds(seen: &[[f32; 2]], variation: &[[f32; 2]]) -> Vec<f32> {
     each.collect()
 }
 
-/// The surfels nearest to each.
-struct Neighbors {
-    /// `[n][each]`
-    of: Vec<u32>,
-    each: usize,
-}
-
-impl Neighbors {
-    fn new(positions: &[Vec3]) -> Self {
-        let points: Vec<[f32; 3]> = positions.iter().map(Vec3::to_array).collect();
-        let each = NEIGHBORS.min(points.len().saturating_sub(1));
-        let (Some(wanted), Ok(tree)) = (
-            NonZeroUsize::new(each + 1).filter(|_| each > 0),
-            ImmutableKdTree::<f32, 3>::new_from_slice(&points),
-        ) else {
-            return Self {
-                of: Vec::new(),
-                each: 0,
-            };
-        };
-        let near = |(i, p): (usize, &[f32; 3])| -> Vec<u32> {
-            let nearest = tree.query(p).nearest_n::<SquaredEuclidean<f32>>(wanted);
-            let found = nearest.execute().into_iter().map(|f| f.item);
-            found.filter(|j| *j as usize != i).take(each).collect()
-        };
-        Self {
-            of: points.par_iter().enumerate().flat_map_iter(near).collect(),
-            each,
+/// Log odds that the stored normal's side is the front, of what is seen from a place outside. `[n]`
+fn told(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<f32> {
+    // As from far away: the packets of rays have one direction.
+    let toward = (eye - cloud.bounds().center).normalize_or(Vec3::Z);
+    let packets: Vec<[f32; PACKET]> = veils
+        .order
+        .par_chunks(PACKET)
+        .map_init(Vec::new, |stack, of| veils.transmittance(of, toward, stack))
+        .collect();
+    let mut told = vec![0f32; normals.len()];
+    for (of, through) in veils.order.chunks(PACKET).zip(packets) {
+        for (i, through) in of.iter().zip(through) {
+            let i = *i as usize;
+            let direction = (eye - cloud.positions[i]).normalize_or(toward);
+            told[i] = TOLD * through * normals[i].dot(direction);
         }
     }
-
-    fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
-        let range = i * self.each..(i + 1) * self.each;
-        self.of[range].iter().map(|j| *j as usize)
-    }
+    told
 }
 
 /// The log odds when neighbours in one plane agree on their fronts: mean field of an Ising model. `[n]`
 fn agreed(
     cloud: &SurfelCloud,
     veils: &Veils,
-    neighbors: &Neighbors,
+    neighbors: &Nearest,
     normals: &[Vec3],
     own: Vec<f32>,
 ) -> Vec<f32> {
@@ -381,16 +364,12 @@ fn agreed(
 fn surface_normals(
     cloud: &SurfelCloud,
     veils: &Veils,
-    neighbors: &Neighbors,
+    neighbors: &Nearest,
     fronts: &[Vec3],
     (seen, odds): (&[[f32; 2]], &[f32]),
 ) -> Vec<Vec3> {
     let weights: Vec<f32> = (0..fronts.len())
-        .map(|i| {
-            let scale = cloud.scales[i] / veils.radius;
-            let seen = seen[i][usize::from(odds[i] < 0.0)];
-            seen * cloud.opacities[i] * scale.element_product()
-        })
+        .map(|i| seen_area(cloud, i, seen[i][usize::from(odds[i] < 0.0)], veils.radius))
         .collect();
     let extent = |i: usize| SMOOTHING * cloud.scales[i].max_element() / veils.radius;
     let mut normals = fronts.to_vec();
@@ -556,6 +535,21 @@ mod tests {
         let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
         assert!(fronts.of.iter().all(|f| !f.is_turned() && f.is_guess()));
         assert!(fronts.of.iter().all(|f| !f.is_one_sided()));
+    }
+
+    #[test]
+    fn what_the_user_sees_from_outside_is_the_front() {
+        let mut sheet = scenes::sheet(12);
+        sheet.outside_from = vec![Vec3::new(0.3, 0.2, -4.0)];
+        let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
+        assert!(fronts.of.iter().all(|f| f.is_turned() && !f.is_guess()));
+        // It says nothing of what is not seen from there.
+        let mut ball = scenes::sphere(1500);
+        turn_every_third(&mut ball);
+        ball.outside_from = vec![Vec3::new(0.0, 0.0, 5.0)];
+        for (i, n) in find(&ball).into_iter().enumerate() {
+            assert!(n.dot(ball.positions[i]) > 0.0, "surfel {i}");
+        }
     }
 
     #[test]

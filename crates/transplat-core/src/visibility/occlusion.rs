@@ -189,18 +189,38 @@ impl Occlusion {
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
         let tracer = Self::tracer(cloud, progress)?;
+        Self::bake_through(cloud, &tracer, stages, progress, preview)
+    }
+
+    /// The same, its beginning made.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when `progress` asked for it.
+    pub fn bake_through(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        stages: (&[usize], &Skips),
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self> {
         let directions = directions();
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
-            trace(&tracer, &directions, patches, found, progress)
+            trace(tracer, &directions, patches, found, progress)
         };
-        Self::bake_by(cloud, &tracer, stages, by, progress, preview)
+        Self::bake_by(cloud, tracer, stages, by, progress, preview)
     }
 
     /// What the rays are traced through: the beginning of a bake.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] when `progress` asked for it.
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
     pub fn tracer(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Arc<Tracer>> {
+        if cloud.len() > MOST_SURFELS {
+            return Err(Error::Mismatch(format!(
+                "{} surfels; preset best can be baked for up to {MOST_SURFELS}",
+                cloud.len()
+            )));
+        }
         let fronts = Fronts::find(cloud, &|p| progress(FRONTS_SHARE * p))?;
         Ok(Arc::new(Tracer::new(cloud, fronts)))
     }
@@ -208,7 +228,7 @@ impl Occlusion {
     /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
     ///
     /// # Errors
-    /// The asset is too large, or `trace` failed.
+    /// `trace` failed, or [`Error::Cancelled`] when `progress` asked for it.
     pub fn bake_by<E: From<Error>>(
         cloud: &SurfelCloud,
         tracer: &Arc<Tracer>,
@@ -217,13 +237,6 @@ impl Occlusion {
         progress: Progress<'_>,
         preview: impl Fn(Self, f32),
     ) -> Result<Self, E> {
-        if cloud.len() > MOST_SURFELS {
-            return Err(Error::Mismatch(format!(
-                "{} surfels; preset best can be baked for up to {MOST_SURFELS}",
-                cloud.len()
-            ))
-            .into());
-        }
         let progress = |p: f64| progress(FRONTS_SHARE + (1.0 - FRONTS_SHARE) * p);
         if progress(0.0).is_break() {
             return Err(Error::Cancelled.into());
@@ -560,6 +573,72 @@ mod tests {
         }
         // A ray that grazes a rim may round to either side of it.
         assert!(differ * 1000 < all, "{differ} of {all}");
+    }
+
+    /// Mean openness of both sides over the surfels that are `asked`, and how many of these are two-sided.
+    fn openness_of(baked: &Occlusion, asked: impl Fn(usize) -> bool) -> ([f32; 2], usize) {
+        let asked: Vec<usize> = (0..baked.len()).filter(|i| asked(*i)).collect();
+        let directions = directions();
+        let mut sum = [0f32; 2];
+        for i in &asked {
+            let sides = openness(&baked.open[*i], &directions, baked.normals[*i]);
+            sum = [sum[0] + sides[0], sum[1] + sides[1]];
+        }
+        let two_sided = asked.iter().filter(|i| baked.two_sided[**i] > 0.5).count();
+        (sum.map(|s| s / asked.len() as f32), two_sided)
+    }
+
+    #[test]
+    fn the_faces_of_a_thin_plate_of_wide_surfels_are_open_in_front() {
+        // As trainers make them: far wider than they are apart.
+        let mut top = scenes::sheet(24);
+        for scale in &mut top.scales {
+            *scale *= 2.0;
+        }
+        for thickness in [0.4, 2.0] {
+            let mut plate = top.clone();
+            let below = thickness * top.scales[0].x * Vec3::Z;
+            plate
+                .positions
+                .extend(top.positions.iter().map(|p| *p - below));
+            plate.tangents.extend(&top.tangents);
+            plate.scales.extend(&top.scales);
+            plate.opacities.extend(&top.opacities);
+            plate.sh.extend(&top.sh);
+            let baked = all_rays(&plate);
+            let middle = |i: usize| plate.positions[i].truncate().abs().max_element() < 0.6;
+            let ([front, back], two_sided) = openness_of(&baked, middle);
+            assert!(front > 0.98, "{thickness}: {front}");
+            for i in (0..plate.len()).filter(|i| middle(*i)) {
+                assert_eq!(baked.normals[i].z > 0.0, i < top.len(), "surfel {i}");
+            }
+            // What is nearer than the surfel is wide is taken for its own surface: then nobody sees the back, but it is lit.
+            if thickness > 1.0 {
+                assert!(back < 0.05 && two_sided == 0, "{back} {two_sided}");
+            }
+        }
+    }
+
+    #[test]
+    fn layers_of_one_surface_do_not_shade_each_other() {
+        // Four layers within one of the surfels' own extents, tilted at random.
+        let ball = scenes::sphere(6000);
+        let mut stack = ball.clone();
+        for (i, n) in ball.positions.iter().enumerate() {
+            let tilt = Vec3::new(
+                (i as f32).sin(),
+                (2.3 * i as f32).sin(),
+                (5.1 * i as f32).sin(),
+            );
+            let (u, v) = (*n + 0.2 * tilt).normalize().any_orthonormal_pair();
+            stack.tangents[i] = [u, v];
+            stack.scales[i] *= 2.0;
+            stack.positions[i] = *n * (1.0 - 0.25 * (i % 4) as f32 * stack.scales[i].x);
+            stack.opacities[i] = 0.5;
+        }
+        let ([front, back], two_sided) = openness_of(&all_rays(&stack), |_| true);
+        assert!(front > 0.9 && back < 0.02, "{front} {back}");
+        assert!(two_sided * 100 < stack.len(), "{two_sided}");
     }
 
     #[test]

@@ -39,8 +39,8 @@ gpu_struct! {
         near: f32,
         shadow: u32,
         two_sided: u32,
-        unused_a: u32,
-        unused_b: u32,
+        trust: f32,
+        unused: u32,
     }
 }
 
@@ -286,6 +286,7 @@ impl GpuBest {
             near: f32::from(terms.bounce),
             shadow: u32::from(terms.shadow),
             two_sided: u32::from(terms.two_sided),
+            trust: self.prepared.trust,
             ..Default::default()
         };
         let mut beams = [BestBeam::default(); MAX_SUNS + DIRECTIONS];

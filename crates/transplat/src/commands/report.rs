@@ -144,7 +144,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
     let scene = Scene::load(&asset, look, report)?;
     let map = load_environment(&target)?;
     let lights = [
-        scene.light_of(source, report)?,
+        scene.light_of(source, None, report)?,
         device.light(&map, Preset::Best)?,
     ];
     let up = scene.cloud.up;

@@ -13,7 +13,7 @@ use transplat_gpu::live::Passes;
 use super::export::{self, Task};
 use super::files::{Dialog, ask};
 use super::jobs::Kind;
-use super::opening::{Capture, Settings};
+use super::opening::{Capture, Reading, Settings};
 use super::overlays::PathField;
 use super::panels;
 use super::preferences::Preferences;
@@ -179,7 +179,7 @@ impl Viewer {
         let settings = Settings::Capture(Box::new(Capture {
             source: look.source.clone(),
             up: look.up,
-            linear: look.linear,
+            reading: Reading::of(&look),
             hide: look.hide,
             camera: look.camera,
         }));

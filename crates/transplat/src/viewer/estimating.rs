@@ -17,6 +17,7 @@ use super::baking::{self, Wanted};
 use super::jobs::{Handle, Kind};
 use super::lights::Light;
 use super::session::{Event, SOURCE, Session};
+use crate::scene::what_stands_in;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
@@ -82,12 +83,16 @@ impl Session {
                 estimate.percent()
             ),
             Some(obstacle) => format!(
-                "what it was captured under cannot be told from the object: {}. Even light is assumed. {DROP_IT}",
-                obstacle.reason()
+                "what it was captured under cannot be told from the object: {}; {}. {DROP_IT}",
+                obstacle.reason(),
+                what_stands_in(self.look.transfer.preset)
             ),
         };
-        let is_good = estimate.is_good();
-        let light = is_good.then(|| Light::estimated(estimate.light.map(shown.1)));
+        let light = if estimate.is_good() {
+            Light::estimated(estimate.light.map(shown.1))
+        } else {
+            Ok(Light::standing_in(estimate.stand_in()))
+        };
         let is_new = self
             .estimate_shown
             .is_none_or(|(asset, _)| asset != shown.0);
@@ -96,11 +101,10 @@ impl Session {
         }
         self.estimate_shown = Some(shown);
         match light {
-            Some(Ok(light)) => {
+            Ok(light) => {
                 self.lights.insert(ESTIMATE.into(), Arc::new(light));
             }
-            Some(Err(error)) => self.error(format!("{error:#}")),
-            None => {}
+            Err(error) => self.error(format!("{error:#}")),
         }
     }
 

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use anyhow::Result;
 use transplat_core::color::luminance;
 use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::load::load_environment;
 use transplat_core::look::{ESTIMATE, EVEN, is_estimate, is_even, is_file};
 use transplat_core::sh::MAX_DEGREE;
@@ -58,10 +59,19 @@ impl Light {
         }
     }
 
-    /// Even light in the place of an estimate that is not there, or not good.
+    /// In the place of an estimate that is not there yet, or was not to be had.
     pub fn assumed() -> Self {
+        Self::standing_in(Illumination {
+            trust: STAND_IN_TRUST,
+            ..Illumination::even(MAX_DEGREE)
+        })
+    }
+
+    /// In the place of an estimate that is not good.
+    pub fn standing_in(illumination: Illumination) -> Self {
         Self {
             path: ESTIMATE.into(),
+            illumination,
             ..Self::even()
         }
     }

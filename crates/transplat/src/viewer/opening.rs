@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use glam::Vec3;
 use transplat_core::color::Encoding;
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::ground_plane;
@@ -42,10 +43,46 @@ pub struct LoadedAsset {
 pub enum Settings {
     /// What is told of its capture; everything else stays as it is when the splat is there, and so does what was changed meanwhile.
     Capture(Box<Capture>),
-    /// The open splat again, its colour taken as linear or not.
-    Again(bool),
+    /// The open splat again, read otherwise.
+    Again(Reading),
     /// All settings.
     Look(Box<Look>),
+}
+
+/// What of the settings the splat itself is: another one, and it is loaded again.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// Whether its colour is linear.
+    pub linear: bool,
+    /// Places that see its outside.
+    pub outside_from: Vec<Vec3>,
+}
+
+impl Reading {
+    /// As a look has it.
+    pub fn of(look: &Look) -> Self {
+        Self {
+            linear: look.linear,
+            outside_from: look.outside_from.clone(),
+        }
+    }
+
+    /// As an open splat has it.
+    pub fn of_cloud(cloud: &SurfelCloud) -> Self {
+        Self {
+            linear: cloud.encoding == Encoding::StoredLinear,
+            outside_from: cloud.outside_from.clone(),
+        }
+    }
+
+    /// That look, the splat read so.
+    pub fn over(self, look: Look) -> Look {
+        Look {
+            linear: self.linear,
+            outside_from: self.outside_from,
+            ..look
+        }
+    }
 }
 
 /// What is told of a splat's capture.
@@ -55,8 +92,8 @@ pub struct Capture {
     pub source: LightSettings,
     /// Its up axis, where the file is not to be believed.
     pub up: Option<UpAxis>,
-    /// Whether its colour is linear.
-    pub linear: bool,
+    /// How it is read.
+    pub reading: Reading,
     /// What of it is hidden.
     pub hide: Hide,
     /// Where it is looked at from; all of it otherwise.
@@ -68,7 +105,7 @@ impl Default for Capture {
         Self {
             source: LightSettings::of(ESTIMATE),
             up: None,
-            linear: false,
+            reading: Reading::default(),
             hide: Hide::default(),
             camera: None,
         }
@@ -76,11 +113,11 @@ impl Default for Capture {
 }
 
 impl Settings {
-    fn is_linear(&self) -> bool {
+    fn reading(&self) -> Reading {
         match self {
-            Self::Capture(capture) => capture.linear,
-            Self::Again(linear) => *linear,
-            Self::Look(look) => look.linear,
+            Self::Capture(capture) => capture.reading.clone(),
+            Self::Again(reading) => reading.clone(),
+            Self::Look(look) => Reading::of(look),
         }
     }
 
@@ -92,19 +129,17 @@ impl Settings {
         }
         let now = now.clone();
         match self {
-            Self::Capture(capture) => Look {
+            Self::Capture(capture) => capture.reading.over(Look {
                 source: kept(capture.source, &asked.source, now.source),
                 up: kept(capture.up, &asked.up, now.up),
-                linear: capture.linear,
                 hide: kept(capture.hide, &asked.hide, now.hide),
                 camera: capture.camera,
                 ..now
-            },
-            Self::Again(linear) => Look {
-                linear,
+            }),
+            Self::Again(reading) => reading.over(Look {
                 camera: Some(pose),
                 ..now
-            },
+            }),
             Self::Look(look) => *look,
         }
     }
@@ -177,9 +212,8 @@ impl Session {
                     .map_err(anyhow::Error::from)
                     .and_then(|(mut cloud, file)| {
                         let file_up = cloud.up;
-                        if settings.is_linear() {
-                            cloud.encoding = Encoding::StoredLinear;
-                        }
+                        let reading = settings.reading();
+                        reading.over(Look::default()).apply_to(&mut cloud);
                         let cloud = Arc::new(cloud);
                         let live = LiveAsset::new(&context, &cloud)?;
                         let estimate = kept_estimate(&path, &cloud);

@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 use eframe::egui;
-use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::Ground;
@@ -29,7 +28,7 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::baking::Baked;
 use super::jobs::Jobs;
 use super::lights::Light;
-use super::opening::LoadedAsset;
+use super::opening::{LoadedAsset, Reading};
 use super::oriented::{OrientedLight, OrientedLights};
 use crate::savings::{Saved, Savings};
 use crate::sweep::{Point, in_words};
@@ -257,7 +256,7 @@ pub struct Session {
     /// And by which settings.
     pub(super) resolved: [LightSettings; 2],
     /// What the open asset was to be taken as when it was last loaded again.
-    pub(super) reload_asked: Option<bool>,
+    pub(super) reload_asked: Option<Reading>,
     pub bakes: HashMap<Preset, BakeState>,
     pub prepared: Option<PreparedTransfer>,
     /// What that leaves out.
@@ -595,7 +594,7 @@ impl Session {
             | Event::Doubts { .. } => {}
             Event::LoadFailed(text) => {
                 // What could not be loaded again stays as it was loaded.
-                self.look.linear = self.loaded_linear();
+                self.look = self.loaded_reading().over(self.look.clone());
                 self.error(text);
             }
             Event::Done(text) => self.info(text),
@@ -639,10 +638,10 @@ impl Session {
         self.baked()?.bake.as_ref()
     }
 
-    /// Whether the open asset's colour was taken as linear.
-    pub(super) fn loaded_linear(&self) -> bool {
+    /// How the open asset was read.
+    pub(super) fn loaded_reading(&self) -> Reading {
         let asset = self.asset.as_ref();
-        asset.is_some_and(|a| a.cloud.encoding == Encoding::StoredLinear)
+        asset.map_or_else(Reading::default, |a| Reading::of_cloud(&a.cloud))
     }
 
     /// Keeps a whole map for the next time that it is seen, and of others the last few.

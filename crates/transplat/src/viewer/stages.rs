@@ -17,7 +17,7 @@ use transplat_gpu::{Context, GpuError};
 use super::baking::{self, Baked};
 use super::jobs::{Handle, Kind, beside_the_rest};
 use super::lights::load_map;
-use super::opening::Settings;
+use super::opening::{Reading, Settings};
 use super::session::{
     BackdropKey, Event, PrepareKey, Prepared, RelitBy, RelitKey, SOURCE, Session, TARGET,
 };
@@ -29,7 +29,7 @@ impl Session {
     /// Follows what the settings say of the asset itself: which way is up, and what its colour is.
     pub(super) fn update_asset(&mut self) {
         let up = self.up();
-        let reload = self.look.linear != self.loaded_linear();
+        let (wanted, loaded) = (Reading::of(&self.look), self.loaded_reading());
         let is_loading = self.jobs.is_running(Kind::Load);
         let Some(asset) = &mut self.asset else {
             return;
@@ -39,16 +39,15 @@ impl Session {
             asset.ground = ground_plane(&asset.cloud, up);
             self.ground = None;
         }
-        let linear = self.look.linear;
-        if !reload {
+        if wanted == loaded {
             self.reload_asked = None;
-        } else if !is_loading && self.reload_asked == Some(linear) {
+        } else if !is_loading && self.reload_asked.as_ref() == Some(&wanted) {
             // It was cancelled.
-            self.look.linear = !linear;
+            self.look = loaded.over(self.look.clone());
         } else if !is_loading {
-            self.reload_asked = Some(linear);
+            self.reload_asked = Some(wanted.clone());
             let path = asset.path.clone();
-            self.load_asset(path, Settings::Again(linear));
+            self.load_asset(path, Settings::Again(wanted));
         }
     }
 

@@ -1,11 +1,8 @@
 //! Which surfels probably are of the same stuff: their gloss is found together.
 
-use std::num::NonZeroUsize;
-
 use glam::Vec3;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use rayon::prelude::*;
 
+use crate::nearest::Nearest;
 use crate::visibility::trace::RaySurfel;
 
 /// Surfels around one that its gloss is pooled over.
@@ -24,28 +21,5 @@ pub fn neighbors(surfels: &[RaySurfel], normals: &[Vec3]) -> Vec<u32> {
             [p.x, p.y, p.z, n.x, n.y, n.z]
         })
         .collect();
-    let count = NEIGHBORS.min(n.saturating_sub(1));
-    let (Some(wanted), Ok(tree)) = (
-        NonZeroUsize::new(count + 1).filter(|_| count > 0),
-        ImmutableKdTree::<f32, 6>::new_from_slice(&points),
-    ) else {
-        return Vec::new();
-    };
-    points
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(i, p)| {
-            let found = tree
-                .query(p)
-                .nearest_n::<SquaredEuclidean<f32>>(wanted)
-                .execute();
-            let others: Vec<u32> = found
-                .into_iter()
-                .map(|f| f.item)
-                .filter(|j| *j as usize != i)
-                .take(count)
-                .collect();
-            others
-        })
-        .collect()
+    Nearest::new(&points, NEIGHBORS).all
 }

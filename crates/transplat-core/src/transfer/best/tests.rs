@@ -17,8 +17,7 @@ fn asset_of(cloud: &SurfelCloud) -> Arc<BestAsset> {
 }
 
 fn prepared(asset: &Arc<BestAsset>, source: &Illumination) -> BestTransfer {
-    let source = source.for_best().expect("with beams");
-    BestTransfer::new(asset, source, &TransferSettings::default())
+    BestTransfer::new(asset, source, &TransferSettings::default()).expect("with beams")
 }
 
 impl BestTransfer {
@@ -278,8 +277,7 @@ fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
     let source = sky(sun, [1.0, 0.9, 0.8]);
     let mut settings = TransferSettings::default();
     settings.terms.residual = false;
-    let beams = source.for_best().expect("with beams");
-    let transfer = BestTransfer::new(&asset_of(&cloud), beams, &settings);
+    let transfer = BestTransfer::new(&asset_of(&cloud), &source, &settings).expect("with beams");
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
     let light = transfer.light(target.for_best().expect("with beams"));
     let [whole, matte, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
@@ -336,4 +334,35 @@ fn production_follows_the_oracle() {
         "97 % {:.1e}",
         errors[n * 97 / 100]
     );
+}
+
+#[test]
+fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
+    let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
+    let mut cloud = scenes::sphere_over_slab(600);
+    cloud.encoding = Encoding::Linear;
+    let asset = asset_of(&cloud);
+    let even = Illumination::even(3);
+    let half = Illumination {
+        trust: 0.5,
+        ..even.clone()
+    };
+    let target = sky(sun, [0.3, 0.5, 0.9]);
+    let whole = prepared(&asset, &even).relight_by(&target);
+    let halfway = prepared(&asset, &half);
+    assert_eq!(halfway.glossy_surfels, 0);
+    let halfway = halfway.relight_by(&target);
+    for (w, h) in whole.tau.iter().zip(&halfway.tau) {
+        for c in 0..3 {
+            assert!((h[c] * h[c] / w[c] - 1.0).abs() < 1e-4, "{h:?} {w:?}");
+        }
+    }
+    // One colour from everywhere: where nothing of a back is seen, it changes as told.
+    for (i, (h, f)) in halfway.tau.iter().zip(&halfway.sh).enumerate() {
+        if asset.occlusion.two_sided[i] > 0.0 {
+            continue;
+        }
+        let expected = h[0] * cloud.sh_of(i)[0][0];
+        assert!((f[0] - expected).abs() < 0.02 * expected, "surfel {i}");
+    }
 }

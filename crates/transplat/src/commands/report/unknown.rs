@@ -39,7 +39,7 @@ impl Unknown {
         let estimated = if estimate.is_good() {
             device.light(&estimate.light.map(cloud.up), Preset::Best)?
         } else {
-            even.clone()
+            estimate.stand_in()
         };
         let irradiance = |light: &Illumination| irradiance(cloud, bake, light);
         let truth = irradiance(light)?;

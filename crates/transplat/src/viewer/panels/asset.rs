@@ -5,7 +5,9 @@ use glam::Vec3;
 use transplat_core::color::decode_sh;
 use transplat_core::load::AssetKind;
 use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::Preset;
 
+use crate::scene::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
@@ -53,6 +55,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
         &mut session.look.linear,
     );
+    front(ui, viewer);
+    let session = &mut viewer.session;
     let mut turned = 0.0;
     let turn = egui::DragValue::new(&mut turned)
         .suffix("°")
@@ -78,6 +82,36 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     hide(ui, &mut viewer.session.look.hide);
     ui.separator();
     inspected(ui, viewer);
+}
+
+/// Which side of the surfels is out, where that is a guess.
+fn front(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    if let Some(bake) = session.bake_so_far() {
+        let share = bake.ambiguous_share();
+        fact(
+            ui,
+            "front is a guess",
+            format!("{:.1} % of what is seen", 100.0 * share),
+        );
+        if share > AMBIGUOUS_SHARE && bake.preset() == Preset::Best {
+            ui.weak("Thin sheets are seen from both sides. Turn the object so that you see its outside, and say so.");
+        }
+    }
+    ui.horizontal(|ui| {
+        let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
+        if ui.button("This side is out").on_hover_text(tip).clicked() {
+            let eye = navigation::eye(&session.pose, session.up());
+            session.look.outside_from.push(eye);
+        }
+        let count = session.look.outside_from.len();
+        if count > 0 {
+            let views = if count == 1 { "view" } else { "views" };
+            if ui.button(format!("Forget {count} {views}")).clicked() {
+                session.look.outside_from.clear();
+            }
+        }
+    });
 }
 
 fn hide(ui: &mut Ui, hide: &mut Hide) {
@@ -166,12 +200,14 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     );
     fact(ui, "opacity", format!("{:.3}", cloud.opacities[i]));
     if let Some(bake) = session.bake_so_far() {
-        let two = if bake.is_two_sided(i) {
-            ", two-sided"
-        } else {
-            ""
-        };
-        fact(ui, "normal", format!("{}{two}", vector(bake.normals()[i])));
+        let mut normal = vector(bake.normals()[i]);
+        for (holds, word) in [
+            (bake.is_two_sided(i), ", two-sided"),
+            (bake.is_ambiguous(i), ", its side a guess"),
+        ] {
+            normal += if holds { word } else { "" };
+        }
+        fact(ui, "normal", normal);
         let seen = bake.seen_by(i);
         let open = seen.iter().map(|(_, open)| open).sum::<f32>() / seen.len() as f32;
         fact(ui, "sees", format!("{:.0} % of the sphere", 100.0 * open));

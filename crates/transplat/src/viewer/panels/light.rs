@@ -4,6 +4,7 @@ use eframe::egui::Ui;
 use transplat_core::estimate::Estimate;
 use transplat_core::surfels::UpAxis;
 
+use crate::scene::what_stands_in;
 use crate::viewer::app::Viewer;
 use crate::viewer::estimating::DROP_IT;
 use crate::viewer::session::{SOURCE, Session, TARGET};
@@ -131,8 +132,9 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
         match (estimate.obstacle, is_even) {
             (Some(obstacle), _) => {
                 ui.weak(format!(
-                    "It cannot be told from the object: {}.",
-                    obstacle.reason()
+                    "It cannot be told from the object: {}; {}.",
+                    obstacle.reason(),
+                    what_stands_in(session.look.transfer.preset)
                 ));
             }
             (None, false) => {
