@@ -254,12 +254,11 @@ impl Bake {
         }
     }
 
-    /// Share of what is seen of the asset that is ambiguous, 0 to 1.
-    pub fn ambiguous_share(&self) -> f32 {
-        let ambiguous = (0..self.len()).filter(|i| self.is_ambiguous(*i));
+    /// Share of what is seen of the asset that is ambiguous, 0 to 1; preset `paper` does not tell what is seen.
+    pub fn ambiguous_share(&self) -> Option<f32> {
         match self {
-            Self::Visibility(v) => ambiguous.count() as f32 / v.normals.len().max(1) as f32,
-            Self::Occlusion(o) => ambiguous.map(|i| o.prominence[i]).sum(),
+            Self::Visibility(_) => None,
+            Self::Occlusion(o) => Some(o.ambiguous_share),
         }
     }
 

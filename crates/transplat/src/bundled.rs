@@ -25,3 +25,6 @@ pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"]
 
 /// The splat of the bundled scene.
 pub const BUNDLED_SPLAT: &str = "teapot.ply";
+
+/// The other one: not laid on a surface that was known, but trained from pictures.
+pub const BUNDLED_TRAINED_SPLAT: &str = "breakfast.ply";

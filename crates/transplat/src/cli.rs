@@ -61,7 +61,7 @@ pub enum Command {
     Info(InfoArgs),
     /// Measure error against run time of all settings, extreme cases, and presets and terms against path-traced truth: a page with plots.
     #[command(
-        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
+        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth -o report\n  transplat report --only truth --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
     )]
     Report(ReportArgs),
 }
@@ -300,16 +300,11 @@ pub struct ReportArgs {
     /// The light to relight it by [default: the bundled sunset]
     #[arg(long, value_name = "ENV", requires = "asset")]
     pub target: Option<PathBuf>,
-    /// Also compare presets and terms with these objects' true pictures
+    /// Also compare presets and terms with these objects' true pictures [of --only truth the default: the two bundled splats]
     #[arg(long, value_name = "DIR")]
     pub ground_truth: Option<PathBuf>,
     /// Only these objects
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_name = "NAME,...",
-        requires = "ground_truth"
-    )]
+    #[arg(long, value_delimiter = ',', value_name = "NAME,...")]
     pub objects: Vec<String>,
     /// Only the extreme cases
     #[arg(long, conflicts_with = "only")]
@@ -321,7 +316,7 @@ pub struct ReportArgs {
     #[arg(long)]
     pub quick: bool,
     /// Also without being told the light of the capture: estimated, and even, as it comes and with its strength fitted
-    #[arg(long, requires = "ground_truth")]
+    #[arg(long)]
     pub unknown_light: bool,
     /// The folder for the page, the tables and pictures
     #[arg(short, long, value_name = "DIR")]
@@ -339,7 +334,7 @@ pub enum ReportPart {
     Extremes,
     /// What the scene does not need, and what leaving it out saves
     Skipped,
-    /// Presets and terms against the true pictures of --ground-truth
+    /// Presets and terms against true pictures
     Truth,
 }
 

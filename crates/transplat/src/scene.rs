@@ -97,10 +97,11 @@ impl Scene {
         report.set("normals_flipped", bake.flipped());
         report.set("normals_two_sided", two_sided(&bake));
         report.set("buried", bake.buried());
-        let ambiguous = bake.ambiguous_share();
-        report.set("normals_ambiguous_share", ambiguous);
-        if preset == Preset::Best && ambiguous > AMBIGUOUS_SHARE {
-            report.warn(ambiguous_warning(ambiguous));
+        if let Some(share) = bake.ambiguous_share() {
+            report.set("normals_ambiguous_share", share);
+            if share > AMBIGUOUS_SHARE {
+                report.warn(ambiguous_warning(share));
+            }
         }
         Ok(bake)
     }

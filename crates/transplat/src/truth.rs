@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 
+use crate::bundled::{BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT};
+
 /// One object with its truth.
 #[derive(Clone, Debug)]
 pub struct TruthObject {
@@ -129,11 +131,17 @@ impl TruthObject {
         })
     }
 
-    /// The bundled scene's, in the folder of the assets.
+    /// The bundled splats', in the folder of the assets: the bundled scene's first.
     ///
     /// # Errors
     /// Some of it is missing.
-    pub fn bundled(assets: &Path) -> Result<Self> {
+    pub fn all_bundled(assets: &Path) -> Result<Vec<Self>> {
+        let each = [BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT].into_iter();
+        each.map(|splat| Self::bundled(assets, splat.trim_end_matches(".ply")))
+            .collect()
+    }
+
+    fn bundled(assets: &Path, name: &str) -> Result<Self> {
         let file = |name: &str| {
             let path = assets.join(name);
             if path.exists() {
@@ -149,13 +157,13 @@ impl TruthObject {
             })
         };
         Ok(Self {
-            name: "teapot".into(),
+            name: name.to_owned(),
             set: String::new(),
-            asset: file("teapot.ply")?,
-            cameras: file("teapot_cameras.json")?,
+            asset: file(&format!("{name}.ply"))?,
+            cameras: file(&format!("{name}_cameras.json"))?,
             source: light("city")?,
             targets: vec![light("sunset")?, light("interior")?],
-            pictures: file("truth")?,
+            pictures: file(&format!("truth/{name}"))?,
         })
     }
 

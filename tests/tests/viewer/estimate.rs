@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
+use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::surfels::UpAxis;
 use transplat_core::transfer::Preset;
 use transplat_tests::driver::{Driver, PATIENCE};
@@ -48,7 +49,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
 }
 
 #[test]
-fn where_it_cannot_be_told_even_light_stands_in_and_the_setting_stays() {
+fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() {
     let mut d = Driver::new();
     let few = d.folder.write("few.ply", small_splat(30));
     d.viewer().open(Path::new(&few));
@@ -57,8 +58,9 @@ fn where_it_cannot_be_told_even_light_stands_in_and_the_setting_stays() {
         .get_by_label("captured under: even light (assumed)");
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.estimate.as_ref().is_some_and(|e| !e.is_good()));
+    assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);
     let mut told = session.messages.iter();
-    assert!(told.any(|m| m.text.contains("cannot be told")));
+    assert!(told.any(|m| m.text.contains("cannot be told") && m.text.contains("half")));
     assert!(session.look.source.is_estimate() && session.look_to_save().source.is_estimate());
     // A file that is no light changes nothing of that.
     let broken = d.folder.write("broken.hdr", "no light");

@@ -358,6 +358,27 @@ fn panels_change_settings_and_picture() {
 }
 
 #[test]
+fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
+    let mut d = Driver::new();
+    let bakes = |d: &mut Driver| d.viewer().session.stages.bake;
+    let before = bakes(&mut d);
+    d.click("This side is out");
+    let session = &d.viewer().session;
+    let told = session.look.outside_from.clone();
+    assert_eq!(told.len(), 1);
+    let cloud = &session.asset.as_ref().expect("an asset").cloud;
+    assert_eq!(cloud.outside_from, told);
+    assert!(session.live().has_relit() && bakes(&mut d) > before);
+    // The teapot's outside was known before.
+    assert_eq!(d.viewer().session.look_to_save().outside_from, told);
+    d.click("Forget 1 view");
+    let session = &d.viewer().session;
+    assert!(session.look.outside_from.is_empty());
+    let cloud = &session.asset.as_ref().expect("an asset").cloud;
+    assert!(cloud.outside_from.is_empty());
+}
+
+#[test]
 fn keys_and_the_mouse_do_what_the_sheet_says() {
     let mut d = Driver::new();
     let middle = egui::pos2(330.0, 280.0);

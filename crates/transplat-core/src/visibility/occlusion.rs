@@ -87,6 +87,8 @@ pub struct Occlusion {
     pub normals: Vec<Vec3>,
     /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
     pub prominence: Vec<f32>,
+    /// Share of what is seen whose front is a guess, 0 to 1.
+    pub ambiguous_share: f32,
     /// How much of a two-sided surfel it is, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
     /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
@@ -297,6 +299,7 @@ impl Occlusion {
         let normals: Vec<Vec3> = (tracer.fronts.of.iter())
             .map(|f| f.surface_normal())
             .collect();
+        let prominence = tracer.fronts.prominence(cloud);
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
         for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
             let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
@@ -317,7 +320,11 @@ impl Occlusion {
             buried: (found.iter().zip(&normals))
                 .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
                 .count(),
-            prominence: tracer.fronts.prominence(cloud),
+            ambiguous_share: (tracer.fronts.of.iter().zip(&prominence))
+                .filter(|(f, _)| f.is_guess())
+                .map(|(_, share)| share)
+                .sum(),
+            prominence,
             closed_share: closed_share(&tracer, directions, found),
             normals,
             two_sided,

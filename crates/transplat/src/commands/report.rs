@@ -38,14 +38,12 @@ const PAGE: &str = "report.html";
 
 pub fn run(args: &ReportArgs) -> Result<()> {
     let mut report = Report::new("report", &args.out);
-    let objects = match &args.ground_truth {
-        Some(folder) => truth::objects(folder, &args.objects)?,
-        None => Vec::new(),
-    };
     let parts = args.parts();
-    if parts.contains(&ReportPart::Truth) && args.ground_truth.is_none() {
-        crate::commands::usage("the part truth needs --ground-truth DIR");
-    }
+    let objects = match &args.ground_truth {
+        _ if !parts.contains(&ReportPart::Truth) => Vec::new(),
+        Some(folder) => truth::asked(TruthObject::all_in(folder)?, &args.objects)?,
+        None => truth::asked(bundled_objects()?, &args.objects)?,
+    };
     let outputs: Vec<PathBuf> = parts
         .iter()
         .flat_map(|part| part.files())
@@ -103,15 +101,20 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     report.finish(&format!("{told}\nwrote {}", args.output.display()))
 }
 
+/// The bundled splats with their truth.
+fn bundled_objects() -> Result<Vec<TruthObject>> {
+    let missing = "the bundled scene is not installed; name a splat with --source and --target";
+    let splat = bundled(BUNDLED_SPLAT).context(missing)?;
+    TruthObject::all_bundled(splat.parent().context(missing)?)
+}
+
 /// The asset between two lights: the bundled scene with its truth unless another is named.
 fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Subject> {
-    let missing = "the bundled scene is not installed; name a splat with --source and --target";
     let Some(asset) = &args.asset else {
-        let splat = bundled(BUNDLED_SPLAT).context(missing)?;
-        let object = TruthObject::bundled(splat.parent().context(missing)?)?;
+        let object = bundled_objects()?.swap_remove(0);
         let (cloud, _) = transplat_core::load::load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
-        let target = object.targets.first().context(missing)?;
+        let target = object.targets.first().context("a light with truth")?;
         return Ok(Subject {
             map: Some(load_environment(&target.path)?),
             lights: [light(&object.source, device)?, light(target, device)?],

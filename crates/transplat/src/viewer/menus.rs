@@ -14,7 +14,7 @@ use super::overlays::PathField;
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};
-use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
 
 impl Viewer {
     pub(super) fn menus(&mut self, ui: &mut Ui) {
@@ -98,9 +98,14 @@ impl Viewer {
                 }
             }
         });
-        if ui.button("Bundled scene").clicked() {
-            self.bundled_scene();
-            ui.close();
+        for (name, splat) in [
+            ("Bundled scene", BUNDLED_SPLAT),
+            ("Bundled scene, trained", BUNDLED_TRAINED_SPLAT),
+        ] {
+            if ui.button(name).clicked() {
+                self.bundled_scene(splat);
+                ui.close();
+            }
         }
         ui.separator();
         for (name, action) in [
@@ -133,8 +138,8 @@ impl Viewer {
         }
     }
 
-    pub(super) fn bundled_scene(&mut self) {
-        let Some(splat) = bundled(BUNDLED_SPLAT) else {
+    fn bundled_scene(&mut self, splat: &str) {
+        let Some(splat) = bundled(splat) else {
             self.session.error("the bundled scene is not installed");
             return;
         };

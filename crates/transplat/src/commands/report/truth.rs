@@ -32,9 +32,8 @@ const REPEATS: usize = 3;
 /// What the difference in the pictures is multiplied by.
 const DIFFERENCE_SCALE: f32 = 4.0;
 
-/// The objects of a folder that are asked for.
-pub fn objects(folder: &Path, asked: &[String]) -> Result<Vec<TruthObject>> {
-    let mut objects = TruthObject::all_in(folder)?;
+/// Those of all objects that are asked for; all where none is.
+pub fn asked(mut objects: Vec<TruthObject>, asked: &[String]) -> Result<Vec<TruthObject>> {
     for asked in asked {
         if !objects.iter().any(|o| o.name == *asked) {
             let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();

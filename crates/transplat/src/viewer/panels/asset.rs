@@ -5,7 +5,6 @@ use glam::Vec3;
 use transplat_core::color::decode_sh;
 use transplat_core::load::AssetKind;
 use transplat_core::surfels::{Hide, UpAxis};
-use transplat_core::transfer::Preset;
 
 use crate::scene::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
@@ -56,7 +55,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         &mut session.look.linear,
     );
     front(ui, viewer);
-    let session = &mut viewer.session;
     let mut turned = 0.0;
     let turn = egui::DragValue::new(&mut turned)
         .suffix("°")
@@ -87,17 +85,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if let Some(bake) = session.bake_so_far() {
-        let share = bake.ambiguous_share();
-        fact(
-            ui,
-            "front is a guess",
-            format!("{:.1} % of what is seen", 100.0 * share),
-        );
-        if share > AMBIGUOUS_SHARE && bake.preset() == Preset::Best {
-            ui.weak("Thin sheets are seen from both sides. Turn the object so that you see its outside, and say so.");
-        }
-    }
+    let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
         let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
         if ui.button("This side is out").on_hover_text(tip).clicked() {
@@ -105,13 +93,21 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
             session.look.outside_from.push(eye);
         }
         let count = session.look.outside_from.len();
-        if count > 0 {
-            let views = if count == 1 { "view" } else { "views" };
-            if ui.button(format!("Forget {count} {views}")).clicked() {
-                session.look.outside_from.clear();
-            }
+        let views = if count == 1 { "view" } else { "views" };
+        if count > 0 && ui.button(format!("Forget {count} {views}")).clicked() {
+            session.look.outside_from.clear();
+        }
+        if let Some(share) = guessed {
+            ui.weak(format!("a guess on {:.1} %", 100.0 * share))
+                .on_hover_text("Share of what is seen of the object whose front is a guess: thin sheets, seen from both sides.");
         }
     });
+    if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
+        ui.colored_label(
+            ui.visuals().warn_fg_color,
+            "Which side is the front is a guess on much of it (channel Doubts shows where). Turn the object so that you see its outside, and say so.",
+        );
+    }
 }
 
 fn hide(ui: &mut Ui, hide: &mut Hide) {
