@@ -286,7 +286,8 @@ fn exact(
             if source.mean_irradiances().iter().any(|e| *e < 0.05 * mean) {
                 return Ok(None);
             }
-            let oracle = OracleBest::new(cloud, occlusion, source, settings.epsilon());
+            let oracle = OracleBest::new(cloud, occlusion, source, settings.epsilon())
+                .trusting(lights[0].trust);
             let condition = (0..cloud.len()).map(|i| oracle.condition(i));
             let condition = condition.fold(0.0, f64::max);
             Some((oracle.relight(target), condition))

@@ -268,6 +268,10 @@ impl Default for Look {
 /// Range of exposure and strength in stops: 18 orders of magnitude either way.
 pub const STOPS: std::ops::RangeInclusive<f32> = -60.0..=60.0;
 
+/// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
+pub const MOST_PLACES: usize = 32;
+const FARTHEST: f32 = 1e12;
+
 /// Range of a background's blur in degrees.
 pub const BLUR: std::ops::RangeInclusive<f32> = 0.0..=60.0;
 
@@ -314,8 +318,11 @@ impl Look {
                 )));
             }
         }
-        if !self.outside_from.iter().all(|p| p.is_finite()) {
-            return Err(Error::Mismatch("outside_from holds no place".into()));
+        let is_place = |p: &Vec3| p.abs().max_element() < FARTHEST;
+        if self.outside_from.len() > MOST_PLACES || !self.outside_from.iter().all(is_place) {
+            return Err(Error::Mismatch(format!(
+                "outside_from: up to {MOST_PLACES} places of three numbers below {FARTHEST:e} are expected"
+            )));
         }
         self.hide.validate()?;
         self.source.validate("source")?;

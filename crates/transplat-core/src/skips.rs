@@ -336,6 +336,9 @@ fn of_best(
             let matte = 100.0 * (n - best.glossy_surfels) as f32 / n as f32;
             let what = format!("the lobe of {matte:.0} % of the surfels");
             (what, "their colour shows no gloss")
+        } else if best.trust < 1.0 {
+            let why = "what is mirrored is not told from paint where the source light is not known";
+            ("specular lobe".into(), why)
         } else if cloud.has_view_dependence() {
             ("specular lobe".into(), "the asset's colour shows no gloss")
         } else {

@@ -246,11 +246,11 @@ impl Bake {
         }
     }
 
-    /// Whether it is little better than a guess which side of surfel `i` is its front.
+    /// Whether it is little better than a guess which side of surfel `i` is its front, and matters.
     pub fn is_ambiguous(&self, i: usize) -> bool {
         match self {
             Self::Visibility(v) => v.two_sided[i],
-            Self::Occlusion(o) => o.tracer.fronts.of[i].is_guess(),
+            Self::Occlusion(o) => o.is_ambiguous(i),
         }
     }
 

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use indicatif::{ProgressBar, ProgressStyle};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::estimate::{Estimate, estimate_light};
+use transplat_core::estimate::{Estimate, Obstacle, estimate_light};
 use transplat_core::ground::Ground;
 use transplat_core::load::{
     AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
@@ -245,6 +245,12 @@ impl Scene {
     fn tell_what_best_ignores(&self, report: &mut Report) {
         let (look, plain) = (&self.look, Look::default());
         if look.transfer.preset != Preset::Best {
+            if !look.outside_from.is_empty() {
+                report.skip(
+                    "what is outside",
+                    "preset paper takes the open side for the front",
+                );
+            }
             return;
         }
         let why = "preset best sums over directions of its own";
@@ -315,7 +321,7 @@ impl Scene {
                 report.warn(format!(
                     "the light of the capture cannot be told from the splat: {}; {}",
                     obstacle.reason(),
-                    what_stands_in(self.look.transfer.preset)
+                    what_stands_in(self.look.transfer.preset, obstacle)
                 ));
                 return Ok(None);
             }
@@ -384,18 +390,18 @@ pub const AMBIGUOUS_SHARE: f32 = 0.05;
 /// For the user.
 pub fn ambiguous_warning(share: f32) -> String {
     format!(
-        "which side is the front is a guess on {:.0} % of what is seen (thin sheets); a place that sees the outside settles it (--outside-from)",
+        "which side is the front is a guess on {:.0} % of what is seen; --outside-from X,Y,Z, a place that sees the outside, tells it for what is seen from there",
         100.0 * share
     )
 }
 
 /// What is done where the light of the capture cannot be told, for the user.
-pub fn what_stands_in(preset: Preset) -> &'static str {
-    match preset {
-        Preset::Best => {
+pub fn what_stands_in(preset: Preset, obstacle: Obstacle) -> &'static str {
+    match (preset, obstacle) {
+        (Preset::Paper, _) | (_, Obstacle::EvenLight) => "even light is assumed",
+        (Preset::Best, _) => {
             "half of the change is made that would be right for a capture under even light"
         }
-        Preset::Paper => "even light is assumed",
     }
 }
 

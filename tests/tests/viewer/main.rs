@@ -369,8 +369,14 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let cloud = &session.asset.as_ref().expect("an asset").cloud;
     assert_eq!(cloud.outside_from, told);
     assert!(session.live().has_relit() && bakes(&mut d) > before);
-    // The teapot's outside was known before.
     assert_eq!(d.viewer().session.look_to_save().outside_from, told);
+    // What is said while the splat is loaded again is not lost.
+    let more = glam::Vec3::new(0.0, 0.0, 9.0);
+    d.viewer().session.look.outside_from.push(more);
+    d.harness.step();
+    d.viewer().session.look.outside_from.pop();
+    d.settle();
+    assert_eq!(d.viewer().session.look.outside_from, told);
     d.click("Forget 1 view");
     let session = &d.viewer().session;
     assert!(session.look.outside_from.is_empty());

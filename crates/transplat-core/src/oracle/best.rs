@@ -34,6 +34,7 @@ pub struct OracleBest<'a> {
     light_gain: f64,
     gloss: Vec<Gloss>,
     source: Light,
+    trust: f64,
 }
 
 struct Light {
@@ -101,6 +102,7 @@ impl<'a> OracleBest<'a> {
                 irradiance: Vec::new(),
                 mean: [0.0; 3],
             },
+            trust: 1.0,
         };
         oracle.source = oracle.light(source);
         oracle.means = (0..cloud.len())
@@ -263,6 +265,22 @@ impl<'a> OracleBest<'a> {
         e
     }
 
+    /// The same, the source believed so far: [`crate::environment::Illumination::trust`].
+    pub fn trusting(self, trust: f32) -> Self {
+        let matte = |g: &Gloss| Gloss {
+            reflectance: [0.0; 3],
+            ..*g
+        };
+        Self {
+            gloss: match trust < 1.0 {
+                true => self.gloss.iter().map(matte).collect(),
+                false => self.gloss,
+            },
+            trust: f64::from(trust),
+            ..self
+        }
+    }
+
     fn tau(&self, light: &Light) -> Vec<Sides> {
         let start = rgb(|c| light.mean[c] / self.source.mean[c]);
         let mut tau = vec![[start; 2]; self.cloud.len()];
@@ -275,7 +293,9 @@ impl<'a> OracleBest<'a> {
                 })
                 .collect();
         }
-        tau
+        tau.into_iter()
+            .map(|sides| sides.map(|t| t.map(|v| v.powf(self.trust))))
+            .collect()
     }
 
     fn changed(&self, tau: &[Sides]) -> Vec<Sides> {

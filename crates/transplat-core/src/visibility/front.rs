@@ -70,6 +70,12 @@ const GUESS: f32 = 0.5;
 /// what is seen at a grazing angle.
 const TOLD: f32 = 20.0;
 
+/// From there on a surfel is well seen: a member of a stack is covered by the others, from either side.
+const WELL_SEEN: f32 = 0.25;
+
+/// Less than this share of what is seen of a surfel from beyond, and it lies on another face.
+const SEEN_AS_WELL: f32 = 0.7;
+
 /// Which side of a surfel is its front; eight bytes, as in a bake's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -158,6 +164,9 @@ impl Fronts {
         let variation = variation_on_sides(cloud, &normals);
         let mut own = log_odds(&seen, &variation);
         for eye in &cloud.outside_from {
+            if progress(1.0).is_break() {
+                return Err(Error::Cancelled);
+            }
             for (own, told) in own.iter_mut().zip(told(cloud, &veils, &normals, *eye)) {
                 *own += told;
             }
@@ -298,20 +307,36 @@ fn log_odds(seen: &[[f32; 2]], variation: &[[f32; 2]]) -> Vec<f32> {
 
 /// Log odds that the stored normal's side is the front, of what is seen from a place outside. `[n]`
 fn told(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<f32> {
-    // As from far away: the packets of rays have one direction.
-    let toward = (eye - cloud.bounds().center).normalize_or(Vec3::Z);
-    let packets: Vec<[f32; PACKET]> = veils
+    let packets: Vec<Vec<f32>> = veils
         .order
         .par_chunks(PACKET)
-        .map_init(Vec::new, |stack, of| veils.transmittance(of, toward, stack))
+        .map_init(Vec::new, |stack, of| {
+            // Neighbours are seen along one line; what is behind the eye covers them as well.
+            let middle = of
+                .iter()
+                .map(|i| cloud.positions[*i as usize])
+                .sum::<Vec3>();
+            let toward = (eye - middle / of.len() as f32).normalize_or(Vec3::Z);
+            let [near, far] = [toward, -toward].map(|d| veils.transmittance(of, d, stack));
+            let each = of.iter().zip(near.into_iter().zip(far));
+            each.map(|(i, (near, far))| {
+                // What is seen less from here than from beyond lies on another face.
+                let is_seen = near > SEEN_AS_WELL * far;
+                let share = if is_seen {
+                    (near / WELL_SEEN).min(1.0)
+                } else {
+                    0.0
+                };
+                let i = *i as usize;
+                let direction = (eye - cloud.positions[i]).normalize_or(toward);
+                TOLD * share * normals[i].dot(direction)
+            })
+            .collect()
+        })
         .collect();
     let mut told = vec![0f32; normals.len()];
-    for (of, through) in veils.order.chunks(PACKET).zip(packets) {
-        for (i, through) in of.iter().zip(through) {
-            let i = *i as usize;
-            let direction = (eye - cloud.positions[i]).normalize_or(toward);
-            told[i] = TOLD * through * normals[i].dot(direction);
-        }
+    for (i, odds) in veils.order.iter().zip(packets.into_iter().flatten()) {
+        told[*i as usize] = odds;
     }
     told
 }

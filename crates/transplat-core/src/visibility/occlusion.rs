@@ -87,7 +87,7 @@ pub struct Occlusion {
     pub normals: Vec<Vec3>,
     /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
     pub prominence: Vec<f32>,
-    /// Share of what is seen whose front is a guess, 0 to 1.
+    /// Share of what is seen that is ambiguous, 0 to 1: [`Occlusion::is_ambiguous`].
     pub ambiguous_share: f32,
     /// How much of a two-sided surfel it is, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
@@ -320,9 +320,9 @@ impl Occlusion {
             buried: (found.iter().zip(&normals))
                 .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
                 .count(),
-            ambiguous_share: (tracer.fronts.of.iter().zip(&prominence))
-                .filter(|(f, _)| f.is_guess())
-                .map(|(_, share)| share)
+            ambiguous_share: (0..found.len())
+                .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
+                .map(|i| prominence[i])
                 .sum(),
             prominence,
             closed_share: closed_share(&tracer, directions, found),
@@ -333,6 +333,11 @@ impl Occlusion {
             tracer,
             open_object_error: None,
         }
+    }
+
+    /// Whether it is little better than a guess which side of surfel `i` is its front, and matters: of a leaf both are lit.
+    pub fn is_ambiguous(&self, i: usize) -> bool {
+        is_ambiguous(&self.tracer.fronts.of[i], self.two_sided[i])
     }
 
     /// Number of surfels.
@@ -364,6 +369,10 @@ impl Occlusion {
             .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
             .collect()
     }
+}
+
+fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
+    front.is_guess() && two_sided < 0.5
 }
 
 fn is_open(open: &[u64; WORDS], j: usize) -> bool {

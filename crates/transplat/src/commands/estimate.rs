@@ -28,7 +28,7 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     let estimate = scene.estimate(args.bake.as_deref(), &mut report)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
-            "{}: the light of the capture cannot be told from the splat: {}; --source even is what is left",
+            "{}: the light of the capture cannot be told from the splat: {}; with --source estimate, half of the change is made that would be right under even light",
             asset.display(),
             obstacle.reason()
         );

@@ -39,8 +39,17 @@ const PAGE: &str = "report.html";
 pub fn run(args: &ReportArgs) -> Result<()> {
     let mut report = Report::new("report", &args.out);
     let parts = args.parts();
+    let of_truth = parts.contains(&ReportPart::Truth);
+    if of_truth && args.asset.is_some() && args.ground_truth.is_none() {
+        crate::commands::usage("the part truth of a splat needs --ground-truth DIR");
+    }
+    if !of_truth && (args.unknown_light || !args.objects.is_empty()) {
+        crate::commands::usage(
+            "--objects and --unknown-light are of the part truth (--only truth, --ground-truth)",
+        );
+    }
     let objects = match &args.ground_truth {
-        _ if !parts.contains(&ReportPart::Truth) => Vec::new(),
+        _ if !of_truth => Vec::new(),
         Some(folder) => truth::asked(TruthObject::all_in(folder)?, &args.objects)?,
         None => truth::asked(bundled_objects()?, &args.objects)?,
     };
@@ -92,8 +101,18 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     {
         told += &skipped::run(args, subject, &mut page, &mut report)?;
     }
-    if !objects.is_empty() && parts.contains(&ReportPart::Truth) {
-        told += &truth::run(&objects, args, &device, &mut report)?;
+    if !objects.is_empty() {
+        let tables = truth::run(&objects, args, &device, &mut report)?;
+        let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();
+        page.heading("Against path-traced truth");
+        page.paragraph(&format!(
+            "{}. Rows, objects and lights by themselves are in {} and {}; pictures of truth, relight and four times their difference, a row a camera, in pictures/.",
+            names.join(", "),
+            truth::TRUTH_CSV,
+            truth::TRUTH_TABLES
+        ));
+        page.preformatted(&tables);
+        told += &tables;
     }
     let html = args.output.join(PAGE);
     write(&html, &page.finish("transplat: report"))?;

@@ -69,10 +69,12 @@ impl Reference {
         };
         let [source, target] = &subject.lights;
         let best = {
-            let (_, source) = source.for_best()?;
+            let (_, beams) = source.for_best()?;
             let (_, target) = target.for_best()?;
             let epsilon = Preset::Best.epsilon();
-            OracleBest::new(&reference.cloud, &occlusion, source, epsilon).relight(target)
+            OracleBest::new(&reference.cloud, &occlusion, beams, epsilon)
+                .trusting(source.trust)
+                .relight(target)
         };
         let paper = reference.paper(&occlusion, subject)?;
         for (preset, sh) in [(Preset::Best, best), (Preset::Paper, paper)] {

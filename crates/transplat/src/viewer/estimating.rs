@@ -48,7 +48,7 @@ impl Session {
         else {
             let is_on_its_way = self.is_estimating();
             if std::mem::replace(&mut self.estimate_awaited, is_on_its_way) && !is_on_its_way {
-                self.info("the light of the capture was not estimated; even light is assumed. The panel Source light has it estimated again");
+                self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
             }
             return;
         };
@@ -85,7 +85,7 @@ impl Session {
             Some(obstacle) => format!(
                 "what it was captured under cannot be told from the object: {}; {}. {DROP_IT}",
                 obstacle.reason(),
-                what_stands_in(self.look.transfer.preset)
+                what_stands_in(self.look.transfer.preset, obstacle)
             ),
         };
         let light = if estimate.is_good() {

@@ -129,17 +129,21 @@ impl Settings {
         }
         let now = now.clone();
         match self {
-            Self::Capture(capture) => capture.reading.over(Look {
-                source: kept(capture.source, &asked.source, now.source),
-                up: kept(capture.up, &asked.up, now.up),
-                hide: kept(capture.hide, &asked.hide, now.hide),
-                camera: capture.camera,
-                ..now
-            }),
-            Self::Again(reading) => reading.over(Look {
+            Self::Capture(capture) => {
+                let [before, after] = [asked, &now].map(Reading::of);
+                kept(capture.reading, &before, after).over(Look {
+                    source: kept(capture.source, &asked.source, now.source),
+                    up: kept(capture.up, &asked.up, now.up),
+                    hide: kept(capture.hide, &asked.hide, now.hide),
+                    camera: capture.camera,
+                    ..now
+                })
+            }
+            // What was asked for meanwhile is loaded next.
+            Self::Again(_) => Look {
                 camera: Some(pose),
                 ..now
-            }),
+            },
             Self::Look(look) => *look,
         }
     }

@@ -26,7 +26,7 @@ use super::session::{
 const MARK_WEIGHT: f32 = 0.75;
 
 impl Session {
-    /// Follows what the settings say of the asset itself: which way is up, and what its colour is.
+    /// Follows what the settings say of the asset itself: which way is up, what its colour is, and where its outside.
     pub(super) fn update_asset(&mut self) {
         let up = self.up();
         let (wanted, loaded) = (Reading::of(&self.look), self.loaded_reading());

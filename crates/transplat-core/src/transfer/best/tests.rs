@@ -339,7 +339,7 @@ fn production_follows_the_oracle() {
 #[test]
 fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
     let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
-    let mut cloud = scenes::sphere_over_slab(600);
+    let mut cloud = scenes::sphere_over_slab(200);
     cloud.encoding = Encoding::Linear;
     let asset = asset_of(&cloud);
     let even = Illumination::even(3);
@@ -355,6 +355,16 @@ fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
     for (w, h) in whole.tau.iter().zip(&halfway.tau) {
         for c in 0..3 {
             assert!((h[c] * h[c] / w[c] - 1.0).abs() < 1e-4, "{h:?} {w:?}");
+        }
+    }
+    let [from, to] = [&half, &target].map(|l| l.for_best().expect("with beams").1);
+    let oracle = crate::oracle::OracleBest::new(&cloud, &asset.occlusion, from, 0.006);
+    for (i, (f, exact)) in (halfway.sh.iter().zip(oracle.trusting(0.5).relight(to))).enumerate() {
+        for c in 0..3 {
+            assert!(
+                (f64::from(f[c]) - exact[c]).abs() < 1e-4 * exact[c],
+                "surfel {i}"
+            );
         }
     }
     // One colour from everywhere: where nothing of a back is seen, it changes as told.

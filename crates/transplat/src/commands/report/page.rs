@@ -74,6 +74,11 @@ impl Page {
         self.line(&format!("<p>{}</p>", escaped(text)));
     }
 
+    /// Text whose columns are aligned.
+    pub fn preformatted(&mut self, text: &str) {
+        self.line(&format!("<pre>{}</pre>", escaped(text)));
+    }
+
     pub fn list<'a>(&mut self, items: impl IntoIterator<Item = &'a String>) {
         self.line("<ul>");
         for item in items {

@@ -4,7 +4,9 @@ use eframe::egui::{self, Ui};
 use glam::Vec3;
 use transplat_core::color::decode_sh;
 use transplat_core::load::AssetKind;
+use transplat_core::look::MOST_PLACES;
 use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::Preset;
 
 use crate::scene::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
@@ -85,12 +87,18 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
+    if session.look.transfer.preset != Preset::Best {
+        return;
+    }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
         let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
         if ui.button("This side is out").on_hover_text(tip).clicked() {
             let eye = navigation::eye(&session.pose, session.up());
-            session.look.outside_from.push(eye);
+            let places = &mut session.look.outside_from;
+            if places.len() < MOST_PLACES && !places.contains(&eye) {
+                places.push(eye);
+            }
         }
         let count = session.look.outside_from.len();
         let views = if count == 1 { "view" } else { "views" };
@@ -98,14 +106,14 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
             session.look.outside_from.clear();
         }
         if let Some(share) = guessed {
-            ui.weak(format!("a guess on {:.1} %", 100.0 * share))
-                .on_hover_text("Share of what is seen of the object whose front is a guess: thin sheets, seen from both sides.");
+            ui.weak(format!("ambiguous {:.1} %", 100.0 * share))
+                .on_hover_text("Share of what is seen of the object whose front is a guess: the channel Doubts shows where, as ambiguous normals.");
         }
     });
     if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            "Which side is the front is a guess on much of it (channel Doubts shows where). Turn the object so that you see its outside, and say so.",
+            "Which side is the front is a guess on much of it (channel Doubts). Turn the object so that you see its outside, and say so.",
         );
     }
 }

@@ -30,9 +30,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
-    if (!light.is_even || (side == SOURCE && is_on_its_way(session)))
-        && ui.button("Use even light instead").clicked()
-    {
+    let is_wished = light.is_even && !transplat_core::look::is_estimate(&light.path);
+    if !is_wished && ui.button("Use even light instead").clicked() {
         session.set_light(side, transplat_core::look::EVEN.into());
     }
     let can_tell = session.estimate.as_ref().is_none_or(Estimate::is_good);
@@ -116,9 +115,9 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let is_on_its_way = is_on_its_way(session);
     let estimate = session.estimate.as_ref();
     if is_on_its_way {
-        ui.label("even light, until the light is estimated from the object");
+        ui.label("not known, until the light is estimated from the object");
     } else if is_even {
-        ui.label("even light (assumed): nobody told what it was captured under");
+        ui.label("not known: nobody told what it was captured under");
     } else {
         ui.label("estimated from the object");
     }
@@ -134,7 +133,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                 ui.weak(format!(
                     "It cannot be told from the object: {}; {}.",
                     obstacle.reason(),
-                    what_stands_in(session.look.transfer.preset)
+                    what_stands_in(session.look.transfer.preset, obstacle)
                 ));
             }
             (None, false) => {
