@@ -10,13 +10,13 @@ use transplat_core::scenes;
 use transplat_core::sh::coefficient_count;
 use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::best::{BestAsset, BestTransfer};
+use transplat_core::transfer::best::{BestAsset, BestLight, BestTransfer};
 use transplat_core::transfer::{Part, Preset, Relit, Terms, TransferSettings};
 use transplat_core::visibility::no_progress;
 use transplat_core::visibility::occlusion::{DIRECTIONS, Found, Occlusion};
-use transplat_gpu::GpuError;
 use transplat_gpu::transfer::best::GpuBest;
 use transplat_gpu::visibility::occlusion::GpuTracer;
+use transplat_gpu::{Context, GpuError};
 use transplat_tests::gpu;
 
 /// A gradient with a sun, and its colours.
@@ -45,6 +45,19 @@ fn prepare(cloud: &SurfelCloud, settings: &TransferSettings) -> Arc<BestTransfer
     let asset = Arc::new(BestAsset::new(cloud, Arc::new(bake), &Skips::default()));
     let source = sky(sun(), [1.0, 0.9, 0.8]);
     Arc::new(BestTransfer::new(&asset, &source, settings).expect("with beams"))
+}
+
+fn relit_on_both(
+    gpu: &Arc<Context>,
+    prepared: &Arc<BestTransfer>,
+    target: &BestLight,
+) -> (Relit, Relit) {
+    let on_gpu = GpuBest::new(gpu, prepared).expect("the driver works");
+    on_gpu
+        .relight(target, Part::Whole)
+        .expect("the driver works");
+    let got = on_gpu.read().expect("the driver works");
+    (prepared.relight(target.clone(), Part::Whole), got)
 }
 
 /// Median, and what 99 % of the surfels stay below, of the largest difference of a surfel relative to the brightest colour.
@@ -114,12 +127,7 @@ fn transfer_without_each_term() {
         }
         let prepared = prepare(&cloud, &settings);
         let target = prepared.light(light.for_best().expect("with beams"));
-        let cpu = prepared.relight(target.clone(), Part::Whole);
-        let on_gpu = GpuBest::new(&gpu, &prepared).expect("the driver works");
-        on_gpu
-            .relight(&target, Part::Whole)
-            .expect("the driver works");
-        let got = on_gpu.read().expect("the driver works");
+        let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
         let [median, most] = differences(&cpu, &got, 4);
         println!("best without {off:?}: median {median:.1e}, 99 % {most:.1e}");
         assert!(
@@ -244,12 +252,7 @@ fn transfer_of_which_half_is_believed() {
     let half = Arc::new(half);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
     let target = half.light(target.for_best().expect("with beams"));
-    let cpu = half.relight(target.clone(), Part::Whole);
-    let on_gpu = GpuBest::new(&gpu, &half).expect("the driver works");
-    on_gpu
-        .relight(&target, Part::Whole)
-        .expect("the driver works");
-    let got = on_gpu.read().expect("the driver works");
+    let (cpu, got) = relit_on_both(&gpu, &half, &target);
     let [median, most] = differences(&cpu, &got, 9);
     // Powers are exact to a few units in the last place; the rest as for the other transfers.
     assert!(median < 1e-5 && most < 1e-4, "{median} {most}");

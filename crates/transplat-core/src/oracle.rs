@@ -199,3 +199,17 @@ pub fn first_hit(surfels: &[RaySurfel], i: usize, direction: DVec3) -> Option<f6
         .filter_map(|j| hit_distance(surfels, i, direction, j))
         .min_by(f64::total_cmp)
 }
+
+/// Means over what is around each surfel.
+fn pooled<const N: usize>(around: &[Vec<(usize, f64)>], values: &[[f64; N]]) -> Vec<[f64; N]> {
+    let mean = |of: &Vec<(usize, f64)>, v: usize| of.iter().map(|(j, s)| s * values[*j][v]).sum();
+    let each = around.iter();
+    each.map(|of| std::array::from_fn(|v| mean(of, v)))
+        .collect()
+}
+
+/// From 0 at `low` to 1 at `high`, both flat.
+fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}

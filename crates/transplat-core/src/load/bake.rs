@@ -272,6 +272,9 @@ mod tests {
             let mut other = cloud.clone();
             other.opacities[7] = 0.5;
             assert!(load_bake(&path, &other).is_err());
+            let mut turned = cloud.clone();
+            turned.outside_from = vec![glam::Vec3::Z];
+            assert!(load_bake(&path, &turned).is_err(), "another outside");
             let bytes = std::fs::read(&path).expect("it is there");
             for length in [0, 10, 39, 47, 48, 60, bytes.len() - 1] {
                 std::fs::write(&path, &bytes[..length]).expect("room for it");

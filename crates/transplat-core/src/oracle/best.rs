@@ -17,6 +17,8 @@ use crate::transfer::best::{
 };
 use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, PER_PATCH, directions};
 
+use super::{pooled, smoothstep};
+
 type Rgb = [f64; 3];
 /// Front and back.
 type Sides = [Rgb; 2];
@@ -56,11 +58,6 @@ struct Gloss {
 
 fn rgb(f: impl Fn(usize) -> f64) -> Rgb {
     std::array::from_fn(f)
-}
-
-fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 impl<'a> OracleBest<'a> {
@@ -266,19 +263,12 @@ impl<'a> OracleBest<'a> {
     }
 
     /// The same, the source believed so far: [`crate::environment::Illumination::trust`].
-    pub fn trusting(self, trust: f32) -> Self {
-        let matte = |g: &Gloss| Gloss {
-            reflectance: [0.0; 3],
-            ..*g
-        };
-        Self {
-            gloss: match trust < 1.0 {
-                true => self.gloss.iter().map(matte).collect(),
-                false => self.gloss,
-            },
-            trust: f64::from(trust),
-            ..self
+    pub fn trusting(mut self, trust: f32) -> Self {
+        self.trust = f64::from(trust);
+        for gloss in self.gloss.iter_mut().filter(|_| trust < 1.0) {
+            gloss.reflectance = [0.0; 3];
         }
+        self
     }
 
     fn tau(&self, light: &Light) -> Vec<Sides> {
@@ -447,18 +437,13 @@ impl<'a> OracleBest<'a> {
 
     fn find_gloss(&self) -> Vec<Gloss> {
         let n = self.cloud.len();
+        let around: Vec<Vec<(usize, f64)>> = (0..n).map(|i| self.around(i)).collect();
         let white = {
-            let albedo = |i: usize| {
-                let around = self.around(i);
-                let pooled = |of: &[[Rgb; 2]]| -> f64 {
-                    let each = around.iter();
-                    each.map(|(j, share)| share * of[*j][0].iter().sum::<f64>())
-                        .sum()
-                };
-                PI * pooled(&self.means) / pooled(&self.divisor)
-            };
-            let mut all: Vec<(f64, f64)> = (0..n)
-                .map(|i| (albedo(i), f64::from(self.bake.prominence[i])))
+            let sum = |of: &[Sides], i: usize| of[i][0].iter().sum::<f64>();
+            let light = (0..n).map(|i| [PI * sum(&self.means, i), sum(&self.divisor, i)]);
+            let light = pooled(&around, &light.collect::<Vec<_>>());
+            let mut all: Vec<(f64, f64)> = (light.iter().zip(&self.bake.prominence))
+                .map(|([exitance, irradiance], p)| (exitance / irradiance, f64::from(*p)))
                 .collect();
             all.sort_by(|a, b| a.0.total_cmp(&b.0));
             let mut below = 0.0;
@@ -495,7 +480,7 @@ impl<'a> OracleBest<'a> {
             })
             .collect();
         let regressed: Vec<[(Rgb, usize, f64); 2]> = (0..n)
-            .map(|i| [0, 1].map(|kind| self.regress(i, kind, &moments, &variances)))
+            .map(|i| [0, 1].map(|kind| self.regress((i, &around[i]), kind, &moments, &variances)))
             .collect();
         let believed = |i: usize, kind: usize| {
             let (k, _, correlation) = regressed[i][kind];
@@ -503,7 +488,6 @@ impl<'a> OracleBest<'a> {
             k.map(|k| k * trust * (1.0 - f64::from(self.bake.two_sided[i])))
         };
         let mean = |v: Rgb| v.iter().sum::<f64>() / 3.0;
-        let around: Vec<Vec<(usize, f64)>> = (0..n).map(|i| self.around(i)).collect();
         let mut stuff: Vec<[f64; 4]> = (0..n)
             .map(|i| {
                 let w = regressed[i][0].1;
@@ -513,10 +497,7 @@ impl<'a> OracleBest<'a> {
             })
             .collect();
         for _ in 0..METAL_TURNS {
-            let pooled = |of: &Vec<(usize, f64)>| {
-                std::array::from_fn(|v| of.iter().map(|(j, share)| share * stuff[*j][v]).sum())
-            };
-            stuff = around.iter().map(pooled).collect();
+            stuff = pooled(&around, &stuff);
         }
         (0..n)
             .map(|i| {
@@ -562,12 +543,11 @@ impl<'a> OracleBest<'a> {
 
     fn regress(
         &self,
-        i: usize,
+        (i, around): (usize, &[(usize, f64)]),
         kind: usize,
         moments: &[Vec<[[Rgb; 3]; 2]>],
         variances: &[Rgb],
     ) -> (Rgb, usize, f64) {
-        let around = self.around(i);
         let pooled = |f: &dyn Fn(usize, usize) -> f64| {
             rgb(|c| around.iter().map(|(j, share)| share * f(*j, c)).sum())
         };
