@@ -101,6 +101,29 @@ fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
 }
 
 #[test]
+fn a_front_that_is_a_guess_is_warned_of_until_a_place_outside_is_told() {
+    // The middle one of three translucent sheets is hidden alike from above and from below.
+    let sheets = (0..3).flat_map(|z| (0..400).map(move |i| (i % 20, i / 20, 3 * z)));
+    let rows: String = sheets
+        .map(|(x, y, z)| format!("{x} {y} {z} 0.5 0.2 -0.3 0 -0.2 -0.2 1 0 0 0\n"))
+        .collect();
+    let splat = small_splat(0).replace("vertex 0", "vertex 1200") + &rows;
+    let folder = Folder::new();
+    let splat = folder.write("sheets.ply", splat);
+    let bake = folder.name("sheets.bake");
+    let arguments = ["bake", &splat, "-o", &bake, "--device", "cpu"];
+    let share = |told: &serde_json::Value| told["normals_ambiguous_share"].as_f64();
+
+    let told = run_json(&arguments);
+    assert!(share(&told) > Some(0.05), "{told}");
+    assert!(told["warnings"].to_string().contains("--outside-from"));
+
+    let told = run_json(&[&arguments[..], &["--outside-from", "10,10,40"]].concat());
+    assert_eq!(share(&told), Some(0.0));
+    assert_eq!(told["warnings"].to_string(), "[]");
+}
+
+#[test]
 fn targets_of_one_name_do_not_write_over_each_other() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(20));

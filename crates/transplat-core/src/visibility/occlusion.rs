@@ -322,8 +322,7 @@ impl Occlusion {
                 .count(),
             ambiguous_share: (0..found.len())
                 .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
-                .map(|i| prominence[i])
-                .sum(),
+                .fold(0.0, |share, i| share + prominence[i]),
             prominence,
             closed_share: closed_share(&tracer, directions, found),
             normals,
