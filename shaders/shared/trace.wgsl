@@ -1,4 +1,4 @@
-// Rays against discs in a hierarchy of boxes. CPU twin: transplat_core::visibility::trace.
+// Rays against discs in a hierarchy of boxes. CPU twin: transplat_core::bake::trace.
 // The boxes come in an order that needs no stack. BOX_BINDING and DISC_BINDING are written in front of this file.
 
 struct TraceBox {

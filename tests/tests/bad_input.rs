@@ -216,10 +216,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         (good_ply.clone(), "is a splat"),
     ];
     environments.push((folder.name("nothing-here/"), "No such file"));
-    let of_paper = folder.name("paper.bake");
+    let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
     assert!(
-        run(&[&bake[..], &["-o", &of_paper]].concat())
+        run(&[&bake[..], &["-o", &of_harmonic]].concat())
             .status
             .success()
     );
@@ -285,7 +285,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "preset best has no term",
     );
     check(
-        &[&relight[..], &[&out, "--bake", &of_paper]].concat(),
+        &[&relight[..], &[&out, "--bake", &of_harmonic]].concat(),
         "the bake is for preset paper",
     );
     check(

@@ -2,9 +2,10 @@
 
 use transplat_core::environment::Illumination;
 use transplat_core::extremes::{all, run};
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
-use transplat_gpu::transfer::best::GpuBest;
-use transplat_gpu::transfer::paper::GpuPaper;
+use transplat_core::settings::Method;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_gpu::transfer::directional::GpuDirectional;
+use transplat_gpu::transfer::harmonic::GpuHarmonic;
 use transplat_tests::gpu;
 
 #[test]
@@ -12,16 +13,16 @@ fn every_case_holds_on_the_gpu() {
     let gpu = gpu();
     let relight = |prepared: &PreparedTransfer, light: &Illumination| -> Result<Relit, String> {
         Ok(match prepared {
-            PreparedTransfer::Paper(paper) => {
-                let on_gpu = GpuPaper::new(&gpu, paper).expect("the driver works");
+            PreparedTransfer::Harmonic(paper) => {
+                let on_gpu = GpuHarmonic::new(&gpu, paper).expect("the driver works");
                 on_gpu
                     .relight(&paper.light(&light.radiance))
                     .expect("the driver works");
                 paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
             }
-            PreparedTransfer::Best(best) => {
-                let on_gpu = GpuBest::new(&gpu, best).expect("the driver works");
-                let light = best.light(light.for_best().map_err(|e| e.to_string())?);
+            PreparedTransfer::Directional(best) => {
+                let on_gpu = GpuDirectional::new(&gpu, best).expect("the driver works");
+                let light = best.light(light.for_directional().map_err(|e| e.to_string())?);
                 on_gpu
                     .relight(&light, Part::Whole)
                     .expect("the driver works");
@@ -31,12 +32,12 @@ fn every_case_holds_on_the_gpu() {
     };
     let mut failures = Vec::new();
     for case in all() {
-        for preset in Preset::ALL {
-            let outcome = run(&case, preset, Some(&relight));
+        for method in Method::ALL {
+            let outcome = run(&case, method, Some(&relight));
             let told = format!(
                 "{} ({}): {:?}, CPU {:?}, GPU {:?}",
                 case.name,
-                preset.name(),
+                method.preset(),
                 outcome.failure,
                 outcome.f32_error,
                 outcome.other_error

@@ -3,20 +3,19 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
+use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, bake_harmonic};
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, Encoding, ToneMap};
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
-use transplat_core::oracle::{self, OracleTransfer, relight_surfel};
+use transplat_core::oracle::{self, OracleHarmonic, relight_surfel};
+use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::scenes;
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::paper::PaperTransfer;
-use transplat_core::transfer::{Preset, TransferSettings};
-use transplat_core::visibility::{
-    BakeInput, BakeSettings, Visibility, bake_visibility, no_progress,
-};
+use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
-use transplat_gpu::transfer::paper::GpuPaper;
+use transplat_gpu::transfer::harmonic::GpuHarmonic;
 use transplat_tests::gpu;
 
 fn sky(width: usize, height: usize) -> EnvironmentMap {
@@ -69,8 +68,8 @@ fn bake() {
     // Not a multiple of the batch.
     for directions in [16, 21] {
         let input = BakeInput::new(&cloud, &BakeSettings { directions });
-        let cpu = bake_visibility(&input, &no_progress).expect("not cancelled");
-        let got = transplat_gpu::visibility::bake_visibility(&gpu, &input, &no_progress)
+        let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
+        let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
             .expect("the driver works");
         assert_eq!(cpu.len(), got.len());
         let (mut differ, mut sum) = (0, 0.0);
@@ -100,8 +99,8 @@ fn bake_with_more_directions_than_one_read_back() {
     let gpu = gpu();
     let cloud = scenes::sphere(40);
     let input = BakeInput::new(&cloud, &BakeSettings { directions: 1037 });
-    let cpu = bake_visibility(&input, &no_progress).expect("not cancelled");
-    let got = transplat_gpu::visibility::bake_visibility(&gpu, &input, &no_progress)
+    let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
+    let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
         .expect("the driver works");
     let differ = cpu
         .iter()
@@ -117,22 +116,22 @@ fn transfer() {
     for (light_degree, asset_degree) in [(3, 3), (0, 1), (2, 4), (5, 3), (6, 0), (8, 2)] {
         let cloud = scenes::glossy_sphere_over_plate(150, asset_degree);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 64 });
-        let open = bake_visibility(&input, &no_progress).expect("not cancelled");
-        let visibility = Visibility::from_open(&cloud, 64, open);
+        let open = bake_harmonic(&input, &no_progress).expect("not cancelled");
+        let visibility = HarmonicBake::from_open(&cloud, 64, open);
         let source = project_environment(&sky(64, 32), light_degree);
         let target = project_environment(&sky(30, 20), light_degree);
         let v = visibility.coefficients(light_degree);
         for off in ["", "shadow", "specular", "reflection", "attenuation"] {
             let mut settings = TransferSettings {
                 sh_degree: light_degree,
-                ..TransferSettings::of(Preset::Paper)
+                ..TransferSettings::of(Method::Harmonic)
             };
             if !off.is_empty() {
                 settings = settings.without(off).expect("a term of the preset");
             }
             let prepared =
-                PaperTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
-            let on_gpu = GpuPaper::new(&gpu, &prepared).expect("the driver works");
+                HarmonicTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+            let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
             // Twice, to see that nothing is left of the light before.
             on_gpu
                 .relight(&prepared.light(&source))
@@ -142,7 +141,7 @@ fn transfer() {
                 .expect("the driver works");
             let got = on_gpu.read().expect("the driver works");
             let cpu = prepared.relight(&target);
-            let oracle = OracleTransfer::new(&source, &target, &settings);
+            let oracle = OracleHarmonic::new(&source, &target, &settings);
             let (ka, kl) = (prepared.coefficients(), coefficient_count(light_degree));
             let (mut to_cpu, mut to_exact) = (0f64, 0f64);
             for i in 0..cloud.len() {
@@ -183,18 +182,18 @@ fn transfer_over_more_than_one_chunk() {
     let cloud = scenes::from_points(&normals, &normals, 0.01);
     let mut settings = TransferSettings {
         sh_degree: 1,
-        ..TransferSettings::of(Preset::Paper)
+        ..TransferSettings::of(Method::Harmonic)
     };
     settings.terms.shadow = false;
-    let prepared = PaperTransfer::new(
+    let prepared = HarmonicTransfer::new(
         &cloud,
-        &Visibility::all_open(&cloud, 16),
+        &HarmonicBake::all_open(&cloud, 16),
         &IncidentRadiance::even(1),
         &settings,
     )
     .expect("good input");
     let target = project_environment(&sky(16, 8), 1);
-    let on_gpu = GpuPaper::new(&gpu, &prepared).expect("the driver works");
+    let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
     on_gpu
         .relight(&prepared.light(&target))
         .expect("the driver works");
@@ -219,8 +218,8 @@ fn bake_and_rasterize_over_more_than_one_chunk() {
         cloud.scales[i] = Vec2::splat(0.05);
     }
     let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
-    let cpu = bake_visibility(&input, &no_progress).expect("not cancelled");
-    let got = transplat_gpu::visibility::bake_visibility(&gpu, &input, &no_progress)
+    let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
+    let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
         .expect("the driver works");
     let differ = cpu
         .iter()

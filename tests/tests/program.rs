@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use transplat_core::load::load_asset;
+use transplat_core::files::load_asset;
 use transplat_tests::{Folder, asset, run, run_json, small_splat};
 
 #[test]
@@ -384,7 +384,7 @@ fn a_look_sets_what_the_command_line_leaves_open() {
     );
 }
 
-/// Truth that preset `best` itself has drawn: so it scores high, nothing scores low, and the table says so.
+/// Truth that the directional method itself has drawn: so it scores high, nothing scores low, and the table says so.
 #[test]
 fn presets_are_measured_against_the_truth() {
     let folder = Folder::new();
@@ -439,14 +439,14 @@ fn presets_are_measured_against_the_truth() {
         )
     );
     let rows: Vec<Vec<&str>> = lines.map(|l| l.split(',').collect()).collect();
-    let psnr = |preset: &str| -> f64 {
-        let row = rows.iter().find(|r| r[3] == preset);
+    let psnr = |method: &str| -> f64 {
+        let row = rows.iter().find(|r| r[3] == method);
         row.expect("a row")[5].parse().expect("a number")
     };
     // What was drawn in linear light is blended otherwise than the display blends.
     assert!(psnr("best") > 38.0, "{table}");
-    for preset in ["paper", "nothing"] {
-        assert!(psnr(preset) < psnr("best") - 3.0, "{preset}: {table}");
+    for method in ["paper", "nothing"] {
+        assert!(psnr(method) < psnr("best") - 3.0, "{method}: {table}");
     }
     assert!(folder.path("report/pictures/teapot_sunset.png").is_file());
     assert!(folder.path("report/truth.md").is_file());
@@ -559,12 +559,12 @@ fn the_bundled_splats_come_near_to_the_truth_also_where_nobody_tells_their_light
         .skip(1)
         .map(|l| l.split(',').collect())
         .collect();
-    let mean = |object: &str, preset: &str, light: &str| -> f64 {
-        let of = |r: &&Vec<&str>| r[0] == object && r[3] == preset && r[10] == light;
+    let mean = |object: &str, method: &str, light: &str| -> f64 {
+        let of = |r: &&Vec<&str>| r[0] == object && r[3] == method && r[10] == light;
         let scores: Vec<f64> = (rows.iter().filter(of))
             .map(|r| r[5].parse().expect("a number"))
             .collect();
-        assert_eq!(scores.len(), 2, "{object} {preset} {light}: {table}");
+        assert_eq!(scores.len(), 2, "{object} {method} {light}: {table}");
         scores.iter().sum::<f64>() / 2.0
     };
     // What was measured, less half a decibel; a wrong front, a wrong side or a light turned by mistake costs more.
@@ -633,7 +633,7 @@ fn a_report_measures_settings_and_extreme_cases() {
     assert!(!rows.is_empty());
     for row in &rows {
         let error = fields(row).pop().expect("a field");
-        // Where preset paper needs no maps, their softness goes as well.
+        // Where method paper needs no maps, their softness goes as well.
         let most = if row.starts_with("the bake (paper)") {
             0.5
         } else {

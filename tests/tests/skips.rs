@@ -3,21 +3,25 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::Camera;
+use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::look::CameraPose;
+use transplat_core::left_out;
 use transplat_core::present::PLAIN;
+use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
 use transplat_core::scenes;
+use transplat_core::settings::skips::{Skipped, Skips};
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::with_degree;
-use transplat_core::skips::{self, Skipped, Skips};
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
-use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::Context;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
-use transplat_gpu::transfer::best::GpuBest;
-use transplat_gpu::transfer::paper::GpuPaper;
+use transplat_gpu::transfer::directional::GpuDirectional;
+use transplat_gpu::transfer::harmonic::GpuHarmonic;
 use transplat_tests::{gpu, psnr};
 
 /// A sky that is brighter on one side, in one colour; with a sun or without.
@@ -36,7 +40,7 @@ fn sky(toward: DVec3, tint: [f32; 3], sun: f32) -> Illumination {
 /// Something that does not need something.
 struct Case {
     skip: &'static str,
-    preset: Preset,
+    method: Method,
     cloud: SurfelCloud,
     lights: [Illumination; 2],
     hide: Hide,
@@ -54,9 +58,9 @@ fn cases() -> Vec<Case> {
             sky(DVec3::new(-0.6, 0.48, 0.64), [0.4, 0.7, 1.0], 300.0),
         ]
     };
-    let case = |skip, preset, cloud, least_psnr| Case {
+    let case = |skip, method, cloud, least_psnr| Case {
         skip,
-        preset,
+        method,
         cloud,
         lights: lights(),
         hide: Hide::default(),
@@ -77,32 +81,32 @@ fn cases() -> Vec<Case> {
         // What a closed side's rays could add is how two-sided a surfel is.
         case(
             "closed-sides",
-            Preset::Best,
+            Method::Directional,
             scenes::sphere_over_plate(1500),
             60.0,
         ),
-        case("open-object", Preset::Best, ball(), 45.0),
-        case("open-object", Preset::Paper, ball(), 40.0),
-        case("empty-bands", Preset::Best, plain.clone(), SAME),
-        case("empty-bands", Preset::Paper, plain, SAME),
+        case("open-object", Method::Directional, ball(), 45.0),
+        case("open-object", Method::Harmonic, ball(), 40.0),
+        case("empty-bands", Method::Directional, plain.clone(), SAME),
+        case("empty-bands", Method::Harmonic, plain, SAME),
         Case {
             lights: [lights()[0].clone(), gray(300.0)],
-            ..case("gray-light", Preset::Paper, glossy.clone(), SAME)
+            ..case("gray-light", Method::Harmonic, glossy.clone(), SAME)
         },
         Case {
             lights: [lights()[0].clone(), gray(0.0)],
-            ..case("suns", Preset::Best, glossy.clone(), SAME)
+            ..case("suns", Method::Directional, glossy.clone(), SAME)
         },
-        case("bounces", Preset::Best, ball(), SAME),
-        case("matte", Preset::Best, glossy.clone(), SAME),
-        case("unseen", Preset::Best, faint, SAME),
+        case("bounces", Method::Directional, ball(), SAME),
+        case("matte", Method::Directional, glossy.clone(), SAME),
+        case("unseen", Method::Directional, faint, SAME),
         Case {
             hide: Hide {
                 crop: true,
                 crop_max: Vec3::new(0.2, 1.0, 1.0),
                 ..Hide::default()
             },
-            ..case("unseen", Preset::Best, glossy, SAME)
+            ..case("unseen", Method::Directional, glossy, SAME)
         },
     ]
 }
@@ -118,15 +122,15 @@ fn relit(
         (_, None) => prepared
             .relight_seen(target, Part::Whole, unseen)
             .expect("a light for both"),
-        (PreparedTransfer::Paper(paper), Some(gpu)) => {
-            let on_gpu = GpuPaper::new(gpu, paper).expect("room for it");
+        (PreparedTransfer::Harmonic(paper), Some(gpu)) => {
+            let on_gpu = GpuHarmonic::new(gpu, paper).expect("room for it");
             let light = paper.light(&target.radiance);
             on_gpu.relight(&light).expect("the driver works");
             paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
         }
-        (PreparedTransfer::Best(best), Some(gpu)) => {
-            let on_gpu = GpuBest::new(gpu, best).expect("room for it");
-            let light = best.light(target.for_best().expect("with beams"));
+        (PreparedTransfer::Directional(best), Some(gpu)) => {
+            let on_gpu = GpuDirectional::new(gpu, best).expect("room for it");
+            let light = best.light(target.for_directional().expect("with beams"));
             on_gpu.set_unseen(unseen);
             on_gpu
                 .relight(&light, Part::Whole)
@@ -140,11 +144,11 @@ fn relit(
 fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 3]>, Vec<Skipped>) {
     let settings = TransferSettings {
         skips,
-        ..TransferSettings::of(case.preset)
+        ..TransferSettings::of(case.method)
     };
     let cloud = Arc::new(case.cloud.clone());
     let bake_settings = BakeSettings { directions: 128 };
-    let bake = Bake::with_skips(&cloud, case.preset, &bake_settings, &skips, &no_progress);
+    let bake = Bake::with_skips(&cloud, case.method, &bake_settings, &skips, &no_progress);
     let bake = bake.expect("not cancelled");
     let [source, target] = &case.lights;
     let prepared = PreparedTransfer::new(&cloud, &bake, source, &settings).expect("good settings");
@@ -176,10 +180,10 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
         let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
         rasterize(&cloud, &camera, &colors, &unseen)
     };
-    let mut left_out = skips::of_bake(&bake);
-    left_out.extend(skips::of_transfer(&prepared, &settings, &cloud));
-    left_out.extend(skips::of_light(&prepared, target, gpu.is_some()));
-    left_out.extend(skips::of_unseen(left_alone));
+    let mut left_out = left_out::of_bake(&bake);
+    left_out.extend(left_out::of_transfer(&prepared, &settings, &cloud));
+    left_out.extend(left_out::of_light(&prepared, target, gpu.is_some()));
+    left_out.extend(left_out::of_unseen(left_alone));
     let pixels = raster.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]);
     (pixels.collect(), left_out)
 }
@@ -192,7 +196,7 @@ fn same_when_forced(gpu: Option<&Arc<Context>>) {
         let (with, told) = picture(&case, gpu, Skips::default());
         let (without, told_forced) = picture(&case, gpu, forced);
         let psnr = psnr(&with, &without);
-        println!("{} ({}): {psnr:.1} dB", case.skip, case.preset.name());
+        println!("{} ({}): {psnr:.1} dB", case.skip, case.method.preset());
         assert!(psnr >= case.least_psnr, "{}: {psnr} dB", case.skip);
         // The picture shows something.
         assert!(with.iter().flatten().any(|v| *v > 0.2), "{}", case.skip);
@@ -219,7 +223,7 @@ fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
     let toward_sun = Vec3::new(0.4, 0.2, 0.9).normalize();
     let case = Case {
         skip: "",
-        preset: Preset::Best,
+        method: Method::Directional,
         cloud: scenes::mirroring_ball_plate_and_sheet(toward_sun, 3),
         lights: [
             sky(toward_sun.as_dvec3(), [1.0, 0.9, 0.8], 300.0),
@@ -246,7 +250,12 @@ fn bands_that_gloss_may_fill_are_kept() {
     cloud.sh_degree = 3;
     let light = sky(DVec3::Z, [1.0; 3], 300.0);
     let settings = TransferSettings::default();
-    let bake = Bake::new(&cloud, Preset::Best, &BakeSettings::default(), &no_progress);
+    let bake = Bake::new(
+        &cloud,
+        Method::Directional,
+        &BakeSettings::default(),
+        &no_progress,
+    );
     let bake = bake.expect("not cancelled");
     let prepared = PreparedTransfer::new(&cloud, &bake, &light, &settings).expect("good settings");
     let relit = prepared.relight(&light, Part::Whole).expect("with beams");

@@ -1,12 +1,57 @@
 //! A pinhole camera with OpenCV axes: x right, y down, z forward.
 
 use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
+use serde::{Deserialize, Serialize};
 
-use crate::look::CameraPose;
+use crate::error::{Error, Result};
 use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Nothing is drawn that is nearer to the camera than this share of the object's radius.
 pub const NEAR: f32 = 0.02;
+
+/// Where the camera is, around a pivot. Angles are those of the asset's own upright frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraPose {
+    /// What the camera turns about, in the asset's coordinates.
+    pub pivot: Vec3,
+    /// Direction from pivot to camera: azimuth in degrees, counter-clockwise seen from above.
+    pub azimuth: f64,
+    /// And its height over the horizon in degrees.
+    pub elevation: f64,
+    /// Distance to the pivot in scene units; in an orthographic view that at which a perspective one would show as much.
+    pub distance: f32,
+    /// Field of view of the picture's shorter edge, in degrees.
+    pub fov: f64,
+    /// Parallel lines stay parallel.
+    pub orthographic: bool,
+}
+
+impl CameraPose {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// A value is no number or out of range.
+    pub(crate) fn validate(&self) -> Result<()> {
+        let finite = self.pivot.is_finite()
+            && self.azimuth.is_finite()
+            && (-90.0..=90.0).contains(&self.elevation)
+            && self.distance.is_finite()
+            && self.distance > 0.0
+            && FOV.contains(&self.fov);
+        if finite {
+            Ok(())
+        } else {
+            Err(Error::Mismatch(
+                "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0)"
+                    .into(),
+            ))
+        }
+    }
+}
+
+/// Fields of view in degrees that a camera pose may have.
+pub const FOV: std::ops::RangeInclusive<f64> = 1.0..=150.0;
 
 /// A view of the world and the picture it makes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,19 +15,15 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::bake::directional::DirectionalBake;
+use crate::bake::patches::{DIRECTIONS, directions};
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::transfer::best::mean_radiance;
-use crate::visibility::occlusion::{DIRECTIONS, Occlusion, directions};
+use crate::transfer::directional::mean_radiance;
 use clusters::Clusters;
+pub use fit::{DEGREE, WHITEST_ALBEDO};
 use fit::{Explained, Fit, Fitted, Light};
-
-/// SH degree of the logarithm of the light.
-pub const DEGREE: usize = 6;
-
-/// The albedo that the whitest twentieth of the object is taken to have.
-pub const WHITEST_ALBEDO: f64 = 0.65;
 
 /// From this confidence on, the estimate is taken. A metal whose highlights were trained into layers beside it reaches 0.47, and would be
 /// relit worse than by [`Estimate::stand_in`] (21.1 dB for 22.7); single-sheet leaves reach 0.87, and are relit better (30.5 dB for 27.0). In
@@ -151,10 +147,10 @@ impl Estimate {
     }
 }
 
-/// Estimates the light that `cloud` was captured under; `occlusion` is the cloud's bake for the preset `best`.
-pub fn estimate_light(cloud: &SurfelCloud, occlusion: &Occlusion) -> Estimate {
-    let radiance = mean_radiance(cloud, &occlusion.normals);
-    let clusters = Clusters::new(cloud, occlusion, &radiance);
+/// Estimates the light that `cloud` was captured under; `occlusion` is the cloud's bake for the directional method.
+pub fn estimate_light(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
+    let radiance = mean_radiance(cloud, &bake.normals);
+    let clusters = Clusters::new(cloud, bake, &radiance);
     if clusters.len() < FEWEST_CLUSTERS || clusters.pairs.is_empty() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
@@ -166,7 +162,7 @@ pub fn estimate_light(cloud: &SurfelCloud, occlusion: &Occlusion) -> Estimate {
     }
     let fit = Fit::new(&clusters);
     let sky = fit.run(Light::even());
-    let fitted = sun::add_sun(&fit, &sky, occlusion).unwrap_or(sky);
+    let fitted = sun::add_sun(&fit, &sky, bake).unwrap_or(sky);
     judge(&fit, fitted)
 }
 

@@ -2,115 +2,41 @@
 //!
 //! The same battery serves the tests and `transplat report`: another way to relight (the GPU's) is held against it too.
 
+mod case;
 mod cases;
 #[cfg(test)]
 mod properties;
 
 use std::cell::RefCell;
 
+use crate::bake::Bake;
 use crate::color::decode_sh;
-use crate::environment::{EnvironmentMap, Illumination};
+use crate::environment::Illumination;
 use crate::error::{Error, Result};
-use crate::oracle::{
-    OracleBest, OracleTransfer, difference, relight_asset, visibility_coefficients,
-};
+use crate::oracle::{OracleDirectional, OracleHarmonic, relight_asset, visibility_coefficients};
+use crate::settings::{Method, TransferSettings};
 use crate::sh::MAX_DEGREE;
 use crate::surfels::SurfelCloud;
-use crate::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
-use crate::visibility::{Bake, BakeSettings, no_progress};
+use crate::transfer::{Part, PreparedTransfer, Relit};
 
+pub use case::{Case, Input, Trial};
+use case::{REFUSED, bake, relative_error};
 pub use cases::all;
-
-/// Directions of preset `paper`'s bake here.
-const DIRECTIONS: usize = 64;
-
-/// The property of a case that is no valid input.
-const REFUSED: &str = "refused with a reason";
 
 /// A target as much stronger than the source is held, and so is nothing to be compared.
 const HELD: f32 = 1e11;
-
-/// One extreme case.
-pub struct Case {
-    /// For people.
-    pub name: &'static str,
-    /// What must hold beside that all numbers are finite.
-    pub property: &'static str,
-    /// The asset, or why it cannot be one: what a loader refuses is as good.
-    make: fn() -> Result<Input>,
-    check: fn(&Trial<'_>) -> std::result::Result<(), String>,
-}
-
-/// What a case is made of.
-pub struct Input {
-    /// The asset.
-    pub cloud: SurfelCloud,
-    /// The light of the capture.
-    pub source: EnvironmentMap,
-    /// The new light.
-    pub target: EnvironmentMap,
-    /// What the lights are multiplied by.
-    pub gains: [f32; 2],
-    /// Epsilon, where it is not the preset's.
-    pub epsilon: Option<f32>,
-    /// SH degree of the light.
-    pub degree: usize,
-}
 
 /// Another way to relight than the CPU's.
 pub type Relight<'a> =
     &'a dyn Fn(&PreparedTransfer, &Illumination) -> std::result::Result<Relit, String>;
 
-/// One case under way: what a property may look at and try.
-pub struct Trial<'a> {
-    /// Of which preset.
-    pub settings: TransferSettings,
-    /// The asset.
-    pub cloud: &'a SurfelCloud,
-    /// Source and target.
-    pub lights: [Illumination; 2],
-    /// What came out.
-    pub relit: Relit,
-    /// Whether the source told anything.
-    pub source_was_black: bool,
-    bake: Bake,
-    note: RefCell<String>,
-}
-
-impl Trial<'_> {
-    /// Tells something beside whether it holds.
-    fn note(&self, text: String) {
-        self.note.replace(text);
-    }
-
-    /// Relights the same asset, or one of the same geometry, by other lights or settings.
-    ///
-    /// # Errors
-    /// What is asked for is no valid input.
-    pub fn again(
-        &self,
-        cloud: &SurfelCloud,
-        lights: [&Illumination; 2],
-        settings: &TransferSettings,
-    ) -> Result<Relit> {
-        let prepared = PreparedTransfer::new(cloud, &self.bake, lights[0], settings)?;
-        let relit = prepared.relight(lights[1], Part::Whole)?;
-        Ok(relit.of_degree(cloud.sh_degree))
-    }
-
-    /// Linear colour `[n][K]` of a result.
-    pub fn linear(&self, relit: Relit) -> Vec<[f32; 3]> {
-        relit.linear().sh
-    }
-}
-
-/// What a case came to with a preset.
+/// What a case came to with a method.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The case's name.
     pub case: &'static str,
-    /// With which preset.
-    pub preset: Preset,
+    /// With which method.
+    pub method: Method,
     /// What was asked.
     pub property: &'static str,
     /// Why it does not hold, if it does not.
@@ -125,11 +51,11 @@ pub struct Outcome {
     pub note: String,
 }
 
-/// Runs a case with a preset, on the CPU and, if there is one, by another way.
-pub fn run(case: &Case, preset: Preset, other: Option<Relight<'_>>) -> Outcome {
+/// Runs a case with a method, on the CPU and, if there is one, by another way.
+pub fn run(case: &Case, method: Method, other: Option<Relight<'_>>) -> Outcome {
     let mut outcome = Outcome {
         case: case.name,
-        preset,
+        method,
         property: case.property,
         failure: None,
         f32_error: None,
@@ -137,7 +63,7 @@ pub fn run(case: &Case, preset: Preset, other: Option<Relight<'_>>) -> Outcome {
         condition: None,
         note: String::new(),
     };
-    let result = (case.make)().and_then(|input| try_out(case, &input, preset, other, &mut outcome));
+    let result = (case.make)().and_then(|input| try_out(case, &input, method, other, &mut outcome));
     let is_to_be_refused = case.property == REFUSED;
     match result {
         Err(error @ Error::Mismatch(_)) if is_to_be_refused => {
@@ -172,7 +98,7 @@ pub fn in_words(outcomes: &[Outcome]) -> String {
         told += &format!(
             "  {} ({}): {}\n",
             outcome.case,
-            outcome.preset.name(),
+            outcome.method.preset(),
             outcome.failure.as_deref().unwrap_or_default()
         );
     }
@@ -182,17 +108,17 @@ pub fn in_words(outcomes: &[Outcome]) -> String {
 fn try_out(
     case: &Case,
     input: &Input,
-    preset: Preset,
+    method: Method,
     other: Option<Relight<'_>>,
     outcome: &mut Outcome,
 ) -> Result<()> {
     let settings = TransferSettings {
         epsilon: input.epsilon,
         sh_degree: input.degree,
-        ..TransferSettings::of(preset)
+        ..TransferSettings::of(method)
     };
     let cloud = &input.cloud;
-    let bake = bake(cloud, preset)?;
+    let bake = bake(cloud, method)?;
     let maps = [&input.source, &input.target];
     let lights =
         [0, 1].map(|side| Illumination::of(maps[side], MAX_DEGREE).scaled(input.gains[side]));
@@ -250,13 +176,6 @@ fn try_out(
     Ok(())
 }
 
-fn bake(cloud: &SurfelCloud, preset: Preset) -> Result<Bake> {
-    let settings = BakeSettings {
-        directions: DIRECTIONS,
-    };
-    Bake::new(cloud, preset, &settings, &no_progress)
-}
-
 fn not_finite(relit: &Relit) -> Option<String> {
     let count = |values: &[[f32; 3]]| values.iter().flatten().filter(|v| !v.is_finite()).count();
     let (sh, tau) = (count(&relit.sh), count(&relit.tau));
@@ -278,39 +197,35 @@ fn exact(
         &lights[0]
     };
     Ok(match (bake, prepared) {
-        (Bake::Occlusion(occlusion), PreparedTransfer::Best(_)) => {
-            let (_, source) = source.for_best()?;
-            let (_, target) = lights[1].for_best()?;
+        (Bake::Directional(directional), PreparedTransfer::Directional(_)) => {
+            let (_, source) = source.for_directional()?;
+            let (_, target) = lights[1].for_directional()?;
             // A channel that is missing is filled up, which the oracle leaves out.
             let mean = source.mean_irradiance();
             if source.mean_irradiances().iter().any(|e| *e < 0.05 * mean) {
                 return Ok(None);
             }
-            let oracle = OracleBest::new(cloud, occlusion, source, settings.epsilon())
+            let oracle = OracleDirectional::new(cloud, directional, source, settings.epsilon())
                 .trusting(lights[0].trust);
             let condition = (0..cloud.len()).map(|i| oracle.condition(i));
             let condition = condition.fold(0.0, f64::max);
             Some((oracle.relight(target), condition))
         }
-        (Bake::Visibility(visibility), PreparedTransfer::Paper(paper)) => {
+        (Bake::Harmonic(visibility), PreparedTransfer::Harmonic(harmonic)) => {
             let degree = settings.sh_degree;
             let [source, target] = [source, &lights[1]].map(|l| l.radiance.truncated(degree));
-            let oracle = OracleTransfer::new(&source, &target, settings);
+            let oracle = OracleHarmonic::new(&source, &target, settings);
             let color = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
-            let relit = relight_asset(&oracle, &color, &paper.normals, visibility);
+            let relit = relight_asset(&oracle, &color, &harmonic.normals, visibility);
             let condition = (0..cloud.len().min(64)).map(|i| {
                 let v = visibility_coefficients(visibility, i, degree);
                 let v: Vec<f64> = v.into_iter().map(|(v, _)| v).collect();
-                oracle.conditions(paper.normals[i].to_array().map(f64::from), &v)[0]
+                oracle.conditions(harmonic.normals[i].to_array().map(f64::from), &v)[0]
             });
             Some((relit, condition.fold(0.0, f64::max)))
         }
         _ => None,
     })
-}
-
-fn relative_error(got: &[[f32; 3]], exact: &[[f64; 3]]) -> f64 {
-    difference(got, exact).0
 }
 
 #[cfg(test)]
@@ -325,12 +240,12 @@ mod tests {
     fn every_case_holds_with_both_presets() {
         let mut failures = Vec::new();
         for case in all() {
-            for preset in Preset::ALL {
-                let outcome = run(&case, preset, None);
+            for method in Method::ALL {
+                let outcome = run(&case, method, None);
                 println!(
                     "{} ({}): {:?} f32 {} condition {} {}",
                     case.name,
-                    preset.name(),
+                    method.preset(),
                     outcome.failure,
                     number(outcome.f32_error),
                     number(outcome.condition),
@@ -343,7 +258,7 @@ mod tests {
                 failures.extend(
                     outcome
                         .failure
-                        .map(|why| format!("{} ({}): {why}", case.name, preset.name())),
+                        .map(|why| format!("{} ({}): {why}", case.name, method.preset())),
                 );
             }
         }

@@ -3,14 +3,16 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::bake::harmonic::{BakeInput, BakeSettings, Softness, bake_receivers};
+use crate::bake::scaled::BakeSurfel;
 use crate::camera::Camera;
 use crate::color::luminance;
 use crate::environment::IncidentRadiance;
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::rasterize::ColorSpace;
 use crate::sh::{evaluate_sh, fibonacci_sphere};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::visibility::{BakeInput, BakeSettings, BakeSurfel, Progress, Softness, bake_receivers};
 
 /// Receivers along an edge of the ground.
 pub const GROUND_CELLS: usize = 96;
@@ -182,8 +184,8 @@ fn in_space(lit: f32, space: ColorSpace) -> f32 {
 mod tests {
     use super::*;
     use crate::present::PLAIN;
+    use crate::progress::no_progress;
     use crate::scenes;
-    use crate::visibility::no_progress;
 
     /// Under a light from the side, the ground is dark on the other side of the object and nowhere else.
     #[test]

@@ -3,19 +3,21 @@
 //! The folders are the pipeline, and one stage has one name everywhere:
 //!
 //! ```text
-//! load -> project environment -> bake visibility -> transfer -> rasterize -> present / export
+//! load -> project environment -> bake -> transfer -> rasterize -> present / export
 //! ```
 //!
 //! Source: "TranSplat: Instant Object Relighting in Gaussian Splatting via Spherical Harmonic Radiance Transfer"
 //! (Yu, Jin, He, Dave, Ramamoorthi, Balakrishnan); equation numbers in the code are its.
 //!
 //! ```
+//! use transplat_core::bake::Bake;
 //! use transplat_core::environment::{EnvironmentMap, Illumination};
-//! use transplat_core::transfer::{Part, PreparedTransfer, TransferSettings};
-//! use transplat_core::visibility::{Bake, no_progress};
+//! use transplat_core::progress::no_progress;
 //! use transplat_core::scenes;
+//! use transplat_core::settings::TransferSettings;
+//! use transplat_core::transfer::{Part, PreparedTransfer};
 //!
-//! // An asset (here a grey sphere; `load::load_asset` reads a PLY), the light it was captured in, and another one.
+//! // An asset (here a grey sphere; `files::load_asset` reads a PLY), the light it was captured in, and another one.
 //! let cloud = scenes::sphere(500);
 //! let source = Illumination::even(3);
 //! let sky = EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
@@ -23,32 +25,34 @@
 //!
 //! // Once for the asset, once for asset and source light, and then once for each new light.
 //! let settings = TransferSettings::default();
-//! let bake = Bake::new(&cloud, settings.preset, &Default::default(), &no_progress)?;
+//! let bake = Bake::new(&cloud, settings.method, &Default::default(), &no_progress)?;
 //! let prepared = PreparedTransfer::new(&cloud, &bake, &source, &settings)?;
 //! let relit = prepared.relight(&target, Part::Whole)?;
 //! assert!(relit.tau[0][2] > relit.tau[499][2], "the top of the sphere is the brighter one");
 //! # Ok::<(), transplat_core::Error>(())
 //! ```
 
+pub mod bake;
 pub mod camera;
 pub mod color;
 pub mod environment;
 mod error;
 pub mod estimate;
-pub mod export;
 pub mod extremes;
+pub mod files;
 pub mod ground;
-pub mod load;
+pub mod left_out;
 pub mod look;
 mod nearest;
+mod numeric;
 pub mod oracle;
 pub mod present;
+pub mod progress;
 pub mod rasterize;
 pub mod scenes;
+pub mod settings;
 pub mod sh;
-pub mod skips;
 pub mod surfels;
 pub mod transfer;
-pub mod visibility;
 
 pub use error::{Error, Result};

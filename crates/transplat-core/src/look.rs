@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
+use crate::camera::CameraPose;
 use crate::color::{Display, Encoding};
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
+use crate::settings::TransferSettings;
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
-use crate::transfer::TransferSettings;
-use crate::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 /// The version of looks that this program writes; it reads all up to it.
 pub const LOOK_VERSION: u32 = 2;
@@ -147,50 +148,6 @@ pub fn is_estimate(path: &Path) -> bool {
 pub fn is_file(path: &Path) -> bool {
     !is_even(path) && !is_estimate(path)
 }
-
-/// Where the camera is, around a pivot. Angles are those of the asset's own upright frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CameraPose {
-    /// What the camera turns about, in the asset's coordinates.
-    pub pivot: Vec3,
-    /// Direction from pivot to camera: azimuth in degrees, counter-clockwise seen from above.
-    pub azimuth: f64,
-    /// And its height over the horizon in degrees.
-    pub elevation: f64,
-    /// Distance to the pivot in scene units; in an orthographic view that at which a perspective one would show as much.
-    pub distance: f32,
-    /// Field of view of the picture's shorter edge, in degrees.
-    pub fov: f64,
-    /// Parallel lines stay parallel.
-    pub orthographic: bool,
-}
-
-impl CameraPose {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// A value is no number or out of range.
-    fn validate(&self) -> Result<()> {
-        let finite = self.pivot.is_finite()
-            && self.azimuth.is_finite()
-            && (-90.0..=90.0).contains(&self.elevation)
-            && self.distance.is_finite()
-            && self.distance > 0.0
-            && FOV.contains(&self.fov);
-        if finite {
-            Ok(())
-        } else {
-            Err(Error::Mismatch(
-                "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0)"
-                    .into(),
-            ))
-        }
-    }
-}
-
-/// Fields of view in degrees that a camera pose may have.
-pub const FOV: std::ops::RangeInclusive<f64> = 1.0..=150.0;
 
 /// Every setting that changes the picture; what a file leaves out keeps its default.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,12 +4,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::bake::Bake;
 use crate::camera::Camera;
 use crate::color::{Display, STORED_OFFSET, luminance, srgb_decode};
 use crate::rasterize::{ColorSpace, Raster};
 use crate::surfels::{Bounds, SurfelCloud};
 use crate::transfer::{Part, PreparedTransfer};
-use crate::visibility::Bake;
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -165,7 +165,7 @@ pub fn doubts(
             let (least, most) = tau[i]
                 .iter()
                 .fold((f32::INFINITY, 0f32), |(a, b), t| (a.min(*t), b.max(*t)));
-            if cloud.opacities[i] <= crate::rasterize::MIN_ALPHA {
+            if cloud.opacities[i] <= crate::surfels::MIN_ALPHA {
                 Some(Doubt::LeftOut)
             } else if prepared.is_dark(i) {
                 Some(Doubt::DarkSource)

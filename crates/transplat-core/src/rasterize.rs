@@ -9,13 +9,10 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::color::{Display, Encoding, STORED_OFFSET, radiance};
 use crate::sh::{coefficient_count, evaluate_sh};
-use crate::surfels::SurfelCloud;
+use crate::surfels::{MIN_ALPHA, SurfelCloud};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
-
-/// Contributions below this are not drawn.
-pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
 /// A surfel never covers more than this.
 pub const MAX_ALPHA: f32 = 0.99;

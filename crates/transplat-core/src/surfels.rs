@@ -5,9 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
 use crate::error::{Error, Result};
-use crate::rasterize::MIN_ALPHA;
+use crate::settings::skips::Skips;
 use crate::sh::{band, coefficient_count};
-use crate::skips::Skips;
+
+/// Contributions below this are not drawn.
+pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
 /// A trained splat as flat surfels, structure of arrays: every vector has one entry a surfel, except `sh`.
 #[derive(Clone, Debug)]

@@ -3,6 +3,7 @@
 //! No pass depends on the size of a subgroup or waits across workgroups, and long loops are split over dispatches.
 //! Assets are worked on in chunks of [`CHUNK`] surfels, so that no binding outgrows what every adapter offers.
 
+pub mod bake;
 mod context;
 pub mod environment;
 mod layout;
@@ -12,7 +13,6 @@ pub mod rasterize;
 pub mod shader;
 mod trace;
 pub mod transfer;
-pub mod visibility;
 
 pub use context::{Context, GpuError, Result, Submission, choose_adapter, device_descriptor};
 

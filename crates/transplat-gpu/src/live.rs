@@ -14,8 +14,8 @@ use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
 use transplat_core::sh::with_degree;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::best::BestTransfer;
-use transplat_core::transfer::paper::PaperTransfer;
+use transplat_core::transfer::directional::DirectionalTransfer;
+use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::context::{Context, Result};
@@ -23,8 +23,8 @@ use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREE
 use crate::rasterize::{
     GpuRasterizer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent, read_texture,
 };
-use crate::transfer::best::GpuBest;
-use crate::transfer::paper::GpuPaper;
+use crate::transfer::directional::GpuDirectional;
+use crate::transfer::harmonic::GpuHarmonic;
 
 /// How often each stage ran.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,15 +82,15 @@ pub struct LiveTransfer {
 }
 
 enum TransferStage {
-    Paper {
-        transfer: Box<GpuPaper>,
-        prepared: Arc<PaperTransfer>,
+    Harmonic {
+        transfer: Box<GpuHarmonic>,
+        prepared: Arc<HarmonicTransfer>,
         /// Of the asset, in linear light.
         source_dc: ResidentVectors,
     },
-    Best {
-        transfer: Box<GpuBest>,
-        prepared: Arc<BestTransfer>,
+    Directional {
+        transfer: Box<GpuDirectional>,
+        prepared: Arc<DirectionalTransfer>,
         tau: ResidentVectors,
     },
 }
@@ -102,33 +102,33 @@ impl LiveTransfer {
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
         Ok(match prepared {
-            PreparedTransfer::Paper(paper) => {
-                let transfer = Box::new(GpuPaper::new(context, paper)?);
-                let dc = paper.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
+            PreparedTransfer::Harmonic(harmonic) => {
+                let transfer = Box::new(GpuHarmonic::new(context, harmonic)?);
+                let dc = harmonic.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
                 Self {
                     relit: ResidentSh {
                         chunks: transfer.relit(),
-                        degree: paper.asset_degree,
+                        degree: harmonic.asset_degree,
                         encoding: Encoding::Linear,
                     },
-                    stage: TransferStage::Paper {
+                    stage: TransferStage::Harmonic {
                         source_dc: ResidentVectors::upload(context, dc),
-                        prepared: paper.clone(),
+                        prepared: harmonic.clone(),
                         transfer,
                     },
                 }
             }
-            PreparedTransfer::Best(best) => {
-                let transfer = Box::new(GpuBest::new(context, best)?);
+            PreparedTransfer::Directional(directional) => {
+                let transfer = Box::new(GpuDirectional::new(context, directional)?);
                 Self {
                     relit: ResidentSh {
                         chunks: transfer.relit(),
-                        degree: best.asset.nodes.degree,
+                        degree: directional.asset.nodes.degree,
                         encoding: transfer.encoding(),
                     },
-                    stage: TransferStage::Best {
+                    stage: TransferStage::Directional {
                         tau: ResidentVectors(transfer.tau()),
-                        prepared: best.clone(),
+                        prepared: directional.clone(),
                         transfer,
                     },
                 }
@@ -139,12 +139,12 @@ impl LiveTransfer {
     /// Makes what a light needs that no other did, so that it does not have to be made when it comes.
     pub fn warm_up(&self, target: &Illumination) {
         let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
-        if let (TransferStage::Best { transfer, .. }, true) = (&self.stage, has_suns) {
+        if let (TransferStage::Directional { transfer, .. }, true) = (&self.stage, has_suns) {
             transfer.prepare_suns();
         }
     }
 
-    /// Preset `paper` has all parts in one result, in bands of their own; `best` makes the part that is wanted.
+    /// The harmonic method has all parts in one result, in bands of their own; the directional one makes the part that is wanted.
     fn submit(
         &self,
         target: &Illumination,
@@ -152,14 +152,14 @@ impl LiveTransfer {
         unseen: &[bool],
     ) -> transplat_core::Result<()> {
         match &self.stage {
-            TransferStage::Paper {
+            TransferStage::Harmonic {
                 transfer, prepared, ..
             } => transfer.submit(&prepared.light(&target.radiance)),
-            TransferStage::Best {
+            TransferStage::Directional {
                 transfer, prepared, ..
             } => {
                 transfer.set_unseen(unseen);
-                transfer.submit(&prepared.light(target.for_best()?), part);
+                transfer.submit(&prepared.light(target.for_directional()?), part);
             }
         }
         Ok(())
@@ -167,16 +167,16 @@ impl LiveTransfer {
 
     fn paint(&self, part: Part) -> ResidentPaint<'_> {
         let part = match self.stage {
-            TransferStage::Paper { .. } => part,
-            TransferStage::Best { .. } => Part::Whole,
+            TransferStage::Harmonic { .. } => part,
+            TransferStage::Directional { .. } => Part::Whole,
         };
         ResidentPaint::Sh(&self.relit, part)
     }
 
     fn tau_paint(&self) -> ResidentPaint<'_> {
         match &self.stage {
-            TransferStage::Paper { source_dc, .. } => ResidentPaint::Tau(&self.relit, source_dc),
-            TransferStage::Best { tau, .. } => ResidentPaint::Ratio(tau),
+            TransferStage::Harmonic { source_dc, .. } => ResidentPaint::Tau(&self.relit, source_dc),
+            TransferStage::Directional { tau, .. } => ResidentPaint::Ratio(tau),
         }
     }
 }
@@ -383,7 +383,7 @@ impl Live {
     /// Relights by another light, for a view that shows a part of it, and leaves out surfels that nobody sees (`[n]` or empty).
     ///
     /// # Errors
-    /// The light was not read for the preset.
+    /// The light was not read for the method.
     pub fn relight(
         &mut self,
         target: &Illumination,

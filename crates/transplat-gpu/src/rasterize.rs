@@ -157,7 +157,7 @@ impl ResidentVectors {
 /// What surfels are coloured with, of what is on the GPU already.
 #[derive(Clone, Copy, Debug)]
 pub enum ResidentPaint<'a> {
-    /// SH colour, or those of its bands that preset `paper` has a part in.
+    /// SH colour, or those of its bands that the harmonic method has a part in.
     Sh(&'a ResidentSh, Part),
     /// Normals `[n]`, turned to the eye.
     Normals(&'a ResidentVectors),

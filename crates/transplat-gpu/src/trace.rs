@@ -1,6 +1,6 @@
 //! An asset's discs in their boxes on the GPU, for `shared/trace.wgsl`.
 
-use transplat_core::visibility::trace::Tracer;
+use transplat_core::bake::trace::Tracer;
 use wgpu::BufferUsages;
 
 use crate::context::{Context, Result};
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn structs_match_the_shader() {
-        let source = crate::shader::bake_occlusion();
+        let source = crate::shader::bake_directional();
         for (name, fields, size) in [
             ("TraceBox", TraceBox::FIELDS, size_of::<TraceBox>()),
             ("TraceDisc", TraceDisc::FIELDS, size_of::<TraceDisc>()),

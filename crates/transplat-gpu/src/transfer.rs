@@ -1,4 +1,4 @@
 //! Stage *transfer* on the GPU. CPU twin: [`transplat_core::transfer`].
 
-pub mod best;
-pub mod paper;
+pub mod directional;
+pub mod harmonic;

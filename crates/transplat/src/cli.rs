@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::color::ToneMap;
 use transplat_core::look::Look;
 use transplat_core::present::{Background, View};
+use transplat_core::settings::{EPSILON, Method, Terms};
 use transplat_core::surfels::UpAxis;
-use transplat_core::transfer::{EPSILON, Preset, Terms};
-use transplat_core::visibility::DIRECTIONS;
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
@@ -122,8 +122,8 @@ pub struct LightArgs {
     #[arg(long, value_name = "ENV|even|estimate")]
     pub target: Vec<PathBuf>,
     /// Which mathematics [default: best]
-    #[arg(long, value_name = "best|paper", value_parser = parse_preset)]
-    pub preset: Option<Preset>,
+    #[arg(long, value_name = "best|paper", value_parser = parse_method)]
+    pub preset: Option<Method>,
     /// Degree of the light used, 0 to 8, where that is an SH series (preset paper) [default: 3]
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
     pub sh_degree: Option<u8>,
@@ -265,8 +265,8 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
     /// The preset that it is for: each bakes in its own way [default: best]
-    #[arg(long, value_name = "best|paper", value_parser = parse_preset)]
-    pub preset: Option<Preset>,
+    #[arg(long, value_name = "best|paper", value_parser = parse_method)]
+    pub preset: Option<Method>,
     /// The bake
     #[arg(short, long, value_name = "OUT.bake")]
     pub output: PathBuf,
@@ -402,7 +402,7 @@ fn parse_directions(text: &str) -> Result<usize, String> {
         })
 }
 
-fn parse_preset(text: &str) -> Result<Preset, String> {
+fn parse_method(text: &str) -> Result<Method, String> {
     parse_named(text)
 }
 

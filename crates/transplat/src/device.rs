@@ -3,23 +3,26 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::harmonic::{BakeInput, bake_harmonic};
+use transplat_core::bake::patches::Found;
 use transplat_core::camera::Camera;
 use transplat_core::environment::{
     Beams, EnvironmentMap, Illumination, IncidentRadiance, project_environment,
 };
+use transplat_core::progress::Progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
+use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skips;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::best::BestTransfer;
-use transplat_core::transfer::paper::PaperTransfer;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
-use transplat_core::visibility::occlusion::{Found, Occlusion};
-use transplat_core::visibility::{BakeInput, Progress, bake_visibility};
+use transplat_core::transfer::directional::DirectionalTransfer;
+use transplat_core::transfer::harmonic::HarmonicTransfer;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_gpu::bake::directional::GpuTracer;
 use transplat_gpu::rasterize::GpuRasterizer;
-use transplat_gpu::transfer::best::GpuBest;
-use transplat_gpu::transfer::paper::GpuPaper;
-use transplat_gpu::visibility::occlusion::GpuTracer;
+use transplat_gpu::transfer::directional::GpuDirectional;
+use transplat_gpu::transfer::harmonic::GpuHarmonic;
 use transplat_gpu::{Context, GpuError};
 
 pub use transplat_gpu::rasterize::Paint;
@@ -66,40 +69,42 @@ impl Device {
         })
     }
 
-    /// A map's light, as a preset needs it, of the highest SH degree.
-    pub fn light(&self, map: &EnvironmentMap, preset: Preset) -> Result<Illumination> {
+    /// A map's light, as a method needs it, of the highest SH degree.
+    pub fn light(&self, map: &EnvironmentMap, method: Method) -> Result<Illumination> {
         Ok(Illumination {
             radiance: self.project_environment(map, MAX_DEGREE)?,
-            beams: (preset == Preset::Best).then(|| Beams::of(map)),
+            beams: (method == Method::Directional).then(|| Beams::of(map)),
             trust: 1.0,
         })
     }
 
-    pub fn bake_visibility(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
+    pub fn bake_harmonic(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {
         Ok(match self {
-            Self::Cpu => bake_visibility(input, progress)?,
+            Self::Cpu => bake_harmonic(input, progress)?,
             Self::Gpu(context) => {
-                transplat_gpu::visibility::bake_visibility(context, input, progress)?
+                transplat_gpu::bake::harmonic::bake_harmonic(context, input, progress)?
             }
         })
     }
 
-    /// The rays of preset `best`, stage by stage as [`Occlusion::bake_in_stages`] does them.
-    pub fn bake_occlusion(
+    /// The rays of the directional method, stage by stage as [`DirectionalBake::bake_in_stages`] does them.
+    pub fn bake_directional(
         &self,
         cloud: &SurfelCloud,
         stages: (&[usize], &Skips),
         progress: Progress<'_>,
-        preview: impl Fn(Occlusion, f32),
-    ) -> Result<Occlusion> {
+        preview: impl Fn(DirectionalBake, f32),
+    ) -> Result<DirectionalBake> {
         let Self::Gpu(context) = self else {
-            return Ok(Occlusion::bake_in_stages(cloud, stages, progress, preview)?);
+            return Ok(DirectionalBake::bake_in_stages(
+                cloud, stages, progress, preview,
+            )?);
         };
-        let tracer = Occlusion::tracer(cloud, progress)?;
+        let tracer = DirectionalBake::tracer(cloud, progress)?;
         let rays = match GpuTracer::new(context, &tracer) {
             // On the CPU, as drawing does.
             Err(_) if !context.is_lost() => {
-                return Ok(Occlusion::bake_through(
+                return Ok(DirectionalBake::bake_through(
                     cloud, &tracer, stages, progress, preview,
                 )?);
             }
@@ -108,31 +113,33 @@ impl Device {
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
             Ok(rays.trace(patches, found, progress)?)
         };
-        Occlusion::bake_by(cloud, &tracer, stages, by, progress, preview)
+        DirectionalBake::bake_by(cloud, &tracer, stages, by, progress, preview)
     }
 
     /// Ready to relight; what the adapter has no room for is relit on the CPU, and the message says so.
     pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<(Transfer, Option<String>)> {
         let part = Part::Whole;
         let transfer = match (self, prepared.clone()) {
-            (Self::Cpu, PreparedTransfer::Paper(paper)) => Transfer::PaperOnCpu {
-                relit: vec![[0.0; 3]; paper.surfels * paper.coefficients()],
-                paper,
+            (Self::Cpu, PreparedTransfer::Harmonic(harmonic)) => Transfer::HarmonicOnCpu {
+                relit: vec![[0.0; 3]; harmonic.surfels * harmonic.coefficients()],
+                harmonic,
                 part,
             },
-            (Self::Gpu(context), PreparedTransfer::Paper(paper)) => Transfer::PaperOnGpu {
-                transfer: Box::new(GpuPaper::new(context, &paper)?),
-                paper,
+            (Self::Gpu(context), PreparedTransfer::Harmonic(harmonic)) => Transfer::HarmonicOnGpu {
+                transfer: Box::new(GpuHarmonic::new(context, &harmonic)?),
+                harmonic,
                 part,
             },
-            (Self::Cpu, PreparedTransfer::Best(best)) => Transfer::BestOnCpu(best, None),
-            (Self::Gpu(context), PreparedTransfer::Best(best)) => {
-                match GpuBest::new(context, &best) {
+            (Self::Cpu, PreparedTransfer::Directional(directional)) => {
+                Transfer::DirectionalOnCpu(directional, None)
+            }
+            (Self::Gpu(context), PreparedTransfer::Directional(directional)) => {
+                match GpuDirectional::new(context, &directional) {
                     Err(error) if !context.is_lost() => {
                         let why = format!("relighting on the CPU: {error}");
-                        return Ok((Transfer::BestOnCpu(best, None), Some(why)));
+                        return Ok((Transfer::DirectionalOnCpu(directional, None), Some(why)));
                     }
-                    made => Transfer::BestOnGpu(best, Box::new(made?)),
+                    made => Transfer::DirectionalOnGpu(directional, Box::new(made?)),
                 }
             }
         };
@@ -157,18 +164,18 @@ impl Device {
 
 /// A prepared transfer on its device, and its last result where it was computed.
 pub enum Transfer {
-    PaperOnCpu {
-        paper: Arc<PaperTransfer>,
+    HarmonicOnCpu {
+        harmonic: Arc<HarmonicTransfer>,
         relit: Vec<[f32; 3]>,
         part: Part,
     },
-    PaperOnGpu {
-        paper: Arc<PaperTransfer>,
-        transfer: Box<GpuPaper>,
+    HarmonicOnGpu {
+        harmonic: Arc<HarmonicTransfer>,
+        transfer: Box<GpuHarmonic>,
         part: Part,
     },
-    BestOnCpu(Arc<BestTransfer>, Option<Relit>),
-    BestOnGpu(Arc<BestTransfer>, Box<GpuBest>),
+    DirectionalOnCpu(Arc<DirectionalTransfer>, Option<Relit>),
+    DirectionalOnGpu(Arc<DirectionalTransfer>, Box<GpuDirectional>),
 }
 
 impl Transfer {
@@ -180,25 +187,29 @@ impl Transfer {
         unseen: &[bool],
     ) -> Result<()> {
         match self {
-            Self::PaperOnCpu { paper, relit, part } => {
-                paper.relight_into(&paper.light(&light.radiance), relit);
+            Self::HarmonicOnCpu {
+                harmonic,
+                relit,
+                part,
+            } => {
+                harmonic.relight_into(&harmonic.light(&light.radiance), relit);
                 *part = wanted;
             }
-            Self::PaperOnGpu {
-                paper,
+            Self::HarmonicOnGpu {
+                harmonic,
                 transfer,
                 part,
             } => {
-                transfer.relight(&paper.light(&light.radiance))?;
+                transfer.relight(&harmonic.light(&light.radiance))?;
                 *part = wanted;
             }
-            Self::BestOnCpu(best, relit) => {
-                let light = best.light(light.for_best()?);
-                *relit = Some(best.relight_seen(light, wanted, unseen));
+            Self::DirectionalOnCpu(directional, relit) => {
+                let light = directional.light(light.for_directional()?);
+                *relit = Some(directional.relight_seen(light, wanted, unseen));
             }
-            Self::BestOnGpu(best, transfer) => {
+            Self::DirectionalOnGpu(directional, transfer) => {
                 transfer.set_unseen(unseen);
-                transfer.relight(&best.light(light.for_best()?), wanted)?;
+                transfer.relight(&directional.light(light.for_directional()?), wanted)?;
             }
         }
         Ok(())
@@ -207,14 +218,18 @@ impl Transfer {
     /// The last result; there is one for each light.
     pub fn result(&mut self) -> Result<Relit> {
         match self {
-            Self::PaperOnCpu { paper, relit, part } => Ok(paper.relit(relit.clone(), *part)),
-            Self::PaperOnGpu {
-                paper,
+            Self::HarmonicOnCpu {
+                harmonic,
+                relit,
+                part,
+            } => Ok(harmonic.relit(relit.clone(), *part)),
+            Self::HarmonicOnGpu {
+                harmonic,
                 transfer,
                 part,
-            } => Ok(paper.relit(transfer.read()?, *part)),
-            Self::BestOnCpu(_, relit) => relit.take().context("no light was given yet"),
-            Self::BestOnGpu(_, transfer) => Ok(transfer.read()?),
+            } => Ok(harmonic.relit(transfer.read()?, *part)),
+            Self::DirectionalOnCpu(_, relit) => relit.take().context("no light was given yet"),
+            Self::DirectionalOnGpu(_, transfer) => Ok(transfer.read()?),
         }
     }
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use glam::DMat3;
+use transplat_core::bake::Bake;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, srgb_decode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
@@ -13,7 +14,6 @@ use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
-use transplat_core::visibility::Bake;
 
 use crate::device::{Paint, Painter};
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use transplat_core::skips::{Skipped, Stage};
+use transplat_core::settings::skips::{Skipped, Stage};
 
 use crate::cli::OutputArgs;
 use crate::savings::Saved;
@@ -99,7 +99,7 @@ impl Report {
     /// The same as it was measured, in the JSON object alone.
     pub fn saved(&mut self, saved: &Saved) {
         self.saved.push(json!({
-            "what": format!("{} ({})", saved.skipped.what, saved.preset.name()),
+            "what": format!("{} ({})", saved.skipped.what, saved.method.preset()),
             "why": saved.skipped.why,
             "time_saved_ms": saved.time_saved_ms,
             "memory_saved_bytes": saved.skipped.bytes,

@@ -4,14 +4,18 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::Camera;
-use transplat_core::look::CameraPose;
+use transplat_core::camera::CameraPose;
+use transplat_core::left_out;
 use transplat_core::present::PLAIN;
+use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
-use transplat_core::skips::{self, Skip, Skipped, Skips, Stage};
+use transplat_core::settings::skips::{Skip, Skipped, Skips, Stage};
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::Hide;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
-use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::report::milliseconds;
 use crate::sweep::Subject;
@@ -26,7 +30,7 @@ const SIZE: usize = 400;
 #[derive(Clone, Debug)]
 pub struct Saved {
     pub skipped: Skipped,
-    pub preset: Preset,
+    pub method: Method,
     /// Milliseconds that the stage took less; negative where that is lost in the noise.
     pub time_saved_ms: f64,
     /// And what it took.
@@ -82,8 +86,8 @@ impl Saved {
 #[derive(Clone, Debug, Default)]
 pub struct Savings {
     pub saved: Vec<Saved>,
-    /// What could not be left out, by preset, and why.
-    pub needed: Vec<(Preset, &'static str)>,
+    /// What could not be left out, by method, and why.
+    pub needed: Vec<(Method, &'static str)>,
 }
 
 /// An asset with some skips, ready to be relit.
@@ -103,11 +107,11 @@ pub fn measure(
     progress: &(dyn Fn(f64, &str) -> ControlFlow<()> + Sync),
 ) -> Result<Savings> {
     let mut savings = Savings::default();
-    let of_preset = |p: Preset| Skips::ALL.iter().filter(move |s| s.presets.contains(&p));
-    let steps: usize = Preset::ALL.map(|p| 1 + of_preset(p).count()).iter().sum();
+    let of_method = |p: Method| Skips::ALL.iter().filter(move |s| s.methods.contains(&p));
+    let steps: usize = Method::ALL.map(|p| 1 + of_method(p).count()).iter().sum();
     let steps = steps as f64;
     let mut done = 0.0;
-    for preset in Preset::ALL {
+    for method in Method::ALL {
         let mut next = |what: &str| {
             done += 1.0;
             progress((done - 1.0) / steps, what)
@@ -116,20 +120,20 @@ pub fn measure(
             bail!("cancelled");
         }
         // A kept bake does not know what was left out of it.
-        let with = run(subject, preset, Skips::default(), None)?;
+        let with = run(subject, method, Skips::default(), None)?;
         let is_open = (with.told.iter()).any(|s| s.skip == Some("open-object"));
-        for skip in of_preset(preset) {
+        for skip in of_method(method) {
             if next(skip.name).is_break() {
                 bail!("cancelled");
             }
             match applies(skip, &with.told) {
                 Some(skipped) => {
-                    let saved = compare(subject, preset, &with, (skip, skipped), repeats)?;
+                    let saved = compare(subject, method, &with, (skip, skipped), repeats)?;
                     savings.saved.push(saved);
                 }
                 // Without any rays there are none to spare.
                 None if skip.name == "closed-sides" && is_open => {}
-                None => savings.needed.push((preset, skip.needed)),
+                None => savings.needed.push((method, skip.needed)),
             }
         }
     }
@@ -144,7 +148,7 @@ fn applies(skip: &Skip, told: &[Skipped]) -> Option<Skipped> {
 /// With something left out, and with it done all the same.
 fn compare(
     subject: &Subject,
-    preset: Preset,
+    method: Method,
     with: &Run,
     (skip, skipped): (&Skip, Skipped),
     repeats: usize,
@@ -153,11 +157,11 @@ fn compare(
     *(skip.of)(&mut forced) = false;
     // The bake is the same unless it is what is forced.
     let kept = (skip.stage != Stage::Bake).then_some(&with.bake);
-    let without = run(subject, preset, forced, kept)?;
+    let without = run(subject, method, forced, kept)?;
     let [time_ms, forced_ms] = if skip.stage == Stage::Bake {
         let repeats = repeats.div_ceil(7);
         let each = [with, &without];
-        alternating(repeats, |i| bake(subject, preset, each[i].skips).map(drop))?
+        alternating(repeats, |i| bake(subject, method, each[i].skips).map(drop))?
     } else {
         let each = [with, &without];
         alternating(repeats, |i| each[i].relight(subject).map(drop))?
@@ -169,7 +173,7 @@ fn compare(
         .zip(pictures[1].iter().flatten());
     Ok(Saved {
         skipped,
-        preset,
+        method,
         time_saved_ms: forced_ms - time_ms,
         time_ms,
         max_error: pairs.fold(0.0, |e, (a, b)| e.max(f64::from((a - b).abs()))),
@@ -192,33 +196,33 @@ fn alternating(repeats: usize, work: impl Fn(usize) -> Result<()>) -> Result<[f6
     }))
 }
 
-fn bake(subject: &Subject, preset: Preset, skips: Skips) -> Result<Bake> {
+fn bake(subject: &Subject, method: Method, skips: Skips) -> Result<Bake> {
     let settings = BakeSettings::default();
     let cloud = &subject.cloud;
     Ok(Bake::with_skips(
         cloud,
-        preset,
+        method,
         &settings,
         &skips,
         &no_progress,
     )?)
 }
 
-fn run(subject: &Subject, preset: Preset, skips: Skips, kept: Option<&Bake>) -> Result<Run> {
+fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> Result<Run> {
     let cloud = &subject.cloud;
     let settings = TransferSettings {
         skips,
-        ..TransferSettings::of(preset)
+        ..TransferSettings::of(method)
     };
-    let bake = kept.map_or_else(|| bake(subject, preset, skips), |kept| Ok(kept.clone()))?;
+    let bake = kept.map_or_else(|| bake(subject, method, skips), |kept| Ok(kept.clone()))?;
     let [source, target] = &subject.lights;
     let prepared = PreparedTransfer::new(cloud, &bake, source, &settings)?;
     let unseen = Hide::default().unseen(cloud, &cloud.bounds(), &skips);
     let relit = prepared.relight_seen(target, Part::Whole, &unseen)?;
-    let mut told = skips::of_bake(&bake);
-    told.extend(skips::of_transfer(&prepared, &settings, cloud));
-    told.extend(skips::of_light(&prepared, target, false));
-    told.extend(skips::of_unseen(&unseen));
+    let mut told = left_out::of_bake(&bake);
+    told.extend(left_out::of_transfer(&prepared, &settings, cloud));
+    told.extend(left_out::of_light(&prepared, target, false));
+    told.extend(left_out::of_unseen(&unseen));
     Ok(Run {
         skips,
         bake,

@@ -10,19 +10,23 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use indicatif::{ProgressBar, ProgressStyle};
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::{Estimate, Obstacle, estimate_light};
-use transplat_core::ground::Ground;
-use transplat_core::load::{
+use transplat_core::files::{
     AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
 };
+use transplat_core::ground::Ground;
+use transplat_core::left_out;
 use transplat_core::look::{Look, is_estimate, is_even, is_file};
+use transplat_core::progress::Progress;
+use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skips;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::skips::{self, Skips};
 use transplat_core::surfels::{SurfelCloud, is_faint};
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
-use transplat_core::visibility::occlusion::Occlusion;
-use transplat_core::visibility::{Bake, BakeInput, BakeSettings, Progress, Visibility};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs};
 use crate::commands;
@@ -41,8 +45,8 @@ pub struct Scene {
     pub file: AssetFile,
     pub look: Look,
     pub device: Device,
-    /// The bake for preset `best`, and what it told of the light, once they were needed.
-    occlusion: OnceCell<Arc<Occlusion>>,
+    /// The bake for the directional method, and what it told of the light, once they were needed.
+    directional_bake: OnceCell<Arc<DirectionalBake>>,
     estimate: OnceCell<Estimate>,
 }
 
@@ -79,19 +83,19 @@ impl Scene {
             file,
             look,
             device,
-            occlusion: OnceCell::new(),
+            directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
         }
     }
 
-    /// Bakes what the preset needs, or takes the saved bake.
+    /// Bakes what the method needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
-        let preset = self.look.transfer.preset;
-        let bake = self.bake_of_preset(preset, saved, report)?;
-        for skipped in skips::of_bake(&bake) {
+        let method = self.look.transfer.method;
+        let bake = self.bake_of_method(method, saved, report)?;
+        for skipped in left_out::of_bake(&bake) {
             report.skipped(skipped);
         }
-        report.set("preset", preset.name());
+        report.set("preset", method.preset());
         report.set("directions", bake.directions());
         report.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
         report.set("normals_flipped", bake.flipped());
@@ -106,57 +110,64 @@ impl Scene {
         Ok(bake)
     }
 
-    fn bake_of_preset(
+    fn bake_of_method(
         &self,
-        preset: Preset,
+        method: Method,
         saved: Option<&Path>,
         report: &mut Report,
     ) -> Result<Bake> {
-        Ok(if preset == Preset::Best {
-            Bake::Occlusion(self.occlusion(saved, report)?)
+        Ok(if method == Method::Directional {
+            Bake::Directional(self.directional_bake(saved, report)?)
         } else if let Some(path) = saved {
             self.saved_bake(path, report)?
         } else {
             let directions = self.bake_directions(report);
             if self.look.transfer.skips.open_object
                 && let Some(open) = report.time("bake", || {
-                    Visibility::of_open_object(&self.cloud, directions)
+                    HarmonicBake::of_open_object(&self.cloud, directions)
                 })
             {
-                return Ok(Bake::Visibility(open));
+                return Ok(Bake::Harmonic(open));
             }
             let open = self.with_progress(report, |progress| {
                 let input = BakeInput::new(&self.cloud, &BakeSettings { directions });
-                self.device.bake_visibility(&input, progress)
+                self.device.bake_harmonic(&input, progress)
             })?;
-            Bake::Visibility(Visibility::from_open(&self.cloud, directions, open))
+            Bake::Harmonic(HarmonicBake::from_open(&self.cloud, directions, open))
         })
     }
 
     fn saved_bake(&self, path: &Path, report: &mut Report) -> Result<Bake> {
         report.skip("bake", "the saved one is used");
         let bake = report.time("load", || load_bake(path, &self.cloud))?;
-        bake.of_preset(self.look.transfer.preset)
+        bake.of_method(self.look.transfer.method)
             .with_context(|| path.display().to_string())?;
         Ok(bake)
     }
 
-    /// The bake for preset `best`, made or read once.
-    fn occlusion(&self, saved: Option<&Path>, report: &mut Report) -> Result<Arc<Occlusion>> {
-        if let Some(known) = self.occlusion.get() {
+    /// The bake for the directional method, made or read once.
+    fn directional_bake(
+        &self,
+        saved: Option<&Path>,
+        report: &mut Report,
+    ) -> Result<Arc<DirectionalBake>> {
+        if let Some(known) = self.directional_bake.get() {
             return Ok(known.clone());
         }
-        let occlusion = match saved
+        let directional_bake = match saved
             .map(|path| self.saved_bake(path, report))
             .transpose()?
         {
-            Some(Bake::Occlusion(saved)) => saved,
+            Some(Bake::Directional(saved)) => saved,
             _ => Arc::new(self.with_progress(report, |progress| {
                 let (by, skips) = (&self.device, &self.look.transfer.skips);
-                by.bake_occlusion(&self.cloud, (&[1], skips), progress, |_, _| ())
+                by.bake_directional(&self.cloud, (&[1], skips), progress, |_, _| ())
             })?),
         };
-        Ok(self.occlusion.get_or_init(|| occlusion).clone())
+        Ok(self
+            .directional_bake
+            .get_or_init(|| directional_bake)
+            .clone())
     }
 
     fn with_progress<T>(
@@ -174,22 +185,25 @@ impl Scene {
         Ok(made)
     }
 
-    /// What the asset tells of the light it was captured under. `saved` is a bake for the preset that is set.
+    /// What the asset tells of the light it was captured under. `saved` is a bake for the method that is set.
     pub fn estimate(&self, saved: Option<&Path>, report: &mut Report) -> Result<&Estimate> {
         if let Some(known) = self.estimate.get() {
             return Ok(known);
         }
-        let is_for_best = self.look.transfer.preset == Preset::Best;
-        let occlusion = self.occlusion(saved.filter(|_| is_for_best), report)?;
-        let estimate = report.time("estimate", || estimate_light(&self.cloud, &occlusion));
+        let is_for_directional = self.look.transfer.method == Method::Directional;
+        let directional_bake =
+            self.directional_bake(saved.filter(|_| is_for_directional), report)?;
+        let estimate = report.time("estimate", || {
+            estimate_light(&self.cloud, &directional_bake)
+        });
         report.set("source_estimate", told_of(&estimate));
         Ok(self.estimate.get_or_init(|| estimate))
     }
 
-    /// Directions of preset `paper`'s bake.
+    /// Directions of the harmonic method's bake.
     fn bake_directions(&self, report: &mut Report) -> usize {
         let settings = &self.look.transfer;
-        let few = settings.preset == Preset::Paper && !settings.terms.shadow;
+        let few = settings.method == Method::Harmonic && !settings.terms.shadow;
         if few && self.look.directions > ORIENTATION_DIRECTIONS {
             report.skip(
                 "most directions of the bake",
@@ -224,7 +238,7 @@ impl Scene {
         };
         if let Some(path) = &args.bake {
             inspect_bake(path)?
-                .of_preset(self.look.transfer.preset)
+                .of_method(self.look.transfer.method)
                 .with_context(|| path.display().to_string())?;
         }
         let saved = args.bake.as_deref();
@@ -241,10 +255,10 @@ impl Scene {
         Ok(Lights { source, targets })
     }
 
-    /// Settings of the other preset that were asked for all the same.
-    fn tell_what_best_ignores(&self, report: &mut Report) {
+    /// Settings of the other method that were asked for all the same.
+    fn tell_what_directional_ignores(&self, report: &mut Report) {
         let (look, plain) = (&self.look, Look::default());
-        if look.transfer.preset != Preset::Best {
+        if look.transfer.method != Method::Directional {
             if !look.outside_from.is_empty() {
                 report.skip(
                     "what is outside",
@@ -284,14 +298,14 @@ impl Scene {
             ));
         }
         report.set("dark_share", prepared.dark_share());
-        self.tell_what_best_ignores(report);
-        for skipped in skips::of_transfer(&prepared, settings, &self.cloud) {
+        self.tell_what_directional_ignores(report);
+        for skipped in left_out::of_transfer(&prepared, settings, &self.cloud) {
             report.skipped(skipped);
         }
         Ok(prepared)
     }
 
-    /// A light as its map holds it; where an estimate cannot tell, what stands in for it. `saved` is a bake for the preset that is set.
+    /// A light as its map holds it; where an estimate cannot tell, what stands in for it. `saved` is a bake for the method that is set.
     pub fn light_of(
         &self,
         path: &Path,
@@ -305,7 +319,7 @@ impl Scene {
         Ok(estimate.map_or(light, Estimate::stand_in))
     }
 
-    /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the preset that is set.
+    /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the method that is set.
     pub fn load_light(
         &self,
         path: &Path,
@@ -321,7 +335,7 @@ impl Scene {
                 report.warn(format!(
                     "the light of the capture cannot be told from the splat: {}; {}",
                     obstacle.reason(),
-                    what_stands_in(self.look.transfer.preset, obstacle)
+                    what_stands_in(self.look.transfer.method, obstacle)
                 ));
                 return Ok(None);
             }
@@ -343,7 +357,7 @@ impl Scene {
                 Ok(Illumination::even(MAX_DEGREE))
             }
             Some(map) => report.time("project", || {
-                self.device.light(map, self.look.transfer.preset)
+                self.device.light(map, self.look.transfer.method)
             }),
         }
     }
@@ -357,7 +371,7 @@ impl Scene {
         (light, part, unseen): (&Illumination, Part, &[bool]),
         report: &mut Report,
     ) -> Result<Relit> {
-        for skipped in skips::of_light(prepared, light, matches!(self.device, Device::Gpu(_))) {
+        for skipped in left_out::of_light(prepared, light, matches!(self.device, Device::Gpu(_))) {
             report.skipped(skipped);
         }
         if light.is_black() {
@@ -396,10 +410,10 @@ pub fn ambiguous_warning(share: f32) -> String {
 }
 
 /// What is done where the light of the capture cannot be told, for the user.
-pub fn what_stands_in(preset: Preset, obstacle: Obstacle) -> &'static str {
-    match (preset, obstacle) {
-        (Preset::Paper, _) | (_, Obstacle::EvenLight) => "even light is assumed",
-        (Preset::Best, _) => {
+pub fn what_stands_in(method: Method, obstacle: Obstacle) -> &'static str {
+    match (method, obstacle) {
+        (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
+        (Method::Directional, _) => {
             "half of the change is made that would be right for a capture under even light"
         }
     }
@@ -536,8 +550,8 @@ pub fn look_over(base: Look, asset: &AssetOptions, light: Option<&LightArgs>) ->
         return Ok(look);
     };
     let transfer = &mut look.transfer;
-    if let Some(preset) = light.preset {
-        transfer.preset = preset;
+    if let Some(method) = light.preset {
+        transfer.method = method;
     }
     if let Some(degree) = light.sh_degree {
         transfer.sh_degree = usize::from(degree);

@@ -10,15 +10,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, bake_receivers};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::oracle;
+use transplat_core::progress::no_progress;
+pub use transplat_core::settings::skips::Stage;
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
-pub use transplat_core::skips::Stage;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
-use transplat_core::visibility::{
-    Bake, BakeInput, BakeSettings, Visibility, bake_receivers, no_progress,
-};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::device::Device;
 use crate::truth::views::Views;
@@ -147,17 +148,17 @@ impl<'a> Sweep<'a> {
         if let Some(map) = &subject.map {
             sweep.project(map)?;
         }
-        let best = if effort == Effort::Offered {
-            sweep.default_bake(Preset::Best)?
+        let directional = if effort == Effort::Offered {
+            sweep.default_bake(Method::Directional)?
         } else {
             sweep.bakes_of_best()?
         };
-        let paper = if effort == Effort::Offered {
-            sweep.default_bake(Preset::Paper)?
+        let harmonic = if effort == Effort::Offered {
+            sweep.default_bake(Method::Harmonic)?
         } else {
             sweep.bakes_of_paper()?
         };
-        let bakes = [best, paper];
+        let bakes = [directional, harmonic];
         sweep.transfers(&bakes)?;
         Ok(mark_front(sweep.points))
     }
@@ -212,10 +213,10 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    /// Bakes for preset `paper`; the default ones of the whole asset and of the thinned one.
+    /// Bakes for the harmonic method; the default ones of the whole asset and of the thinned one.
     fn bakes_of_paper(&mut self) -> Result<[Bake; 2]> {
         let mut default = None;
-        let settings = TransferSettings::of(Preset::Paper);
+        let settings = TransferSettings::of(Method::Harmonic);
         for (setting, map_bake) in settings::map_bakes(&self.subject.cloud, self.effort) {
             let devices = if setting.is_default {
                 self.devices
@@ -251,26 +252,26 @@ impl<'a> Sweep<'a> {
         default.context("the default bake is among them")
     }
 
-    /// A preset's bake as it is by default, of the whole asset and of the thinned one.
-    fn default_bake(&self, preset: Preset) -> Result<[Bake; 2]> {
-        self.next(&format!("bake for preset {}", preset.name()))?;
-        let bake = |cloud| Bake::new(cloud, preset, &BakeSettings::default(), &no_progress);
-        let known = self.subject.bakes.iter().find(|b| b.preset() == preset);
+    /// A method's bake as it is by default, of the whole asset and of the thinned one.
+    fn default_bake(&self, method: Method) -> Result<[Bake; 2]> {
+        self.next(&format!("bake for preset {}", method.preset()))?;
+        let bake = |cloud| Bake::new(cloud, method, &BakeSettings::default(), &no_progress);
+        let known = self.subject.bakes.iter().find(|b| b.method() == method);
         Ok([
             match known {
                 Some(bake) => bake.clone(),
                 None => bake(&self.subject.cloud)?,
             },
-            match preset {
-                Preset::Best => self.reference.occlusion.clone(),
-                Preset::Paper => bake(&self.reference.cloud)?,
+            match method {
+                Method::Directional => self.reference.directional.clone(),
+                Method::Harmonic => bake(&self.reference.cloud)?,
             },
         ])
     }
 
-    /// Stages of the bake for preset `best`; the whole one of the whole asset, and of the thinned one.
+    /// Stages of the bake for the directional method; the whole one of the whole asset, and of the thinned one.
     fn bakes_of_best(&mut self) -> Result<[Bake; 2]> {
-        let settings = TransferSettings::of(Preset::Best);
+        let settings = TransferSettings::of(Method::Directional);
         self.next("bake for preset best")?;
         let mut stages = Vec::new();
         for cloud in [&*self.subject.cloud, &self.reference.cloud] {
@@ -291,8 +292,8 @@ impl<'a> Sweep<'a> {
             };
             self.add(&setting, &Device::Cpu, Stage::Bake, measured);
         }
-        let best = wholes.pop().context("a whole bake")?.2;
-        Ok([best, self.reference.occlusion.clone()])
+        let directional = wholes.pop().context("a whole bake")?.2;
+        Ok([directional, self.reference.directional.clone()])
     }
 
     fn transfers(&mut self, bakes: &[[Bake; 2]; 2]) -> Result<()> {
@@ -300,9 +301,9 @@ impl<'a> Sweep<'a> {
         let subject = self.subject;
         for setting in settings::transfers(self.effort) {
             let wanted = &setting.settings;
-            let [whole, thinned] = match wanted.preset {
-                Preset::Best => &bakes[0],
-                Preset::Paper => &bakes[1],
+            let [whole, thinned] = match wanted.method {
+                Method::Directional => &bakes[0],
+                Method::Harmonic => &bakes[1],
             };
             let (whole, thinned) = (&*setting.blurred(whole), &*setting.blurred(thinned));
             let is_blurred = setting.visibility_degree.is_some();
@@ -357,7 +358,7 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    /// Both errors of a preset as it is by default, on a bake of the whole asset and one of the thinned.
+    /// Both errors of a method as it is by default, on a bake of the whole asset and one of the thinned.
     fn relit(
         &self,
         device: &Device,
@@ -393,7 +394,7 @@ impl<'a> Sweep<'a> {
             _ => None,
         };
         Ok(Measured {
-            numeric: Some(reference.compare(setting.settings.preset, &relit)?),
+            numeric: Some(reference.compare(setting.settings.method, &relit)?),
             psnr_truth,
             ..Measured::default()
         })
@@ -414,16 +415,16 @@ fn relight(device: &Device, prepared: &PreparedTransfer, light: &Illumination) -
     transfer.result()
 }
 
-/// A bake for preset `paper`; another softness than the default is the CPU's alone.
+/// A bake for the harmonic method; another softness than the default is the CPU's alone.
 fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake> {
     let directions = how.directions;
     let mut input = BakeInput::new(cloud, &BakeSettings { directions });
     input.resolution = how.resolution;
     let open = match device {
         Device::Cpu => bake_receivers(&input, &input.surfels, how.softness, &no_progress)?,
-        gpu => gpu.bake_visibility(&input, &no_progress)?,
+        gpu => gpu.bake_harmonic(&input, &no_progress)?,
     };
-    Ok(Bake::Visibility(Visibility::from_open(
+    Ok(Bake::Harmonic(HarmonicBake::from_open(
         cloud, directions, open,
     )))
 }
@@ -438,14 +439,14 @@ impl Point {
         }
     }
 
-    /// Whether two points can be compared: one stage and device, and one preset. By truth, the presets' transfers can be compared with
+    /// Whether two points can be compared: one stage and device, and one method. By truth, the methods' transfers can be compared with
     /// each other.
     fn is_beside(&self, other: &Self) -> bool {
         let is_transfer = self.stage == Stage::Transfer && self.psnr_truth.is_some();
         self.stage == other.stage
             && self.device == other.device
             && self.psnr_truth.is_some() == other.psnr_truth.is_some()
-            && (is_transfer || self.setting.preset() == other.setting.preset())
+            && (is_transfer || self.setting.method() == other.setting.method())
     }
 
     /// Whether it is nearer than another by 0.01 dB or 1 %: less is luck.
@@ -492,11 +493,11 @@ fn percent(error: f64) -> String {
 pub fn in_words(points: &[Point]) -> Vec<String> {
     let mut out = Vec::new();
     for default in points.iter().filter(|p| p.setting.is_default) {
-        // Of the other preset, only what the user would take of it.
+        // Of the other method, only what the user would take of it.
         let is_offered = |p: &&Point| {
             p.is_beside(default)
                 && p.on_front
-                && (p.setting.is_default || p.setting.preset() == default.setting.preset())
+                && (p.setting.is_default || p.setting.method() == default.setting.method())
         };
         for other in points.iter().filter(is_offered) {
             let (Some(a), Some(b)) = (default.time, other.time) else {

@@ -7,8 +7,8 @@ use std::time::Instant;
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use transplat_core::estimate::STAND_IN_TRUST;
+use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
-use transplat_core::transfer::Preset;
 use transplat_tests::driver::{Driver, PATIENCE};
 use transplat_tests::{asset, small_splat};
 
@@ -90,7 +90,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
 fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let mut d = Driver::new();
     // Preset paper's own bake tells nothing of the light: another is made after it.
-    d.viewer().session.look.transfer.preset = Preset::Paper;
+    d.viewer().session.look.transfer.method = Method::Harmonic;
     open_own(&mut d);
     let start = Instant::now();
     let is_baked_for = |d: &mut Driver| {
@@ -112,7 +112,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let session = &d.viewer().session;
     assert!(session.estimate.as_ref().is_some_and(|e| e.is_good()));
     assert!(!session.source_is_assumed());
-    assert_eq!(session.look.transfer.preset, Preset::Paper);
+    assert_eq!(session.look.transfer.method, Method::Harmonic);
 }
 
 #[test]
@@ -121,8 +121,8 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     let own = open_own(&mut d);
     d.settle();
     let first = d.viewer().session.estimate.clone().expect("estimated");
-    // Another splat, dropped while nothing of the last one's light fits it, and with a preset that has no bake for an estimate.
-    d.viewer().session.look.transfer.preset = Preset::Paper;
+    // Another splat, dropped while nothing of the last one's light fits it, and with a method that has no bake for an estimate.
+    d.viewer().session.look.transfer.method = Method::Harmonic;
     let few = d.folder.write("few.ply", small_splat(30));
     d.viewer().open(Path::new(&few));
     d.settle();
@@ -133,7 +133,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     d.settle();
     let session = &d.viewer().session;
     assert_eq!(session.estimate.as_ref(), Some(&first));
-    assert!(!session.source_is_assumed() && !session.bakes.contains_key(&Preset::Best));
+    assert!(!session.source_is_assumed() && !session.bakes.contains_key(&Method::Directional));
     // Undone and done again, swapped and swapped back.
     d.viewer().session.set_light(0, "even".into());
     d.settle();

@@ -13,8 +13,8 @@ use transplat::viewer::Task;
 use transplat_core::color::ToneMap;
 use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
+use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
-use transplat_core::transfer::Preset;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, asset, psnr, run};
 
@@ -185,7 +185,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
 
         let look = folder.join("look.json");
         let to_save = d.viewer().session.look_to_save();
-        transplat_core::export::save_look(&look, &to_save).expect("it is written");
+        transplat_core::files::save_look(&look, &to_save).expect("it is written");
         let rendered = folder.join(format!("{i}-render.png"));
         let output = run(&[
             "render",
@@ -232,7 +232,7 @@ fn a_look_restores_everything() {
     let before = d.picture();
     let expected = d.viewer().session.look_to_save();
     let path = d.folder.path("my.json");
-    transplat_core::export::save_look(&path, &expected).expect("it is written");
+    transplat_core::files::save_look(&path, &expected).expect("it is written");
     let text = fs::read_to_string(&path).expect("it is there");
     assert!(
         text.contains("\"teapot.ply\"") && text.contains("\"sunset.hdr\""),
@@ -278,13 +278,13 @@ fn panels_change_settings_and_picture() {
         "switched back it is as it was"
     );
 
-    // Each preset has its own terms, and what is switched back is as it was.
+    // Each method has its own terms, and what is switched back is as it was.
     d.click("Gloss");
     assert!(!d.viewer().session.look.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Gloss");
     d.click("paper");
-    assert_eq!(d.viewer().session.look.transfer.preset, Preset::Paper);
+    assert_eq!(d.viewer().session.look.transfer.method, Method::Harmonic);
     let paper = d.picture();
     assert!(psnr(&first, &paper) < 45.0);
     d.click("Specular");
@@ -292,7 +292,7 @@ fn panels_change_settings_and_picture() {
     assert!(psnr(&paper, &d.picture()) < 50.0);
     d.click("Specular");
     let bakes = d.viewer().session.stages.bake;
-    d.viewer().session.look.transfer.preset = Preset::Best;
+    d.viewer().session.look.transfer.method = Method::Directional;
     assert!(psnr(&first, &d.picture()) > 60.0);
     assert_eq!(d.viewer().session.stages.bake, bakes, "both are kept");
 
@@ -586,7 +586,7 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
         commands.any(|c| *c == egui::ViewportCommand::Close)
     });
     assert!(closed, "the window is told to close");
-    let look = transplat_core::load::load_look(&recovery).expect("the look is kept");
+    let look = transplat_core::files::load_look(&recovery).expect("the look is kept");
     assert_eq!(look.target.rotation, 33.0);
 }
 

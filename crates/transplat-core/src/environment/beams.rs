@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::EnvironmentMap;
+use super::map::EnvironmentMap;
 
 /// Light from one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub struct Beam {
     pub energy: [f32; 3],
 }
 
-/// A light as the preset `best` sees it.
+/// A light as the directional method sees it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beams {
     /// Compact bright sources, brightest first; at most [`MAX_SUNS`].

@@ -1,19 +1,21 @@
-//! A light in the forms in which the presets need it.
+//! A light in the forms in which the methods need it.
 
 use glam::DMat3;
 
-use super::{Beams, EnvironmentMap, IncidentRadiance, project_environment};
+use super::beams::Beams;
+use super::map::EnvironmentMap;
+use super::radiance::{IncidentRadiance, project_environment};
 use crate::error::{Error, Result};
 
-/// A light in the forms in which the presets need it.
+/// A light in the forms in which the methods need it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Illumination {
     /// As an SH series.
     pub radiance: IncidentRadiance,
-    /// As beams, for the preset `best`; where nobody needs them they are left out.
+    /// As beams, for the directional method; where nobody needs them they are left out.
     pub beams: Option<Beams>,
     /// How far it is to be believed as the light of a capture, 0 to 1: what a surfel changes by, away from it, is taken to that power
-    /// (preset `best`).
+    /// (the directional method).
     pub trust: f32,
 }
 
@@ -36,11 +38,11 @@ impl Illumination {
         }
     }
 
-    /// What preset `best` needs of it.
+    /// What the directional method needs of it.
     ///
     /// # Errors
     /// The light was read without.
-    pub fn for_best(&self) -> Result<(&IncidentRadiance, &Beams)> {
+    pub fn for_directional(&self) -> Result<(&IncidentRadiance, &Beams)> {
         let missing = || Error::Mismatch("the light was not read for preset best".into());
         Ok((&self.radiance, self.beams.as_ref().ok_or_else(missing)?))
     }

@@ -8,10 +8,11 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use crate::rasterize::MIN_ALPHA;
+use crate::bake::directional::DirectionalBake;
+use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
+use crate::surfels::MIN_ALPHA;
 use crate::surfels::SurfelCloud;
-use crate::transfer::best::Sides;
-use crate::visibility::occlusion::{DIRECTIONS, Occlusion, PATCHES, directions};
+use crate::transfer::directional::Sides;
 
 /// Surfels of a cluster at least, where it is not the only one.
 const FEWEST: usize = 4;
@@ -86,23 +87,23 @@ impl Clusters {
     }
 
     /// `radiance`: mean colour of both sides, `[n]`.
-    pub fn new(cloud: &SurfelCloud, occlusion: &Occlusion, radiance: &[Sides]) -> Self {
+    pub fn new(cloud: &SurfelCloud, bake: &DirectionalBake, radiance: &[Sides]) -> Self {
         let directions = directions();
-        let (surfels, openness) = (&occlusion.tracer.surfels, occlusion.openness());
+        let (surfels, openness) = (&bake.tracer.surfels, bake.openness());
         let seen: Vec<Option<Seen>> = (0..cloud.len())
             .into_par_iter()
             .map(|i| {
                 let area = cloud.scales[i].element_product();
                 let weight = f64::from(cloud.opacities[i] * area);
                 let is_sound = surfels[i].position.is_finite()
-                    && occlusion.normals[i].is_finite()
+                    && bake.normals[i].is_finite()
                     && radiance[i][0].iter().all(|v| v.is_finite())
                     && weight.is_finite()
                     && cloud.opacities[i] > MIN_ALPHA
                     && weight > 0.0;
                 let seen = is_sound.then(|| Seen {
                     position: surfels[i].position,
-                    normal: occlusion.normals[i],
+                    normal: bake.normals[i],
                     weight,
                 });
                 seen.filter(|_| openness[i] > LEAST_OPENNESS)
@@ -125,7 +126,7 @@ impl Clusters {
             }
         }
         let members = clusters.members(&seen);
-        let positions = clusters.average(&members, occlusion, radiance, &directions);
+        let positions = clusters.average(&members, bake, radiance, &directions);
         let total: f64 = clusters.mass.iter().sum();
         for m in &mut clusters.mass {
             *m /= total;
@@ -158,7 +159,7 @@ impl Clusters {
     fn average(
         &mut self,
         members: &[Vec<(u32, f32)>],
-        occlusion: &Occlusion,
+        bake: &DirectionalBake,
         radiance: &[Sides],
         directions: &[Vec3],
     ) -> Vec<[f32; 3]> {
@@ -170,18 +171,18 @@ impl Clusters {
                 let (mut mean, mut normal, mut position) = ([[0f64; 3]; 2], Vec3::ZERO, Vec3::ZERO);
                 for (i, share) in members {
                     let (i, w) = (*i as usize, f64::from(*share));
-                    let n = occlusion.normals[i];
+                    let n = bake.normals[i];
                     normal += *share * n;
-                    position += *share * occlusion.tracer.surfels[i].position;
+                    position += *share * bake.tracer.surfels[i].position;
                     for (j, d) in directions.iter().enumerate() {
-                        if occlusion.is_open(i, j) {
+                        if bake.is_open(i, j) {
                             seen[j] += share * n.dot(*d).max(0.0) * (omega / DIRECTIONS as f32);
                         }
                     }
                     for c in 0..3 {
                         mean[0][c] += w * f64::from(radiance[i][0][c]);
                     }
-                    for hit in occlusion.hits_of(i) {
+                    for hit in bake.hits_of(i) {
                         let cosine = n.dot(directions[hit.patch()]).max(0.0);
                         let b = radiance[hit.surfel()][usize::from(hit.is_back())];
                         let scale = w * f64::from(cosine * omega / PATCHES as f32);

@@ -7,11 +7,16 @@ use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::clusters::{Clusters, weighted_quantile};
-use super::{DEGREE, WHITEST_ALBEDO};
+use crate::bake::patches::{DIRECTIONS, directions};
+use crate::settings::Method;
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
-use crate::transfer::Preset;
-use crate::transfer::best::WHITEST;
-use crate::visibility::occlusion::{DIRECTIONS, directions};
+use crate::transfer::directional::WHITEST;
+
+/// SH degree of the logarithm of the light.
+pub const DEGREE: usize = 6;
+
+/// The albedo that the whitest twentieth of the object is taken to have.
+pub const WHITEST_ALBEDO: f64 = 0.65;
 
 /// Unknowns of the sky in a channel: its mean is fixed, since no object tells how strong the light is.
 pub(super) const SKY: usize = coefficient_count(DEGREE) - 1;
@@ -163,7 +168,7 @@ impl<'a> Fit<'a> {
             clusters,
             basis: DMatrix::from_fn(SKY, DIRECTIONS, |k, j| columns[j][k] as f32),
             precision: (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect(),
-            epsilon: f64::from(Preset::Best.epsilon()),
+            epsilon: f64::from(Method::Directional.epsilon()),
         }
     }
 

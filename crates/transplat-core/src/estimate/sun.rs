@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use super::clusters::{Clusters, NONE};
 use super::fit::{Fit, Fitted, Light, Sun, sky_basis};
+use crate::bake::directional::DirectionalBake;
 use crate::sh::fibonacci_sphere;
-use crate::visibility::occlusion::Occlusion;
 
 /// Directions in which the brightest part of the sky is looked for.
 const SEARCHED: usize = 2000;
@@ -23,12 +23,12 @@ const STEPS: [f32; 4] = [7.0, 3.5, 2.0, 1.0];
 const RING: usize = 6;
 
 /// The light with a sun, where that is much more probable than without one.
-pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, occlusion: &Occlusion) -> Option<Fitted> {
+pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, bake: &DirectionalBake) -> Option<Fitted> {
     let noise = without.noise;
-    let mut light = begin(fit, &without.light, occlusion)?;
+    let mut light = begin(fit, &without.light, bake)?;
     light = fit.run(light).light;
     for step in STEPS {
-        light = turn(fit, light, step, noise, occlusion);
+        light = turn(fit, light, step, noise, bake);
     }
     let with = fit.run(light);
     let [before, after] = [without, &with].map(|f| fit.cost(&f.light, &f.explained, noise));
@@ -38,7 +38,7 @@ pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, occlusion: &Occlusion) ->
 }
 
 /// A sun where the sky is brightest.
-fn begin(fit: &Fit<'_>, sky: &Light, occlusion: &Occlusion) -> Option<Light> {
+fn begin(fit: &Fit<'_>, sky: &Light, bake: &DirectionalBake) -> Option<Light> {
     let directions = fibonacci_sphere(SEARCHED);
     let radiance: Vec<(Vec3, [f64; 3])> = directions
         .iter()
@@ -69,14 +69,14 @@ fn begin(fit: &Fit<'_>, sky: &Light, occlusion: &Occlusion) -> Option<Light> {
             .map(|s| s.iter().map(|y| LEFT * y).collect()),
         sun: Some(Sun {
             direction: *peak,
-            seen: seen(fit.clusters, *peak, occlusion),
+            seen: seen(fit.clusters, *peak, bake),
             log_energy: energy.map(f64::ln),
         }),
     })
 }
 
 /// The sun turned to where it explains more, by a step's angle in degrees.
-fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, occlusion: &Occlusion) -> Light {
+fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, bake: &DirectionalBake) -> Light {
     let cost = |light: &Light| fit.cost(light, &fit.explain(light), noise);
     let Some(middle) = light.sun.as_ref().map(|s| s.direction) else {
         return light;
@@ -91,7 +91,7 @@ fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, occlusion: &Occl
         let mut other = light.clone();
         if let Some(sun) = &mut other.sun {
             sun.direction = direction;
-            sun.seen = seen(fit.clusters, direction, occlusion);
+            sun.seen = seen(fit.clusters, direction, bake);
         }
         let other_cost = cost(&other);
         if other_cost < best {
@@ -102,10 +102,10 @@ fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, occlusion: &Occl
 }
 
 /// Irradiance of each cluster by a sun of energy 1. `[c]`
-fn seen(clusters: &Clusters, direction: Vec3, occlusion: &Occlusion) -> Vec<f64> {
-    let cosine = |i: usize| occlusion.normals[i].dot(direction);
+fn seen(clusters: &Clusters, direction: Vec3, bake: &DirectionalBake) -> Vec<f64> {
+    let cosine = |i: usize| bake.normals[i].dot(direction);
     let faces = |i: u32| clusters.share[i as usize] > 0.0 && cosine(i as usize) > 0.0;
-    let open = occlusion.tracer.open_towards(direction, faces);
+    let open = bake.tracer.open_towards(direction, faces);
     let mut seen = vec![0.0; clusters.len()];
     for (i, k) in clusters.of.iter().enumerate() {
         if *k != NONE && open[i] {

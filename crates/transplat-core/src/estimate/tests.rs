@@ -7,17 +7,17 @@ use super::fit::{SKY, coupling, sky_basis};
 use super::*;
 use crate::color::Encoding;
 use crate::oracle::EstimateProblem;
+use crate::progress::no_progress;
 use crate::scenes;
-use crate::visibility::no_progress;
 
 /// A ball over a plate in stripes of three albedos, matte, under a light; what bounces once included.
 fn lit(
     n: usize,
     sky: impl Fn(Vec3) -> [f32; 3],
     sun: Option<(Vec3, f32)>,
-) -> (SurfelCloud, Arc<Occlusion>) {
+) -> (SurfelCloud, Arc<DirectionalBake>) {
     let mut cloud = scenes::sphere_over_slab(n);
-    let bake = Arc::new(Occlusion::bake(&cloud, &no_progress).expect("it is small"));
+    let bake = Arc::new(DirectionalBake::bake(&cloud, &no_progress).expect("it is small"));
     let albedo = |i: usize| match (cloud.positions[i].y * 2.0).floor() as i32 & 1 {
         0 => [0.6, 0.55, 0.5],
         _ => [0.25, 0.3, 0.35],
@@ -47,7 +47,7 @@ fn lit(
         std::array::from_fn(|c| albedo(i)[c] * e[c] / std::f32::consts::PI)
     };
     let first: Vec<[f32; 3]> = (0..cloud.len()).map(|i| exitance(i, direct(i))).collect();
-    let patch = 4.0 * std::f32::consts::PI / crate::visibility::occlusion::PATCHES as f32;
+    let patch = 4.0 * std::f32::consts::PI / crate::bake::patches::PATCHES as f32;
     let with_bounce: Vec<[f32; 3]> = (0..cloud.len())
         .map(|i| {
             let mut e = direct(i);
@@ -72,7 +72,7 @@ fn paint(cloud: &mut SurfelCloud, radiance: &[[f32; 3]]) {
         .collect();
 }
 
-fn estimate(scene: &(SurfelCloud, Arc<Occlusion>)) -> Estimate {
+fn estimate(scene: &(SurfelCloud, Arc<DirectionalBake>)) -> Estimate {
     estimate_light(&scene.0, &scene.1)
 }
 
@@ -198,10 +198,10 @@ fn what_cannot_be_told_is_said() {
         .map(|z| [if *z > 0.0 { 0.6 } else { 0.2 }; 3])
         .collect();
     paint(&mut ball, &painted);
-    let bake = Occlusion::bake(&ball, &no_progress).expect("small");
+    let bake = DirectionalBake::bake(&ball, &no_progress).expect("small");
     assert!(!estimate_light(&ball, &bake).is_good());
     for few in [scenes::sphere(0), scenes::sphere(1), scenes::sphere(20)] {
-        let bake = Occlusion::bake(&few, &no_progress).expect("small");
+        let bake = DirectionalBake::bake(&few, &no_progress).expect("small");
         assert_eq!(
             estimate_light(&few, &bake).obstacle,
             Some(Obstacle::TooLittle)
@@ -214,14 +214,14 @@ fn what_cannot_be_told_is_said() {
         Some(Obstacle::TooLittle)
     );
     let flat = scenes::sheet(40);
-    let bake = Occlusion::bake(&flat, &no_progress).expect("small");
+    let bake = DirectionalBake::bake(&flat, &no_progress).expect("small");
     assert_eq!(
         estimate_light(&flat, &bake).obstacle,
         Some(Obstacle::OneWay)
     );
     let mut at_one_place = scenes::sphere(500);
     at_one_place.positions.fill(Vec3::ONE);
-    let bake = Occlusion::bake(&at_one_place, &no_progress).expect("small");
+    let bake = DirectionalBake::bake(&at_one_place, &no_progress).expect("small");
     assert!(!estimate_light(&at_one_place, &bake).is_good());
 }
 
@@ -263,7 +263,7 @@ fn a_black_backdrop_changes_little() {
             .map(|s| s.element_product())
             .sum::<f32>();
     assert!(share > 0.8, "{share}");
-    let bake = Occlusion::bake(&cloud, &no_progress).expect("small");
+    let bake = DirectionalBake::bake(&cloud, &no_progress).expect("small");
     let found = estimate_light(&cloud, &bake);
     assert!(found.is_good(), "{:?}", found.obstacle);
     let off = unlike(&found.light, slanted);
@@ -337,7 +337,7 @@ proptest! {
         for c in other.sh.iter_mut().flatten() {
             *c *= gain;
         }
-        let bake = Occlusion::bake(&other, &no_progress).expect("small");
+        let bake = DirectionalBake::bake(&other, &no_progress).expect("small");
         let found = estimate_light(&other, &bake);
         prop_assert_eq!(found.is_good(), expected.is_good());
         let off = unlike(&found.light, |d| expected.light.sky_radiance(d));

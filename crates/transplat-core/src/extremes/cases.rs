@@ -2,15 +2,16 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{Case, Input, REFUSED, Trial, relative_error};
+use super::case::{Case, Input, REFUSED, Trial, bake, relative_error};
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
 use crate::scenes;
+use crate::settings::{Method, TransferSettings};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
-use crate::transfer::best::mean_radiance;
-use crate::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
+use crate::transfer::directional::mean_radiance;
+use crate::transfer::{Part, PreparedTransfer, Relit};
 
 /// Surfels of the usual scene, about half of them on the ball.
 const SURFELS: usize = 60;
@@ -224,7 +225,7 @@ fn monotone_in_epsilon(trial: &Trial<'_>) -> std::result::Result<(), String> {
     Ok(())
 }
 
-/// There and back many times: preset `best` is to come back the first time, and what becomes of it is told.
+/// There and back many times: the directional method is to come back the first time, and what becomes of it is told.
 fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let [source, target] = &trial.lights;
     let mut cloud = trial.cloud.clone();
@@ -257,9 +258,9 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
         drifts[CHAIN - 1]
     ));
     // Less than a tenth of a stop is not seen.
-    let limit = match trial.settings.preset {
-        Preset::Best => 0.05,
-        Preset::Paper => f32::INFINITY,
+    let limit = match trial.settings.method {
+        Method::Directional => 0.05,
+        Method::Harmonic => f32::INFINITY,
     };
     if drifts[0] <= limit {
         Ok(())
@@ -271,7 +272,7 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
 /// What the usual scene comes to, whatever its unit.
 fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let usual = usual();
-    let bake = told(super::bake(&usual.cloud, trial.settings.preset))?;
+    let bake = told(bake(&usual.cloud, trial.settings.method))?;
     let prepared = PreparedTransfer::new(&usual.cloud, &bake, &trial.lights[0], &trial.settings);
     let relit = told(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
     let relit = relit.of_degree(usual.cloud.sh_degree);

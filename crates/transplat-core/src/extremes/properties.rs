@@ -4,12 +4,15 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::relative_error;
+use crate::bake::Bake;
+use crate::bake::harmonic::{BakeSettings, HarmonicBake};
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
+use crate::progress::no_progress;
+use crate::settings::{Method, Terms, TransferSettings};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::transfer::{Part, PreparedTransfer, Preset, Relit, Terms, TransferSettings};
-use crate::visibility::{Bake, BakeSettings, Visibility, no_progress};
+use crate::transfer::{Part, PreparedTransfer, Relit};
 
 /// Cases of each property, unless PROPTEST_CASES asks for more.
 const CASES: u32 = 48;
@@ -78,24 +81,24 @@ fn light() -> impl Strategy<Value = Illumination> {
 }
 
 prop_compose! {
-    fn settings(preset: Preset)(
+    fn settings(method: Method)(
         degree in 0usize..=MAX_DEGREE,
         epsilon in -13f32..1.0,
         on in prop::collection::vec(prop::bool::weighted(0.8), Terms::ALL.len()),
     ) -> TransferSettings {
-        let mut settings = TransferSettings::of(preset);
+        let mut settings = TransferSettings::of(method);
         settings.sh_degree = degree;
         settings.epsilon = Some(epsilon.exp().max(1e-6));
         for (term, on) in Terms::ALL.iter().zip(on) {
-            *(term.of)(&mut settings.terms) = on || !term.presets.contains(&preset);
+            *(term.of)(&mut settings.terms) = on || !term.methods.contains(&method);
         }
         settings
     }
 }
 
-fn bake(cloud: &SurfelCloud, preset: Preset) -> Bake {
+fn bake(cloud: &SurfelCloud, method: Method) -> Bake {
     let settings = BakeSettings { directions: 32 };
-    Bake::new(cloud, preset, &settings, &no_progress).expect("small")
+    Bake::new(cloud, method, &settings, &no_progress).expect("small")
 }
 
 fn relight(
@@ -115,7 +118,7 @@ fn off(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 }
 
 fn any_preset() -> impl Strategy<Value = TransferSettings> {
-    prop_oneof![settings(Preset::Best), settings(Preset::Paper)]
+    prop_oneof![settings(Method::Directional), settings(Method::Harmonic)]
 }
 
 proptest! {
@@ -126,7 +129,7 @@ proptest! {
         cloud in cloud(), source in light(), target in light(), settings in any_preset(),
         stops in -30i32..30,
     ) {
-        let bake = bake(&cloud, settings.preset);
+        let bake = bake(&cloud, settings.method);
         let relit = relight(&cloud, &bake, [&source, &target], &settings);
         prop_assert!(relit.sh.iter().chain(&relit.tau).flatten().all(|v| v.is_finite()));
         let k = (stops as f32).exp2();
@@ -138,7 +141,7 @@ proptest! {
     #[test]
     fn a_black_target_is_black(cloud in cloud(), source in light(), settings in any_preset()) {
         let black = Illumination::of(&EnvironmentMap::new(1, 1, vec![[0.0; 3]]), MAX_DEGREE);
-        let bake = bake(&cloud, settings.preset);
+        let bake = bake(&cloud, settings.method);
         let relit = relight(&cloud, &bake, [&source, &black], &settings).linear();
         prop_assert!(relit.sh.iter().flatten().all(|v| v.abs() < 1e-3));
     }
@@ -146,18 +149,18 @@ proptest! {
     #[test]
     fn best_returns_the_asset_under_its_own_light(cloud in cloud(), source in light()) {
         let settings = TransferSettings::default();
-        let bake = bake(&cloud, Preset::Best);
+        let bake = bake(&cloud, Method::Directional);
         let relit = relight(&cloud, &bake, [&source, &source], &settings);
         prop_assert!(off(&relit.sh, &cloud.sh) < 1e-3, "{}", off(&relit.sh, &cloud.sh));
     }
 
     #[test]
     fn paper_is_linear_in_the_target(
-        cloud in cloud(), source in light(), a in light(), b in light(), mut settings in settings(Preset::Paper),
+        cloud in cloud(), source in light(), a in light(), b in light(), mut settings in settings(Method::Harmonic),
         share in 0f32..1.0,
     ) {
         settings.sh_degree = settings.sh_degree.min(4);
-        let bake = bake(&cloud, Preset::Paper);
+        let bake = bake(&cloud, Method::Harmonic);
         let mut mixed = a.clone();
         for (m, (a, b)) in mixed.radiance.coefficients.iter_mut().zip(a.radiance.coefficients.iter().zip(&b.radiance.coefficients)) {
             *m = std::array::from_fn(|c| share * a[c] + (1.0 - share) * b[c]);
@@ -183,7 +186,7 @@ proptest! {
 
     #[test]
     fn paper_turns_with_asset_and_lights(
-        mut cloud in cloud(), source in light(), target in light(), mut settings in settings(Preset::Paper),
+        mut cloud in cloud(), source in light(), target in light(), mut settings in settings(Method::Harmonic),
         axis in unit(), angle in 0f64..6.0,
     ) {
         // Stored colour is decoded at fixed directions.
@@ -204,7 +207,7 @@ proptest! {
             .chunks_exact(coefficient_count(cloud.sh_degree))
             .flat_map(|f| crate::sh::rotate_coefficients(turn, cloud.sh_degree, f))
             .collect();
-        let open = |cloud: &SurfelCloud| Bake::Visibility(Visibility::all_open(cloud, 16));
+        let open = |cloud: &SurfelCloud| Bake::Harmonic(HarmonicBake::all_open(cloud, 16));
         let here = relight(&cloud, &open(&cloud), [&source, &target], &settings);
         let lights = [source.rotated(turn), target.rotated(turn)];
         let there = relight(&turned, &open(&turned), [&lights[0], &lights[1]], &settings);

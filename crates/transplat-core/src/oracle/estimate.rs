@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::estimate::WHITEST_ALBEDO;
-use crate::transfer::best::WHITEST;
+use crate::transfer::directional::WHITEST;
 
 /// Means over clusters, and which of them are compared.
 pub struct EstimateProblem<'a> {

@@ -5,7 +5,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 use glam::Vec3A;
 use std::sync::LazyLock;
 
-use super::{MAX_DEGREE, coefficient_count};
+use super::bands::{MAX_COEFFICIENTS, MAX_DEGREE, coefficient_count};
 
 /// What the SH code needs of a number: `f32`, `f64`, or a vector of lanes that computes several surfels at once.
 pub trait Real:
@@ -105,7 +105,7 @@ pub fn evaluate_basis<T: Real>(d: [T; 3], degree: usize, out: &mut [T]) {
 
 /// Value at the unit vector `d` of a function with coefficients `[K][3]`.
 pub fn evaluate_sh(coefficients: &[[f32; 3]], degree: usize, d: [f32; 3]) -> [f32; 3] {
-    let mut basis = [0f32; super::MAX_COEFFICIENTS];
+    let mut basis = [0f32; MAX_COEFFICIENTS];
     evaluate_basis(d, degree, &mut basis);
     let mut sum = [0f32; 3];
     for (c, y) in coefficients[..coefficient_count(degree)].iter().zip(basis) {
@@ -119,7 +119,7 @@ pub fn evaluate_sh(coefficients: &[[f32; 3]], degree: usize, d: [f32; 3]) -> [f3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sh::{MAX_COEFFICIENTS, SphereQuadrature};
+    use crate::sh::SphereQuadrature;
 
     #[test]
     fn basis_is_orthonormal() {

@@ -1,6 +1,8 @@
 //! Products of functions on the sphere (paper eq. 4).
 
-use super::{SphereQuadrature, coefficient_count, evaluate_basis};
+use super::bands::coefficient_count;
+use super::basis::evaluate_basis;
+use super::quadrature::SphereQuadrature;
 
 /// The shadowing operator of one light, `M_kq = sum_p G_kpq L_p` for each channel, `[K][K]` row-major in `k`.
 ///

@@ -85,6 +85,19 @@ pub fn lattice(n: usize) -> Vec<Vec3> {
         .collect()
 }
 
+/// An order of the lattice's directions in which every beginning of it covers the sphere: indices by their reversed binary digits.
+pub fn refining_order(directions: usize) -> Vec<usize> {
+    let bits = directions.next_power_of_two().trailing_zeros();
+    (0..1usize << bits)
+        .map(|i| {
+            i.reverse_bits()
+                .checked_shr(usize::BITS - bits)
+                .unwrap_or(0)
+        })
+        .filter(|i| *i < directions)
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,9 +8,9 @@ use std::sync::LazyLock;
 
 use glam::DMat3;
 
-use super::{
-    MAX_COEFFICIENTS, MAX_DEGREE, Real, SphereQuadrature, band, coefficient_count, evaluate_basis,
-};
+use super::bands::{MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count};
+use super::basis::{Real, evaluate_basis};
+use super::quadrature::SphereQuadrature;
 
 /// One entry of the matrix `J` of a band; `row` and `column` count from the start of the band.
 #[derive(Clone, Copy, Debug)]

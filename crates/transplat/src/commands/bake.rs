@@ -1,7 +1,7 @@
 //! `transplat bake`: visibility into a file.
 
 use anyhow::Result;
-use transplat_core::export::{check_output, save_bake};
+use transplat_core::files::{check_output, save_bake};
 
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
@@ -11,7 +11,7 @@ use crate::scene::{Scene, asset_of, look_of, two_sided};
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
     let mut look = look_of(&args.asset.options, None)?;
-    look.transfer.preset = args.preset.unwrap_or_default();
+    look.transfer.method = args.preset.unwrap_or_default();
     refuse_overwriting([&*asset_of(&args.asset, &look)], [&*args.output])?;
     check_output(&args.output)?;
     let scene = Scene::load(&args.asset, look, &mut report)?;
@@ -21,7 +21,7 @@ pub fn run(args: &BakeArgs) -> Result<()> {
     report.finish(&format!(
         "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
-        bake.preset().name(),
+        bake.method().preset(),
         bake.len(),
         bake.bytes() / bake.len().max(1),
         bake.directions(),

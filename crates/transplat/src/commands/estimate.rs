@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use transplat_core::estimate::Estimate;
-use transplat_core::export::{ExrFloats, check_output, write_exr};
+use transplat_core::files::{ExrFloats, check_output, write_exr};
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::UpAxis;
 

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use serde_json::json;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
-use transplat_core::load::{
+use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
     load_look,
 };
@@ -45,12 +45,12 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             let header = inspect_bake(path)?;
             report.set("kind", "bake");
             report.set("surfels", header.surfels);
-            report.set("preset", header.preset.name());
+            report.set("preset", header.method.preset());
             report.set("directions", header.directions);
             report.set("geometry_key", format!("{:016x}", header.geometry_key));
             lines.push(format!(
                 "bake for preset {} of {} surfels, {} directions, geometry {:016x}",
-                header.preset.name(),
+                header.method.preset(),
                 header.surfels,
                 header.directions,
                 header.geometry_key

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use transplat_core::export::{check_output, write_relit_ply};
+use transplat_core::files::{check_output, write_relit_ply};
 use transplat_core::transfer::Part;
 
 use crate::cli::RelightArgs;

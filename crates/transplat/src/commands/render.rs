@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use glam::Vec3;
+use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png};
-use transplat_core::load::load_cameras;
+use transplat_core::files::load_cameras;
+use transplat_core::files::{ExrFloats, PngBits, write_exr, write_png};
+use transplat_core::left_out;
 use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
-use transplat_core::skips;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::visibility::Bake;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
 use crate::commands::{make_folder, refuse_overwriting};
@@ -326,7 +326,7 @@ impl Shots<'_> {
             } else {
                 &[]
             };
-            for skipped in skips::of_unseen(unseen) {
+            for skipped in left_out::of_unseen(unseen) {
                 report.skipped(skipped);
             }
             let wanted = (&light[1], self.studio.view.part(), unseen);

@@ -1,4 +1,4 @@
-//! `transplat report`: error against run time, and presets and single terms against path-traced truth.
+//! `transplat report`: error against run time, and methods and single terms against path-traced truth.
 
 mod extremes;
 mod page;
@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use transplat_core::export::write_atomically;
-use transplat_core::load::load_environment;
+use transplat_core::files::load_environment;
+use transplat_core::files::write_atomically;
 use transplat_core::look::{Look, is_file};
-use transplat_core::transfer::Preset;
+use transplat_core::settings::Method;
 use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
@@ -131,7 +131,7 @@ fn bundled_objects() -> Result<Vec<TruthObject>> {
 fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Subject> {
     let Some(asset) = &args.asset else {
         let object = bundled_objects()?.swap_remove(0);
-        let (cloud, _) = transplat_core::load::load_asset(&object.asset)?;
+        let (cloud, _) = transplat_core::files::load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
         let target = object.targets.first().context("a light with truth")?;
         return Ok(Subject {
@@ -167,7 +167,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
     let map = load_environment(&target)?;
     let lights = [
         scene.light_of(source, None, report)?,
-        device.light(&map, Preset::Best)?,
+        device.light(&map, Method::Directional)?,
     ];
     let up = scene.cloud.up;
     let lights = Look::default().lights(&lights[0], &lights[1], up);

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use transplat_core::look::Look;
-use transplat_core::transfer::TransferSettings;
+use transplat_core::settings::TransferSettings;
 
 use crate::cli::{DeviceChoice, ViewArgs};
 use crate::scene::{look_of, look_over};
@@ -30,7 +30,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     }
     let bake = light.bake.clone();
     let settings = move |mut kept: Look| {
-        // Terms that are switched off are the default preset's, unless another is named.
+        // Terms that are switched off are the default method's, unless another is named.
         if light.preset.is_none() && !light.without.is_empty() {
             kept.transfer = TransferSettings::default();
         }

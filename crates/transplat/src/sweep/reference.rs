@@ -5,16 +5,19 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::camera::Camera;
+use transplat_core::camera::CameraPose;
 use transplat_core::color::decode_sh;
-use transplat_core::look::CameraPose;
-use transplat_core::oracle::{OracleBest, OracleTransfer, difference, relight_asset};
+use transplat_core::oracle::{OracleDirectional, OracleHarmonic, difference, relight_asset};
 use transplat_core::present::PLAIN;
+use transplat_core::progress::no_progress;
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{MAX_DEGREE, lattice};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, Preset, Relit, TransferSettings};
-use transplat_core::visibility::occlusion::Occlusion;
-use transplat_core::visibility::{Bake, Visibility, no_progress};
+use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::{Numeric, Subject};
 use crate::device::{Device, Paint, Painter};
@@ -32,16 +35,16 @@ const SIZE: usize = 256;
 /// The thinned asset with its exact results.
 pub struct Reference {
     pub cloud: SurfelCloud,
-    /// Preset `best`'s bake of it.
-    pub occlusion: Bake,
+    /// The directional method's bake of it.
+    pub directional: Bake,
     exact: Vec<Exact>,
     painter: Painter,
     camera: Camera,
 }
 
-/// What a preset would show without any numerical error.
+/// What a method would show without any numerical error.
 struct Exact {
-    preset: Preset,
+    method: Method,
     sh: Vec<[f64; 3]>,
     picture: Picture,
 }
@@ -49,7 +52,7 @@ struct Exact {
 impl Reference {
     pub fn new(subject: &Subject) -> Result<Self> {
         let cloud = subject.cloud.thinned(SURFELS);
-        let occlusion = Arc::new(Occlusion::bake(&cloud, &no_progress)?);
+        let directional = Arc::new(DirectionalBake::bake(&cloud, &no_progress)?);
         let painter = Device::Cpu.painter(&Arc::new(cloud.clone()))?.0;
         let bounds = cloud.bounds();
         let pose = CameraPose {
@@ -63,26 +66,29 @@ impl Reference {
         let mut reference = Self {
             camera: Camera::from_pose(&pose, cloud.up, [SIZE, SIZE], bounds.radius),
             painter,
-            occlusion: Bake::Occlusion(occlusion.clone()),
+            directional: Bake::Directional(directional.clone()),
             exact: Vec::new(),
             cloud,
         };
         let [source, target] = &subject.lights;
-        let best = {
-            let (_, beams) = source.for_best()?;
-            let (_, target) = target.for_best()?;
-            let epsilon = Preset::Best.epsilon();
-            OracleBest::new(&reference.cloud, &occlusion, beams, epsilon)
+        let by_directions = {
+            let (_, beams) = source.for_directional()?;
+            let (_, target) = target.for_directional()?;
+            let epsilon = Method::Directional.epsilon();
+            OracleDirectional::new(&reference.cloud, &directional, beams, epsilon)
                 .trusting(source.trust)
                 .relight(target)
         };
-        let paper = reference.paper(&occlusion, subject)?;
-        for (preset, sh) in [(Preset::Best, best), (Preset::Paper, paper)] {
+        let by_harmonics = reference.harmonic(&directional, subject)?;
+        for (method, sh) in [
+            (Method::Directional, by_directions),
+            (Method::Harmonic, by_harmonics),
+        ] {
             let narrow: Vec<[f32; 3]> = sh.iter().map(|v| v.map(|v| v as f32)).collect();
-            let relit = reference.as_relit(preset, narrow);
+            let relit = reference.as_relit(method, narrow);
             let picture = reference.picture(&relit)?;
             reference.exact.push(Exact {
-                preset,
+                method,
                 sh,
                 picture,
             });
@@ -90,45 +96,45 @@ impl Reference {
         Ok(reference)
     }
 
-    fn as_relit(&self, preset: Preset, sh: Vec<[f32; 3]>) -> Relit {
+    fn as_relit(&self, method: Method, sh: Vec<[f32; 3]>) -> Relit {
         Relit {
             sh,
             degree: self.cloud.sh_degree,
-            encoding: match preset {
-                Preset::Best => self.cloud.encoding,
-                Preset::Paper => transplat_core::color::Encoding::Linear,
+            encoding: match method {
+                Method::Directional => self.cloud.encoding,
+                Method::Harmonic => transplat_core::color::Encoding::Linear,
             },
             tau: Vec::new(),
         }
     }
 
-    /// Preset `paper` of the highest degree, on visibility by rays.
-    fn paper(&self, occlusion: &Occlusion, subject: &Subject) -> Result<Vec<[f64; 3]>> {
+    /// The harmonic method of the highest degree, on visibility by rays.
+    fn harmonic(&self, directional: &DirectionalBake, subject: &Subject) -> Result<Vec<[f64; 3]>> {
         let mut open = vec![0u8; self.cloud.len() * DIRECTIONS];
         let columns: Vec<Vec<bool>> = lattice(DIRECTIONS)
             .into_par_iter()
-            .map(|d| occlusion.tracer.open_towards(d, |_| true))
+            .map(|d| directional.tracer.open_towards(d, |_| true))
             .collect();
         for (j, column) in columns.iter().enumerate() {
             for (i, is_open) in column.iter().enumerate() {
                 open[i * DIRECTIONS + j] = if *is_open { 255 } else { 0 };
             }
         }
-        let visibility = Visibility::from_open(&self.cloud, DIRECTIONS, open);
+        let visibility = HarmonicBake::from_open(&self.cloud, DIRECTIONS, open);
         let settings = TransferSettings {
             sh_degree: MAX_DEGREE,
-            ..TransferSettings::of(Preset::Paper)
+            ..TransferSettings::of(Method::Harmonic)
         };
         let lights = &subject.lights;
         // Which side of a two-sided surfel counts is production's choice.
-        let bake = Bake::Visibility(visibility);
+        let bake = Bake::Harmonic(visibility);
         let prepared = PreparedTransfer::new(&self.cloud, &bake, &lights[0], &settings)?;
-        let (PreparedTransfer::Paper(prepared), Bake::Visibility(visibility)) = (prepared, bake)
+        let (PreparedTransfer::Harmonic(prepared), Bake::Harmonic(visibility)) = (prepared, bake)
         else {
             bail!("preset paper prepares something else");
         };
         let [source, target] = [0, 1].map(|side| lights[side].radiance.truncated(MAX_DEGREE));
-        let oracle = OracleTransfer::new(&source, &target, &settings);
+        let oracle = OracleHarmonic::new(&source, &target, &settings);
         let color = self.linear_color();
         Ok(relight_asset(
             &oracle,
@@ -153,8 +159,8 @@ impl Reference {
     }
 
     /// How far a relit thinned asset is from the oracle's.
-    pub fn compare(&self, preset: Preset, relit: &Relit) -> Result<Numeric> {
-        let exact = self.exact.iter().find(|e| e.preset == preset);
+    pub fn compare(&self, method: Method, relit: &Relit) -> Result<Numeric> {
+        let exact = self.exact.iter().find(|e| e.method == method);
         let exact = exact.context("a reference for each preset")?;
         let psnr = self.picture(relit)?.psnr(&exact.picture, None)?;
         Ok(Numeric {
@@ -163,7 +169,7 @@ impl Reference {
         })
     }
 
-    /// Preset `paper` with reflections that are projected by samples, in f64.
+    /// The harmonic method with reflections that are projected by samples, in f64.
     pub fn relit_by_samples(
         &self,
         prepared: &PreparedTransfer,
@@ -171,14 +177,15 @@ impl Reference {
         subject: &Subject,
         samples: usize,
     ) -> Result<Relit> {
-        let (PreparedTransfer::Paper(paper), Bake::Visibility(visibility)) = (prepared, thinned)
+        let (PreparedTransfer::Harmonic(harmonic), Bake::Harmonic(visibility)) =
+            (prepared, thinned)
         else {
             bail!("only preset paper reflects by samples");
         };
-        let oracle = sampled(paper.settings.clone(), subject, samples);
-        let sh = relight_asset(&oracle, &self.linear_color(), &paper.normals, visibility);
+        let oracle = sampled(harmonic.settings.clone(), subject, samples);
+        let sh = relight_asset(&oracle, &self.linear_color(), &harmonic.normals, visibility);
         let narrow = sh.iter().map(|v| v.map(|v| v as f32)).collect();
-        Ok(self.as_relit(Preset::Paper, narrow))
+        Ok(self.as_relit(Method::Harmonic, narrow))
     }
 
     /// Milliseconds that reflections by samples take for the whole asset, in plain f64.
@@ -188,12 +195,12 @@ impl Reference {
         subject: &Subject,
         samples: usize,
     ) -> f64 {
-        let PreparedTransfer::Paper(paper) = prepared else {
+        let PreparedTransfer::Harmonic(harmonic) = prepared else {
             return 0.0;
         };
-        let oracle = sampled(paper.settings.clone(), subject, samples);
+        let oracle = sampled(harmonic.settings.clone(), subject, samples);
         let start = Instant::now();
-        let sums: f64 = paper
+        let sums: f64 = harmonic
             .normals
             .par_iter()
             .map(|n| oracle.reflection(n.to_array().map(f64::from)))
@@ -203,10 +210,10 @@ impl Reference {
     }
 }
 
-fn sampled(settings: TransferSettings, subject: &Subject, samples: usize) -> OracleTransfer {
+fn sampled(settings: TransferSettings, subject: &Subject, samples: usize) -> OracleHarmonic {
     let [source, target] =
         [0, 1].map(|side| subject.lights[side].radiance.truncated(settings.sh_degree));
-    OracleTransfer::new(&source, &target, &settings).with_samples(samples)
+    OracleHarmonic::new(&source, &target, &settings).with_samples(samples)
 }
 
 /// Without a picture.

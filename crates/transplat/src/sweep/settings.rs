@@ -5,13 +5,14 @@ use std::cell::RefCell;
 use std::time::Instant;
 
 use anyhow::Result;
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::{BakeInput, BakeSettings, DEFAULT_DIRECTIONS, Softness};
+use transplat_core::progress::no_progress;
+use transplat_core::settings::skips::Skips;
+use transplat_core::settings::{Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{PreparedTransfer, Preset, Terms, TransferSettings};
-use transplat_core::visibility::{
-    Bake, BakeInput, BakeSettings, DEFAULT_DIRECTIONS, Softness, no_progress,
-};
+use transplat_core::transfer::PreparedTransfer;
 
 use super::{Effort, Subject};
 use crate::device::Device;
@@ -33,15 +34,15 @@ pub struct Setting {
     pub samples: Option<usize>,
     /// SH degree of the visibility, where that is below the light's.
     pub visibility_degree: Option<usize>,
-    /// Of which preset it is; none where both are served.
-    pub of: Option<Preset>,
+    /// Of which method it is; none where both are served.
+    pub of: Option<Method>,
 }
 
 impl Setting {
     pub fn plain(settings: TransferSettings) -> Self {
         Self {
-            name: format!("preset {}", settings.preset.name()),
-            of: Some(settings.preset),
+            name: format!("preset {}", settings.method.preset()),
+            of: Some(settings.method),
             settings,
             is_default: false,
             is_offered: false,
@@ -51,16 +52,14 @@ impl Setting {
         }
     }
 
-    pub fn preset(&self) -> &'static str {
-        self.of.map_or("", Preset::name)
+    pub fn method(&self) -> &'static str {
+        self.of.map_or("", Method::preset)
     }
 
     /// A bake as this setting sees it.
     pub fn blurred<'a>(&self, bake: &'a Bake) -> Cow<'a, Bake> {
         match (bake, self.visibility_degree) {
-            (Bake::Visibility(v), Some(degree)) => {
-                Cow::Owned(Bake::Visibility(v.of_degree(degree)))
-            }
+            (Bake::Harmonic(v), Some(degree)) => Cow::Owned(Bake::Harmonic(v.of_degree(degree))),
             _ => Cow::Borrowed(bake),
         }
     }
@@ -75,7 +74,7 @@ impl Setting {
     }
 }
 
-/// How preset `paper`'s maps are baked.
+/// How the harmonic method's maps are baked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapBake {
     pub directions: usize,
@@ -99,7 +98,7 @@ pub fn projections() -> Vec<(Setting, Option<usize>)> {
     all
 }
 
-/// Bakes of preset `paper`: each knob alone, the others as they are by default.
+/// Bakes of the harmonic method: each knob alone, the others as they are by default.
 pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)> {
     let settings = BakeSettings::default();
     let plain = MapBake {
@@ -111,7 +110,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
         let setting = Setting {
             name,
             is_default: how == plain,
-            ..Setting::plain(TransferSettings::of(Preset::Paper))
+            ..Setting::plain(TransferSettings::of(Method::Harmonic))
         };
         (setting, how)
     };
@@ -159,7 +158,7 @@ pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)>
     all
 }
 
-/// A share of preset `best`'s bake.
+/// A share of the directional method's bake.
 pub fn staged(share: f32) -> Setting {
     let name = if share == 1.0 {
         "all rays".to_owned()
@@ -169,20 +168,20 @@ pub fn staged(share: f32) -> Setting {
     Setting {
         name,
         is_default: share == 1.0,
-        ..Setting::plain(TransferSettings::of(Preset::Best))
+        ..Setting::plain(TransferSettings::of(Method::Directional))
     }
 }
 
-/// Stages of preset `best`'s bake: shares of its rays, and how many milliseconds in they were there.
+/// Stages of the directional method's bake: shares of its rays, and how many milliseconds in they were there.
 pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
     let start = Instant::now();
     let found = RefCell::new(Vec::new());
-    let keep = |occlusion, share| {
+    let keep = |directional, share| {
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        let bake = Bake::Occlusion(std::sync::Arc::new(occlusion));
+        let bake = Bake::Directional(std::sync::Arc::new(directional));
         found.borrow_mut().push((share, ms, bake));
     };
-    let whole = Device::Cpu.bake_occlusion(
+    let whole = Device::Cpu.bake_directional(
         cloud,
         (&[8, 4, 2, 1], &Skips::default()),
         &no_progress,
@@ -194,20 +193,20 @@ pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
 
 /// Settings of the transfer.
 pub fn transfers(effort: Effort) -> Vec<Setting> {
-    let default = |preset: Preset| Setting {
+    let default = |method: Method| Setting {
         is_default: true,
         is_offered: true,
-        ..Setting::plain(TransferSettings::of(preset))
+        ..Setting::plain(TransferSettings::of(method))
     };
-    let paper = TransferSettings::of(Preset::Paper);
-    let mut all = vec![default(Preset::Best)];
-    for preset in Preset::ALL {
-        for term in Terms::of_preset(preset) {
-            let Ok(settings) = TransferSettings::of(preset).without(term.name) else {
+    let harmonic = TransferSettings::of(Method::Harmonic);
+    let mut all = vec![default(Method::Directional)];
+    for method in Method::ALL {
+        for term in Terms::of_method(method) {
+            let Ok(settings) = TransferSettings::of(method).without(term.name) else {
                 continue;
             };
             all.push(Setting {
-                name: format!("{} without {}", preset.name(), term.name),
+                name: format!("{} without {}", method.preset(), term.name),
                 is_offered: true,
                 ..Setting::plain(settings)
             });
@@ -217,7 +216,7 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
         let all = (0..=MAX_DEGREE).filter(|l| effort != Effort::Quick || [1, 3, 5].contains(l));
         all.map(|degree| Setting {
             name: format!("{what} of degree {degree}"),
-            is_default: what == "paper" && degree == paper.sh_degree,
+            is_default: what == "paper" && degree == harmonic.sh_degree,
             is_offered: what == "paper",
             ..Setting::plain(TransferSettings {
                 sh_degree: degree,
@@ -226,19 +225,19 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
         })
         .collect()
     };
-    all.extend(degrees(&paper, "paper"));
+    all.extend(degrees(&harmonic, "paper"));
     if effort == Effort::Offered {
         return all;
     }
     if effort == Effort::Full
-        && let Ok(series) = TransferSettings::of(Preset::Best).without("sums")
+        && let Ok(series) = TransferSettings::of(Method::Directional).without("sums")
     {
         all.extend(degrees(&series, "cosine transfer (best without sums)"));
     }
     if effort == Effort::Full {
         let sharp = TransferSettings {
             sh_degree: MAX_DEGREE,
-            ..paper.clone()
+            ..harmonic.clone()
         };
         all.extend([0, 1, 2, 3, 5].map(|degree| Setting {
             name: format!("paper of degree {MAX_DEGREE}, visibility of {degree}"),
@@ -246,17 +245,17 @@ pub fn transfers(effort: Effort) -> Vec<Setting> {
             ..Setting::plain(sharp.clone())
         }));
     }
-    for preset in Preset::ALL {
+    for method in Method::ALL {
         all.push(Setting {
-            name: format!("{} stored in half precision", preset.name()),
+            name: format!("{} stored in half precision", method.preset()),
             is_rounded: true,
-            ..Setting::plain(TransferSettings::of(preset))
+            ..Setting::plain(TransferSettings::of(method))
         });
     }
     all.push(Setting {
         name: format!("paper, reflections by {SAMPLES} samples"),
         samples: Some(SAMPLES),
-        ..Setting::plain(paper)
+        ..Setting::plain(harmonic)
     });
     all
 }

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use transplat_core::camera::{Camera, NEAR};
 use transplat_core::environment::Illumination;
-use transplat_core::load::{load_cameras, load_environment, load_picture};
+use transplat_core::files::{load_cameras, load_environment, load_picture};
 use transplat_core::present::PLAIN;
 use transplat_core::rasterize::Raster;
+use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Preset, Relit};
+use transplat_core::transfer::Relit;
 
 use super::{TruthLight, TruthObject};
 use crate::device::{Device, Paint, Painter};
@@ -101,9 +102,9 @@ impl Views {
     }
 }
 
-/// A light in the forms that both presets need.
+/// A light in the forms that both methods need.
 pub fn light(light: &TruthLight, device: &Device) -> Result<Illumination> {
-    device.light(&load_environment(&light.path)?, Preset::Best)
+    device.light(&load_environment(&light.path)?, Method::Directional)
 }
 
 /// The true pictures under one light, which are of one size and show the object.

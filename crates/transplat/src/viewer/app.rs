@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self, Key, Ui};
-use transplat_core::load::{FileKind, file_kind, load_look};
+use transplat_core::files::{FileKind, file_kind, load_look};
+use transplat_core::left_out;
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
-use transplat_core::skips::{self, Skipped, Stage};
+use transplat_core::settings::skips::{Skipped, Stage};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -314,7 +315,7 @@ impl Viewer {
     }
 
     fn save_look(&mut self, path: &Path) {
-        match transplat_core::export::save_look(path, &self.session.look_to_save()) {
+        match transplat_core::files::save_look(path, &self.session.look_to_save()) {
             Ok(()) => {
                 self.preferences.remember(path);
                 self.session.info(format!("saved {}", path.display()));
@@ -439,7 +440,7 @@ impl Viewer {
         if session.asset.is_none() {
             return out;
         }
-        out.extend(skips::of_unseen(&session.hidden));
+        out.extend(left_out::of_unseen(&session.hidden));
         if session.source_is_assumed() {
             out.push(Skipped::exact(
                 Stage::Project,
@@ -451,12 +452,12 @@ impl Viewer {
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
             out.push(Skipped::exact(Stage::Bake, "bake", "a kept one is used"));
         } else if let Some(baked) = baked {
-            out.extend(baked.bake.iter().flat_map(|b| skips::of_bake(b)));
+            out.extend(baked.bake.iter().flat_map(|b| left_out::of_bake(b)));
         }
         if let Some(prepared) = &session.prepared {
             out.extend(session.transfer_skips.iter().cloned());
             let [_, target] = session.oriented_lights();
-            out.extend(skips::of_light(
+            out.extend(left_out::of_light(
                 prepared,
                 &target.light,
                 session.relights_on_gpu,
@@ -467,8 +468,8 @@ impl Viewer {
 
     /// Why something was left out, and what that saved: as it was measured on this object, or else estimated from what the stage took.
     pub fn left_out_in_words(&self, skipped: &Skipped) -> String {
-        let preset = self.session.look.transfer.preset;
-        let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.preset == preset;
+        let method = self.session.look.transfer.method;
+        let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.method == method;
         let mut measured = self.session.saved.iter();
         // What is hidden has changed since.
         let is_kept = skipped.skip.is_some_and(|s| s != "unseen");
@@ -502,7 +503,7 @@ impl Viewer {
         let kept = self.recovery.clone().filter(|path| {
             let folder = path.parent();
             let made = folder.is_none_or(|f| std::fs::create_dir_all(f).is_ok());
-            made && transplat_core::export::save_look(path, &self.session.look_to_save()).is_ok()
+            made && transplat_core::files::save_look(path, &self.session.look_to_save()).is_ok()
         });
         let mut text = "the graphics device was lost; its driver may have been updated or reset, or have run out of memory".to_owned();
         if let Some(path) = kept {

@@ -4,23 +4,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use transplat_core::export::save_bake;
-use transplat_core::load::{geometry_key, load_bake};
-use transplat_core::skips::Skips;
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, fill_unfinished};
+use transplat_core::files::save_bake;
+use transplat_core::files::{geometry_key, load_bake};
+use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skips;
+use transplat_core::sh::refining_order;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::Preset;
-use transplat_core::visibility::occlusion::Occlusion;
-use transplat_core::visibility::{
-    Bake, BakeInput, BakeSettings, Visibility, fill_unfinished, refining_order,
-};
 
 use crate::device::Device;
 
 /// Shares of the directions after which what there is can be seen.
 const STAGES: [usize; 5] = [16, 8, 4, 2, 1];
 
-/// The same for preset `best`, which takes longer to be prepared.
-const STAGES_OF_BEST: [usize; 3] = [8, 2, 1];
+/// The same for the directional method, which takes longer to be prepared.
+const STAGES_OF_DIRECTIONAL: [usize; 3] = [8, 2, 1];
 
 /// A bake, whole or in part.
 pub struct Baked {
@@ -38,7 +38,7 @@ pub struct Baked {
 pub struct Wanted<'a> {
     pub asset: &'a Path,
     pub cloud: &'a Arc<SurfelCloud>,
-    pub preset: Preset,
+    pub method: Method,
     pub directions: usize,
     pub skips: Skips,
 }
@@ -46,9 +46,9 @@ pub struct Wanted<'a> {
 impl Wanted<'_> {
     /// Where the bake may be kept: beside the asset, or in the user's cache.
     pub fn cache_files(&self) -> Vec<PathBuf> {
-        let kind = match self.preset {
-            Preset::Paper => self.directions.to_string(),
-            Preset::Best => "best".into(),
+        let kind = match self.method {
+            Method::Harmonic => self.directions.to_string(),
+            Method::Directional => "best".into(),
         };
         let mut name = self.asset.file_name().unwrap_or_default().to_owned();
         name.push(format!(".{kind}.bake"));
@@ -87,7 +87,7 @@ pub fn bake(
     let mut complaint = None;
     if let Some(file) = saved {
         let loaded = load_bake(file, wanted.cloud);
-        match loaded.and_then(|b| b.of_preset(wanted.preset).cloned()) {
+        match loaded.and_then(|b| b.of_method(wanted.method).cloned()) {
             Ok(bake) => return Ok(read(bake, file)),
             Err(error) => complaint = Some(format!("{error}; baking anew")),
         }
@@ -95,7 +95,7 @@ pub fn bake(
     for file in &files {
         // One of another geometry, kind or size is as good as none.
         if let Ok(bake) = load_bake(file, wanted.cloud)
-            && bake.preset() == wanted.preset
+            && bake.method() == wanted.method
             && bake.directions() == wanted.directions
         {
             return Ok(read(bake, file));
@@ -110,13 +110,13 @@ pub fn bake(
             complaint: None,
         });
     };
-    let bake = match wanted.preset {
-        Preset::Paper => bake_visibility(device, wanted, report, &so_far)?,
-        Preset::Best => {
-            let so_far = |o: Occlusion, share| so_far(Bake::Occlusion(Arc::new(o)), share);
-            let stages = (&STAGES_OF_BEST[..], &wanted.skips);
-            let whole = device.bake_occlusion(wanted.cloud, stages, report, so_far)?;
-            Bake::Occlusion(Arc::new(whole))
+    let bake = match wanted.method {
+        Method::Harmonic => bake_harmonic(device, wanted, report, &so_far)?,
+        Method::Directional => {
+            let so_far = |o: DirectionalBake, share| so_far(Bake::Directional(Arc::new(o)), share);
+            let stages = (&STAGES_OF_DIRECTIONAL[..], &wanted.skips);
+            let whole = device.bake_directional(wanted.cloud, stages, report, so_far)?;
+            Bake::Directional(Arc::new(whole))
         }
     };
     let ms = ms();
@@ -137,8 +137,8 @@ pub fn bake(
     })
 }
 
-/// Preset `paper`'s bake, direction by direction.
-fn bake_visibility(
+/// The harmonic method's bake, direction by direction.
+fn bake_harmonic(
     device: &Device,
     wanted: &Wanted<'_>,
     report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
@@ -149,9 +149,9 @@ fn bake_visibility(
         return Err(transplat_core::Error::Cancelled.into());
     }
     if wanted.skips.open_object
-        && let Some(open) = Visibility::of_open_object(cloud, directions)
+        && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
     {
-        return Ok(Bake::Visibility(open));
+        return Ok(Bake::Harmonic(open));
     }
     let mut input = BakeInput::new(cloud, &BakeSettings { directions });
     let frames = std::mem::take(&mut input.frames);
@@ -163,7 +163,7 @@ fn bake_visibility(
         let part = &order[done..end];
         input.frames = part.iter().map(|i| frames[*i]).collect();
         let progress = |p: f64| report((done as f64 + p * part.len() as f64) / directions as f64);
-        let stage = device.bake_visibility(&input, &progress)?;
+        let stage = device.bake_harmonic(&input, &progress)?;
         for (row, stage) in open
             .chunks_exact_mut(directions)
             .zip(stage.chunks_exact(part.len()))
@@ -176,12 +176,12 @@ fn bake_visibility(
         if share > 1 {
             let mut filled = open.clone();
             fill_unfinished(&mut filled, directions, &order[..done]);
-            let so_far = Visibility::from_open(cloud, directions, filled);
-            preview(Bake::Visibility(so_far), done as f32 / directions as f32);
+            let so_far = HarmonicBake::from_open(cloud, directions, filled);
+            preview(Bake::Harmonic(so_far), done as f32 / directions as f32);
         }
     }
-    let whole = Visibility::from_open(cloud, directions, open);
-    Ok(Bake::Visibility(whole))
+    let whole = HarmonicBake::from_open(cloud, directions, open);
+    Ok(Bake::Harmonic(whole))
 }
 
 /// Saves to the first place that takes it.
@@ -208,9 +208,9 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
     use std::ops::ControlFlow;
+    use transplat_core::bake::patches::DIRECTIONS;
+    use transplat_core::progress::no_progress;
     use transplat_core::scenes;
-    use transplat_core::visibility::no_progress;
-    use transplat_core::visibility::occlusion::DIRECTIONS;
 
     #[test]
     fn a_bake_refines_is_kept_and_is_found_again() {
@@ -218,25 +218,25 @@ mod tests {
         let asset = folder.path().join("ball.ply");
         let cloud = Arc::new(scenes::sphere_over_plate(400));
         let paper = (
-            Preset::Paper,
+            Method::Harmonic,
             64,
             "ball.ply.64.bake",
             &[0.0625, 0.125, 0.25, 0.5][..],
         );
         let best = (
-            Preset::Best,
+            Method::Directional,
             DIRECTIONS,
             "ball.ply.best.bake",
             &[0.125, 0.5][..],
         );
-        for (preset, directions, name, stages) in [paper, best] {
+        for (method, directions, name, stages) in [paper, best] {
             let shares = RefCell::new(Vec::new());
             let run = |cloud: &Arc<SurfelCloud>| {
                 let preview = |b: Baked| shares.borrow_mut().push(b.share);
                 let wanted = Wanted {
                     asset: &asset,
                     cloud,
-                    preset,
+                    method,
                     directions,
                     skips: Skips::default(),
                 };
@@ -251,11 +251,11 @@ mod tests {
             assert_eq!(shares.borrow().len(), stages.len(), "the second is read");
             // The same bake as in one go: the order of directions does not matter.
             let settings = BakeSettings { directions };
-            let whole = Bake::new(&cloud, preset, &settings, &no_progress).expect("a bake");
+            let whole = Bake::new(&cloud, method, &settings, &no_progress).expect("a bake");
             for other in [&again.bake, &whole] {
                 match (&first.bake, other) {
-                    (Bake::Visibility(a), Bake::Visibility(b)) => assert_eq!(a.open, b.open),
-                    (Bake::Occlusion(a), Bake::Occlusion(b)) => {
+                    (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
+                    (Bake::Directional(a), Bake::Directional(b)) => {
                         assert_eq!((&a.open, &a.hits.len()), (&b.open, &b.hits.len()));
                     }
                     _ => panic!("of another kind"),
@@ -276,11 +276,11 @@ mod tests {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
-        for preset in Preset::ALL {
+        for method in Method::ALL {
             let wanted = Wanted {
                 asset: &asset,
                 cloud: &cloud,
-                preset,
+                method,
                 directions: 32,
                 skips: Skips::default(),
             };

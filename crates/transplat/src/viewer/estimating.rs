@@ -3,15 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::export::save_estimate;
-use transplat_core::load::load_estimate;
+use transplat_core::files::load_estimate;
+use transplat_core::files::save_estimate;
 use transplat_core::look::ESTIMATE;
-use transplat_core::skips::Skips;
+use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skips;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::Preset;
-use transplat_core::visibility::Bake;
-use transplat_core::visibility::occlusion::{DIRECTIONS, Occlusion};
 
 use super::baking::{self, Wanted};
 use super::jobs::{Handle, Kind};
@@ -43,8 +44,10 @@ impl Session {
         if self.estimate.is_some() || self.estimate_asked {
             return;
         }
-        let bake = self.whole_bakes().find(|b| b.preset() == Preset::Best);
-        let (Some(asset), Some(Bake::Occlusion(occlusion))) = (&self.asset, bake.map(|b| &**b))
+        let bake = self
+            .whole_bakes()
+            .find(|b| b.method() == Method::Directional);
+        let (Some(asset), Some(Bake::Directional(directional))) = (&self.asset, bake.map(|b| &**b))
         else {
             let is_on_its_way = self.is_estimating();
             if std::mem::replace(&mut self.estimate_awaited, is_on_its_way) && !is_on_its_way {
@@ -52,13 +55,13 @@ impl Session {
             }
             return;
         };
-        let occlusion = occlusion.clone();
+        let directional = directional.clone();
         let (path, cloud) = (asset.path.clone(), asset.cloud.clone());
         let label = format!("estimating the light of {}", asset.name());
         self.estimate_asked = true;
         let id = self.asset_id;
         let work = move |_: &Handle<Event>| {
-            let estimate = Box::new(estimate(&path, &cloud, &occlusion));
+            let estimate = Box::new(estimate(&path, &cloud, &directional));
             Some(Event::Estimated {
                 asset: id,
                 estimate,
@@ -85,7 +88,7 @@ impl Session {
             Some(obstacle) => format!(
                 "what it was captured under cannot be told from the object: {}; {}. {DROP_IT}",
                 obstacle.reason(),
-                what_stands_in(self.look.transfer.preset, obstacle)
+                what_stands_in(self.look.transfer.method, obstacle)
             ),
         };
         let light = if estimate.is_good() {
@@ -120,8 +123,8 @@ impl Session {
         if self.bake_share() < 1.0 && !self.is_baking() {
             self.rebake();
         }
-        if !self.jobs.is_awaited(Kind::Bake(Preset::Best))
-            && let Some(state) = self.bakes.get_mut(&Preset::Best)
+        if !self.jobs.is_awaited(Kind::Bake(Method::Directional))
+            && let Some(state) = self.bakes.get_mut(&Method::Directional)
         {
             state.asked = state.asked.filter(|_| state.share == 1.0);
         }
@@ -142,8 +145,8 @@ impl Session {
     pub fn is_estimating(&self) -> bool {
         let needs_bake = self.estimate_needs_bake();
         self.jobs.is_awaited(Kind::Estimate)
-            || (needs_bake && self.jobs.is_awaited(Kind::Bake(Preset::Best)))
-            || (needs_bake && self.is_baking() && self.best_is_next())
+            || (needs_bake && self.jobs.is_awaited(Kind::Bake(Method::Directional)))
+            || (needs_bake && self.is_baking() && self.directional_is_next())
     }
 }
 
@@ -152,7 +155,7 @@ fn cache_files(asset: &Path, cloud: &Arc<SurfelCloud>) -> Vec<PathBuf> {
     let wanted = Wanted {
         asset,
         cloud,
-        preset: Preset::Best,
+        method: Method::Directional,
         directions: DIRECTIONS,
         skips: Skips::default(),
     };
@@ -167,8 +170,8 @@ pub fn kept_estimate(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate>
 }
 
 /// Makes the estimate, and keeps it.
-fn estimate(asset: &Path, cloud: &Arc<SurfelCloud>, occlusion: &Occlusion) -> Estimate {
-    let estimate = estimate_light(cloud, occlusion);
+fn estimate(asset: &Path, cloud: &Arc<SurfelCloud>, directional: &DirectionalBake) -> Estimate {
+    let estimate = estimate_light(cloud, directional);
     // Where nothing can be kept, it is estimated again the next time.
     let _ = baking::keep(&cache_files(asset, cloud), |file| {
         save_estimate(file, cloud, &estimate)

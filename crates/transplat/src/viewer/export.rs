@@ -7,18 +7,20 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
 use serde::{Deserialize, Serialize};
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::Camera;
+use transplat_core::camera::CameraPose;
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::export::{ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
+use transplat_core::files::AssetFile;
+use transplat_core::files::{ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
 use transplat_core::ground::Ground;
-use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, Look};
+use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
-use transplat_core::visibility::{Bake, BakeSettings};
 
 use super::adapter::BackgroundDevice;
 use super::jobs::{Handle, Kind};
@@ -176,9 +178,9 @@ struct Snapshot {
     pose: CameraPose,
     up: UpAxis,
     radius: f32,
-    /// Of the look's preset.
+    /// Of the look's method.
     bake: Arc<Bake>,
-    /// Whole ones of any preset.
+    /// Whole ones of any method.
     bakes: Vec<Arc<Bake>>,
     ground: Option<Ground>,
     lights: [Arc<Light>; 2],
@@ -324,21 +326,21 @@ impl Snapshot {
         }
     }
 
-    /// The bake of a pinned look whose preset has none yet.
+    /// The bake of a pinned look whose method has none yet.
     fn missing_bake(&self, handle: &Handle<Event>) -> Result<Option<Arc<Bake>>> {
         let Some(Pinned { look, .. }) = &self.pinned else {
             return Ok(None);
         };
-        let preset = look.transfer.preset;
+        let method = look.transfer.method;
         let mut there = self.bakes.iter().chain([&self.bake]);
-        if there.any(|bake| bake.preset() == preset) {
+        if there.any(|bake| bake.method() == method) {
             return Ok(None);
         }
         let settings = BakeSettings {
             directions: look.directions,
         };
         let report = |done| handle.progress(done);
-        let bake = Bake::new(&self.cloud, preset, &settings, &report)?;
+        let bake = Bake::new(&self.cloud, method, &settings, &report)?;
         Ok(Some(Arc::new(bake)))
     }
 
@@ -402,11 +404,11 @@ impl Snapshot {
 
     fn prepare(&self, look: &Look, source: &Illumination) -> Result<PreparedTransfer> {
         let (cloud, settings) = (&self.cloud, &look.transfer);
-        if settings.preset == self.bake.preset() {
+        if settings.method == self.bake.method() {
             return Ok(PreparedTransfer::new(cloud, &self.bake, source, settings)?);
         }
-        // A pinned look may be of the other preset.
-        if let Some(bake) = self.bakes.iter().find(|b| b.preset() == settings.preset) {
+        // A pinned look may be of the other method.
+        if let Some(bake) = self.bakes.iter().find(|b| b.method() == settings.method) {
             return Ok(PreparedTransfer::new(cloud, bake, source, settings)?);
         }
         bail!("the pinned look's preset is not baked")

@@ -10,7 +10,7 @@ impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let degree = self.asset.as_ref()?.cloud.sh_degree;
-        if let Some(PreparedTransfer::Best(_)) = &self.prepared {
+        if let Some(PreparedTransfer::Directional(_)) = &self.prepared {
             // None while a newer one is on its way.
             let (of, relit) = self.readout.as_ref()?;
             if *of != (self.asset_id, self.relit_version) {
@@ -25,15 +25,15 @@ impl Session {
             let linear = with_degree(linear, relit.degree, degree);
             return Some((*relit.tau.get(i)?, linear));
         }
-        let Some(PreparedTransfer::Paper(paper)) = &self.prepared else {
+        let Some(PreparedTransfer::Harmonic(harmonic)) = &self.prepared else {
             return None;
         };
-        if i >= paper.surfels {
+        if i >= harmonic.surfels {
             return None;
         }
-        let light = paper.light(&self.oriented_lights()[TARGET].light.radiance);
-        let relit = paper.relight_one(&light, i);
-        let (dc, relit_dc) = (paper.dc[i], relit[0]);
+        let light = harmonic.light(&self.oriented_lights()[TARGET].light.radiance);
+        let relit = harmonic.relight_one(&light, i);
+        let (dc, relit_dc) = (harmonic.dc[i], relit[0]);
         let ratio = |c: usize| {
             if dc[c] > 0.0 {
                 relit_dc[c] / dc[c]
@@ -41,7 +41,7 @@ impl Session {
                 0.0
             }
         };
-        let whole = with_degree(relit.clone(), paper.asset_degree, degree);
+        let whole = with_degree(relit.clone(), harmonic.asset_degree, degree);
         Some((std::array::from_fn(ratio), whole))
     }
 }

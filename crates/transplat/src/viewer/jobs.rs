@@ -8,13 +8,13 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
 use eframe::egui;
-use transplat_core::transfer::Preset;
+use transplat_core::settings::Method;
 
 /// What a job is doing, for those who must not start it twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Load,
-    Bake(Preset),
+    Bake(Method),
     Ground,
     Light,
     Estimate,

@@ -8,10 +8,10 @@ use anyhow::Result;
 use transplat_core::color::luminance;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::STAND_IN_TRUST;
-use transplat_core::load::load_environment;
+use transplat_core::files::load_environment;
 use transplat_core::look::{ESTIMATE, EVEN, is_estimate, is_even, is_file};
+use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::transfer::Preset;
 
 use super::adapter::BackgroundDevice;
 use crate::device::Device;
@@ -78,7 +78,7 @@ impl Light {
 
     /// The light that the asset tells of.
     pub fn estimated(map: EnvironmentMap) -> Result<Self> {
-        let illumination = Device::Cpu.light(&map, Preset::Best)?;
+        let illumination = Device::Cpu.light(&map, Method::Directional)?;
         let mut light = Self::of(ESTIMATE.into(), &map, illumination, Vec::new());
         light.map = Some(Arc::new(map));
         Ok(light)
@@ -91,8 +91,8 @@ impl Light {
         }
         let map = load_environment(path)?;
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
-        // For either preset: they are changed with a click.
-        let illumination = device.light(&map, Preset::Best)?;
+        // For either method: they are changed with a click.
+        let illumination = device.light(&map, Method::Directional)?;
         let warnings = map_warnings(path, &map);
         Ok(Self::of(path.to_owned(), &map, illumination, warnings))
     }

@@ -1,7 +1,7 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
 use transplat_core::extremes;
-use transplat_core::transfer::Preset;
+use transplat_core::settings::Method;
 
 use super::jobs::{Handle, Kind, beside_the_rest};
 use super::session::{Event, Session};
@@ -70,7 +70,7 @@ impl Session {
                 if handle.progress(i as f64 / cases.len() as f64).is_break() {
                     return None;
                 }
-                let each = || Preset::ALL.map(|preset| extremes::run(case, preset, None));
+                let each = || Method::ALL.map(|method| extremes::run(case, method, None));
                 outcomes.extend(beside_the_rest(each));
             }
             Some(Event::Extremes(extremes::in_words(&outcomes)))
@@ -82,7 +82,7 @@ impl Session {
     /// Takes a setting that was measured; epsilon stays as it is.
     pub fn apply_setting(&mut self, setting: &Setting) {
         let transfer = &mut self.look.transfer;
-        transfer.preset = setting.settings.preset;
+        transfer.method = setting.settings.method;
         transfer.sh_degree = setting.settings.sh_degree;
         transfer.terms = setting.settings.terms;
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, framed};
-use transplat_core::look::{CameraPose, FOV};
+use transplat_core::camera::{CameraPose, FOV};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Degrees of turn for a point of drag.

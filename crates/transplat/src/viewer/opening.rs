@@ -5,15 +5,15 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use glam::Vec3;
+use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::estimate::Estimate;
+use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::ground::ground_plane;
-use transplat_core::load::{FileKind, file_kind, load_asset, load_look};
-use transplat_core::look::{
-    CameraPose, ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file,
-};
+use transplat_core::look::{ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file};
+use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis, is_faint};
-use transplat_core::transfer::{Preset, TransferAsset};
+use transplat_core::transfer::TransferAsset;
 use transplat_gpu::live::LiveAsset;
 
 use super::estimating::{DROP_IT, kept_estimate};
@@ -271,8 +271,8 @@ impl Session {
             self.resolved[SOURCE] = LightSettings::of(ESTIMATE);
         }
         for kind in [
-            Kind::Bake(Preset::Best),
-            Kind::Bake(Preset::Paper),
+            Kind::Bake(Method::Directional),
+            Kind::Bake(Method::Harmonic),
             Kind::Ground,
             Kind::Prepare,
             Kind::Relight,

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use eframe::egui::{self, Color32, Key, Ui};
 use transplat_core::present::View;
-use transplat_core::skips::Skipped;
+use transplat_core::settings::skips::Skipped;
 
 use super::app::Viewer;
 use super::jobs::Kind;

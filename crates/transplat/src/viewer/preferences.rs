@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::color::Display;
 use transplat_core::look::Look;
 use transplat_core::present::Background;
-use transplat_core::transfer::TransferSettings;
-use transplat_core::visibility::DEFAULT_DIRECTIONS;
+use transplat_core::settings::TransferSettings;
 
 use super::export::ExportSettings;
 
@@ -18,7 +18,7 @@ const RECENT: usize = 12;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
-    /// Under a name of its own: what older programs kept has preset `paper`, the only one that they had.
+    /// Under a name of its own: what older programs kept has the harmonic method, the only one that they had.
     #[serde(rename = "transfer_2")]
     pub transfer: TransferSettings,
     pub display: Display,

@@ -3,11 +3,11 @@
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
 use glam::{DMat3, Vec3};
 use rayon::prelude::*;
+use transplat_core::bake::patches::directions;
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination, IncidentRadiance, Mosaic};
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
-use transplat_core::transfer::{Preset, TransferSettings};
-use transplat_core::visibility::occlusion::directions;
 
 use super::lights::Light;
 use super::oriented::OrientedLight;
@@ -123,7 +123,7 @@ fn taken_in<'a>(
 ) -> Box<dyn Fn(Vec3) -> [f32; 3] + Sync + 'a> {
     let terms = transfer.terms;
     match &light.beams {
-        Some(beams) if transfer.preset == Preset::Best && terms.sums => {
+        Some(beams) if transfer.method == Method::Directional && terms.sums => {
             let mosaic = if terms.suns {
                 Mosaic::new(beams, &directions())
             } else {

@@ -7,18 +7,19 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
 
 use eframe::egui;
+use transplat_core::bake::Bake;
+use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
+use transplat_core::files::AssetFile;
 use transplat_core::ground::Ground;
-use transplat_core::load::AssetFile;
-use transplat_core::look::{CameraPose, EVEN, LightSettings, Look};
+use transplat_core::left_out;
+use transplat_core::look::{EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
-use transplat_core::skips::{self, Skipped};
+use transplat_core::settings::skips::Skipped;
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::{
-    Part, PreparedTransfer, Preset, Relit, TransferAsset, TransferSettings,
-};
-use transplat_core::visibility::Bake;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 use transplat_gpu::Context;
 use transplat_gpu::live::{Live, LiveTransfer, Passes};
 use transplat_gpu::present::Backdrop;
@@ -140,7 +141,7 @@ pub enum SaveKind {
 pub struct Prepared {
     pub(super) key: PrepareKey,
     pub prepared: PreparedTransfer,
-    /// On the GPU. A driver that computes on the CPU does not get preset `best`, which is many times faster there without it.
+    /// On the GPU. A driver that computes on the CPU does not get the directional method, which is many times faster there without it.
     pub live: Option<LiveTransfer>,
     pub ms: f64,
 }
@@ -163,7 +164,7 @@ pub struct RelitBy {
     pub ms: f64,
 }
 
-/// A preset's bake, and how far it is.
+/// A method's bake, and how far it is.
 #[derive(Default)]
 pub struct BakeState {
     pub bake: Option<Arc<Bake>>,
@@ -257,7 +258,7 @@ pub struct Session {
     pub(super) resolved: [LightSettings; 2],
     /// What the open asset was to be taken as when it was last loaded again.
     pub(super) reload_asked: Option<Reading>,
-    pub bakes: HashMap<Preset, BakeState>,
+    pub bakes: HashMap<Method, BakeState>,
     pub prepared: Option<PreparedTransfer>,
     /// What that leaves out.
     pub transfer_skips: Vec<Skipped>,
@@ -484,7 +485,7 @@ impl Session {
                     self.error(why);
                 }
                 let version = self.bake_version;
-                let state = self.bakes.entry(baked.bake.preset()).or_default();
+                let state = self.bakes.entry(baked.bake.method()).or_default();
                 *state = BakeState {
                     bake: Some(Arc::new(baked.bake)),
                     share: baked.share,
@@ -532,7 +533,7 @@ impl Session {
                 }
                 let settings = &prepared.key.settings;
                 self.transfer_skips = self.asset.as_ref().map_or(Vec::new(), |asset| {
-                    skips::of_transfer(&prepared.prepared, settings, &asset.cloud)
+                    left_out::of_transfer(&prepared.prepared, settings, &asset.cloud)
                 });
                 self.prepared = Some(prepared.prepared);
                 self.prepared_version += 1;
@@ -610,12 +611,12 @@ impl Session {
         self.oriented.borrow_mut().of(sides, &self.look, self.up())
     }
 
-    /// The bake of the preset that is set, and how far it is.
+    /// The bake of the method that is set, and how far it is.
     pub fn baked(&self) -> Option<&BakeState> {
-        self.bakes.get(&self.look.transfer.preset)
+        self.bakes.get(&self.look.transfer.method)
     }
 
-    /// Bakes that are done, of any preset.
+    /// Bakes that are done, of any method.
     pub fn whole_bakes(&self) -> impl Iterator<Item = &Arc<Bake>> {
         let whole = self.bakes.values().filter(|b| b.share == 1.0);
         whole.filter_map(|b| b.bake.as_ref())

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use transplat_core::bake::harmonic::BakeSettings;
+use transplat_core::bake::patches;
+use transplat_core::files::inspect_bake;
 use transplat_core::ground::{Ground, ground_plane};
-use transplat_core::load::inspect_bake;
 use transplat_core::present::{self, Background, Doubt, View};
-use transplat_core::transfer::{Part, PreparedTransfer, Preset};
-use transplat_core::visibility::{BakeSettings, occlusion};
+use transplat_core::settings::Method;
+use transplat_core::transfer::{Part, PreparedTransfer};
 use transplat_gpu::live::LiveTransfer;
 use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
@@ -76,56 +78,56 @@ impl Session {
         }
     }
 
-    /// Asset and directions of a preset's bake.
-    fn bake_key(&self, preset: Preset) -> (u64, usize) {
-        let directions = match preset {
-            Preset::Paper => self.look.directions,
-            Preset::Best => occlusion::DIRECTIONS,
+    /// Asset and directions of a method's bake.
+    fn bake_key(&self, method: Method) -> (u64, usize) {
+        let directions = match method {
+            Method::Harmonic => self.look.directions,
+            Method::Directional => patches::DIRECTIONS,
         };
         (self.asset_id, directions)
     }
 
     /// Whether a bake runs whose result is wanted.
     pub(super) fn is_baking(&self) -> bool {
-        let mut presets = Preset::ALL.into_iter();
-        presets.any(|preset| self.jobs.is_awaited(Kind::Bake(preset)))
+        let mut methods = Method::ALL.into_iter();
+        methods.any(|method| self.jobs.is_awaited(Kind::Bake(method)))
     }
 
-    /// Whether preset `best` is baked for the estimate when that for the preset that is set is done.
-    pub(super) fn best_is_next(&self) -> bool {
-        let asked = self.bakes.get(&Preset::Best).and_then(|b| b.asked);
-        self.estimate_needs_bake() && asked != Some(self.bake_key(Preset::Best))
+    /// Whether the directional method is baked for the estimate when that for the method that is set is done.
+    pub(super) fn directional_is_next(&self) -> bool {
+        let asked = self.bakes.get(&Method::Directional).and_then(|b| b.asked);
+        self.estimate_needs_bake() && asked != Some(self.bake_key(Method::Directional))
     }
 
     /// Breaks off what is being baked; it is asked for again when it is wanted.
     fn cancel_bakes(&mut self) {
-        for preset in Preset::ALL {
-            if !self.jobs.is_awaited(Kind::Bake(preset)) {
+        for method in Method::ALL {
+            if !self.jobs.is_awaited(Kind::Bake(method)) {
                 continue;
             }
-            self.jobs.cancel(Kind::Bake(preset));
-            if let Some(state) = self.bakes.get_mut(&preset) {
+            self.jobs.cancel(Kind::Bake(method));
+            if let Some(state) = self.bakes.get_mut(&method) {
                 state.asked = None;
             }
         }
     }
 
-    /// Starts the bake for the preset that is set, and after it what the estimate of the light needs.
+    /// Starts the bake for the method that is set, and after it what the estimate of the light needs.
     pub(super) fn start_bake(&mut self) {
         if self.asset.is_none() {
             return;
         }
-        let preset = self.look.transfer.preset;
-        let is_asked = |preset| {
-            let state = self.bakes.get(&preset);
-            state.is_some_and(|b| b.asked == Some(self.bake_key(preset)))
+        let method = self.look.transfer.method;
+        let is_asked = |method| {
+            let state = self.bakes.get(&method);
+            state.is_some_and(|b| b.asked == Some(self.bake_key(method)))
         };
         let is_for_estimate =
-            preset != Preset::Best && self.jobs.is_awaited(Kind::Bake(Preset::Best));
-        let preset = if !is_asked(preset) {
-            preset
-        } else if self.best_is_next() && self.bake_share() == 1.0 {
-            Preset::Best
+            method != Method::Directional && self.jobs.is_awaited(Kind::Bake(Method::Directional));
+        let method = if !is_asked(method) {
+            method
+        } else if self.directional_is_next() && self.bake_share() == 1.0 {
+            Method::Directional
         } else {
             if is_for_estimate && !self.estimate_needs_bake() {
                 self.cancel_bakes();
@@ -136,19 +138,19 @@ impl Session {
         let Some(asset) = &self.asset else {
             return;
         };
-        let key @ (_, directions) = self.bake_key(preset);
-        let state = self.bakes.entry(preset).or_default();
+        let key @ (_, directions) = self.bake_key(method);
+        let state = self.bakes.entry(method).or_default();
         (state.asked, state.share) = (Some(key), 0.0);
         let (background, path, cloud) = (
             self.background.clone(),
             asset.path.clone(),
             asset.cloud.clone(),
         );
-        // One of the other preset is kept until that is set.
+        // One of the other method is kept until that is set.
         let is_other =
-            |file: &PathBuf| inspect_bake(file).is_ok_and(|header| header.preset != preset);
+            |file: &PathBuf| inspect_bake(file).is_ok_and(|header| header.method != method);
         let saved = self.bake.take_if(|file| !is_other(file));
-        let what = if preset == self.look.transfer.preset {
+        let what = if method == self.look.transfer.method {
             "the visibility"
         } else {
             "what tells the light"
@@ -163,7 +165,7 @@ impl Session {
             let wanted = baking::Wanted {
                 asset: &path,
                 cloud: &cloud,
-                preset,
+                method,
                 directions,
                 skips,
             };
@@ -178,12 +180,12 @@ impl Session {
             }
         };
         self.jobs
-            .start(Kind::Bake(preset), label, work, Event::Failed);
+            .start(Kind::Bake(method), label, work, Event::Failed);
     }
 
     /// Starts the bake again after it was cancelled.
     pub fn rebake(&mut self) {
-        if let Some(state) = self.bakes.get_mut(&self.look.transfer.preset) {
+        if let Some(state) = self.bakes.get_mut(&self.look.transfer.method) {
             state.asked = None;
         }
     }
@@ -243,8 +245,8 @@ impl Session {
         let [_, target] = self.oriented_lights();
         let part = match &prepared {
             // All parts are in one result.
-            PreparedTransfer::Paper(_) => Part::Whole,
-            PreparedTransfer::Best(_) => self.look.view.part(),
+            PreparedTransfer::Harmonic(_) => Part::Whole,
+            PreparedTransfer::Directional(_) => self.look.view.part(),
         };
         let mut key = RelitKey {
             prepared: self.prepared_version,
@@ -526,13 +528,13 @@ impl Session {
     }
 }
 
-/// A transfer on the GPU, if that is where it runs: preset `best` is many times faster without a driver that computes on the CPU, and
+/// A transfer on the GPU, if that is where it runs: the directional method is many times faster without a driver that computes on the CPU, and
 /// what the adapter has no room for is relit on the CPU as well.
 fn on_gpu(
     context: &Arc<Context>,
     prepared: &PreparedTransfer,
 ) -> Result<Option<LiveTransfer>, GpuError> {
-    if context.is_software() && matches!(prepared, PreparedTransfer::Best(_)) {
+    if context.is_software() && matches!(prepared, PreparedTransfer::Directional(_)) {
         return Ok(None);
     }
     match LiveTransfer::new(context, prepared) {

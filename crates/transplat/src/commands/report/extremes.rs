@@ -4,10 +4,13 @@ use std::fmt::Write;
 use std::time::Instant;
 
 use anyhow::Result;
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::environment::Illumination;
 use transplat_core::extremes::{self, Outcome};
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit, TransferSettings};
-use transplat_core::visibility::{Bake, BakeSettings, no_progress};
+use transplat_core::progress::no_progress;
+use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::page::{Dot, Page, Plot};
 use super::tables::quoted;
@@ -43,15 +46,15 @@ pub fn run(
         if bar.is_hidden() && !report.is_quiet() {
             eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
         }
-        for preset in Preset::ALL {
+        for method in Method::ALL {
             let outcome = match gpu {
                 Some(device) => {
                     let other = |prepared: &PreparedTransfer, light: &Illumination| {
                         by_device(device, prepared, light)
                     };
-                    extremes::run(case, preset, Some(&other))
+                    extremes::run(case, method, Some(&other))
                 }
-                None => extremes::run(case, preset, None),
+                None => extremes::run(case, method, None),
             };
             outcomes.push(outcome);
         }
@@ -91,7 +94,7 @@ fn csv(outcomes: &[Outcome]) -> String {
     let mut out = String::from("case,property,ok,f32_error,gpu_error,condition_number,note\n");
     let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
     for o in outcomes {
-        let name = format!("{} ({})", o.case, o.preset.name());
+        let name = format!("{} ({})", o.case, o.method.preset());
         // Writing to a string does not fail.
         let _ = writeln!(
             out,
@@ -115,7 +118,7 @@ fn onto(page: &mut Page, outcomes: &[Outcome]) {
         .map(|o| {
             let row = vec![
                 o.case.to_owned(),
-                o.preset.name().to_owned(),
+                o.method.preset().to_owned(),
                 o.property.to_owned(),
                 if o.failure.is_none() {
                     "holds"
@@ -146,7 +149,7 @@ fn onto(page: &mut Page, outcomes: &[Outcome]) {
 
 /// One epsilon on the asset.
 struct Stiff {
-    preset: Preset,
+    method: Method,
     epsilon: f32,
     is_default: bool,
     psnr_truth: Option<f64>,
@@ -158,10 +161,10 @@ struct Stiff {
 
 fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<String> {
     let mut all = Vec::new();
-    for preset in Preset::ALL {
+    for method in Method::ALL {
         let bake = Bake::new(
             &subject.cloud,
-            preset,
+            method,
             &BakeSettings::default(),
             &no_progress,
         )?;
@@ -169,17 +172,17 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
         if args.quick {
             epsilons.retain(|e| [1e-6, 1e-3, 1e-1, 1e3].contains(e));
         }
-        epsilons.push(preset.epsilon());
+        epsilons.push(method.epsilon());
         epsilons.sort_by(f32::total_cmp);
         for epsilon in epsilons {
-            all.push(stiff(subject, preset, &bake, epsilon)?);
+            all.push(stiff(subject, method, &bake, epsilon)?);
         }
     }
     write(&args.output.join(EPSILON_CSV), &epsilon_csv(&all))?;
     page.heading("Epsilon");
     page.paragraph("Epsilon is added to the source's irradiance, relative to its mean: what the source hardly reaches is multiplied by at most 1 / epsilon. Less is truer where there is light, more calms the dark. Rings mark the defaults.");
-    let groups = Preset::ALL.map(|p| {
-        if p == Preset::Best {
+    let groups = Method::ALL.map(|p| {
+        if p == Method::Directional {
             "preset best"
         } else {
             "preset paper"
@@ -193,7 +196,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
                     x: f64::from(s.epsilon),
                     y: of(s)?,
                     label: String::new(),
-                    group: usize::from(s.preset == Preset::Paper),
+                    group: usize::from(s.method == Method::Harmonic),
                     is_default: s.is_default,
                     is_joined: true,
                 })
@@ -233,7 +236,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
         let _ = writeln!(
             told,
             "  {} {}: touches {:.1} % of the surfels, multiplies by at most {:.0}{truth}",
-            s.preset.name(),
+            s.method.preset(),
             s.epsilon,
             100.0 * s.touched,
             s.amplification[1]
@@ -242,10 +245,10 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
     Ok(told)
 }
 
-fn stiff(subject: &Subject, preset: Preset, bake: &Bake, epsilon: f32) -> Result<Stiff> {
+fn stiff(subject: &Subject, method: Method, bake: &Bake, epsilon: f32) -> Result<Stiff> {
     let settings = TransferSettings {
         epsilon: Some(epsilon),
-        ..TransferSettings::of(preset)
+        ..TransferSettings::of(method)
     };
     let n = subject.cloud.len();
     let source = &subject.lights[0];
@@ -262,9 +265,9 @@ fn stiff(subject: &Subject, preset: Preset, bake: &Bake, epsilon: f32) -> Result
         None => None,
     };
     Ok(Stiff {
-        preset,
+        method,
         epsilon,
-        is_default: epsilon == preset.epsilon(),
+        is_default: epsilon == method.epsilon(),
         psnr_truth,
         amplification: [at(0.99), at(1.0)],
         touched: touched as f32 / n.max(1) as f32,
@@ -281,7 +284,7 @@ fn epsilon_csv(all: &[Stiff]) -> String {
         let _ = writeln!(
             out,
             "{},{},{},{psnr},{:.3},{:.3},{:.5}",
-            s.preset.name(),
+            s.method.preset(),
             s.epsilon,
             s.is_default,
             s.amplification[0],

@@ -48,7 +48,7 @@ pub fn run(
 }
 
 fn name(saved: &Saved) -> String {
-    format!("{} ({})", saved.skipped.what, saved.preset.name())
+    format!("{} ({})", saved.skipped.what, saved.method.preset())
 }
 
 fn csv(saved: &[Saved]) -> String {
@@ -108,7 +108,7 @@ fn onto(page: &mut Page, savings: &Savings) {
     page.paragraph("What it does need:");
     let needed = savings.needed.iter();
     let needed: Vec<String> = needed
-        .map(|(preset, why)| format!("{why} ({})", preset.name()))
+        .map(|(method, why)| format!("{why} ({})", method.preset()))
         .collect();
     page.list(&needed);
 }

@@ -20,10 +20,10 @@ pub struct Row {
     pub transfer_ms: Option<f64>,
 }
 
-/// How well a preset returns an object that is relit by its own light.
+/// How well a method returns an object that is relit by its own light.
 pub struct RoundTrip {
     pub object: String,
-    pub preset: &'static str,
+    pub method: &'static str,
     /// Against the capture.
     pub psnr: f64,
 }
@@ -54,7 +54,7 @@ pub fn csv(rows: &[Row]) -> String {
             quoted(&r.object),
             quoted(&r.source),
             quoted(&r.target),
-            r.variant.preset(),
+            r.variant.method(),
             r.variant.off.unwrap_or_default(),
             r.psnr,
             r.psnr_mask,
@@ -80,7 +80,7 @@ fn cell(name: &str) -> String {
     name.replace('|', "\\|").replace(['\n', '\r'], " ")
 }
 
-/// What each term carries, each pair of the presets, and the round trips.
+/// What each term carries, each pair of the methods, and the round trips.
 pub fn markdown(
     rows: &[Row],
     round_trips: &[RoundTrip],
@@ -113,7 +113,7 @@ fn terms(rows: &[Row], variants: &[Variant]) -> String {
         let these = of(variant);
         let whole = variants
             .iter()
-            .find(|v| v.is_whole_preset() && v.preset() == variant.preset())
+            .find(|v| v.is_whole_preset() && v.method() == variant.method())
             .filter(|_| !variant.is_whole_preset());
         let (gain, worst) = match whole.map(of) {
             None => (String::new(), String::new()),
@@ -176,7 +176,7 @@ fn returned(round_trips: &[RoundTrip]) -> String {
             out,
             "| {} | {} | {:.1} |",
             cell(&r.object),
-            r.preset,
+            r.method,
             r.psnr
         );
     }

@@ -118,7 +118,7 @@ fn row(p: &Point) -> Vec<String> {
 /// The model's error over time, and the numerical one.
 fn plots(page: &mut Page, stage: Stage, device: &str, points: &[&Point]) -> Result<()> {
     let groups = ["preset best", "preset paper", "both presets"];
-    let group = |p: &Point| match p.setting.preset() {
+    let group = |p: &Point| match p.setting.method() {
         "best" => 0,
         "paper" => 1,
         _ => 2,
@@ -195,7 +195,7 @@ pub fn summary(points: &[Point], words: &[String]) -> String {
 mod tests {
     use super::*;
     use crate::sweep::{Numeric, Setting, Timing};
-    use transplat_core::transfer::TransferSettings;
+    use transplat_core::settings::TransferSettings;
 
     #[test]
     fn the_table_leaves_empty_what_does_not_apply() {

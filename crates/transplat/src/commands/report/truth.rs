@@ -1,4 +1,4 @@
-//! Presets and single terms against path-traced truth.
+//! Methods and single terms against path-traced truth.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -6,12 +6,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
+use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::{BakeSettings, DEFAULT_DIRECTIONS};
 use transplat_core::environment::Illumination;
-use transplat_core::export::{PngBits, write_png};
-use transplat_core::load::load_asset;
+use transplat_core::files::load_asset;
+use transplat_core::files::{PngBits, write_png};
+use transplat_core::progress::no_progress;
+use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Preset, Relit};
-use transplat_core::visibility::{Bake, BakeSettings, DEFAULT_DIRECTIONS, no_progress};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::tables::{RoundTrip, Row, ToldOfLight, csv, markdown};
 use super::unknown::Unknown;
@@ -114,7 +117,7 @@ impl<'a> TruthScene<'a> {
     fn load(object: &'a TruthObject, device: &Device, bake: &BakeSettings) -> Result<Self> {
         let (cloud, _) = load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
-        let bakes = Preset::ALL.map(|p| Bake::new(&cloud, p, bake, &no_progress));
+        let bakes = Method::ALL.map(|p| Bake::new(&cloud, p, bake, &no_progress));
         Ok(Self {
             object,
             views: Views::load(object, &cloud, device)?,
@@ -124,9 +127,9 @@ impl<'a> TruthScene<'a> {
         })
     }
 
-    fn bake(&self, preset: Preset) -> Result<&Bake> {
-        let of_preset = self.bakes.iter().find(|b| b.preset() == preset);
-        of_preset.context("a bake for each preset")
+    fn bake(&self, method: Method) -> Result<&Bake> {
+        let of_method = self.bakes.iter().find(|b| b.method() == method);
+        of_method.context("a bake for each preset")
     }
 
     /// Prepares from a light of the capture; from the one that is told where none is given.
@@ -138,14 +141,14 @@ impl<'a> TruthScene<'a> {
         let Some(settings) = &variant.settings else {
             return Ok(None);
         };
-        let bake = self.bake(settings.preset)?;
+        let bake = self.bake(settings.method)?;
         let light = light.unwrap_or(&self.source);
         let prepared = PreparedTransfer::new(&self.cloud, bake, light, settings)?;
         Ok(Some(prepared))
     }
 
     fn unknown(&self, device: &Device) -> Result<Unknown> {
-        let bake = self.bake(Preset::Best)?;
+        let bake = self.bake(Method::Directional)?;
         Unknown::new(&self.object.name, &self.cloud, bake, &self.source, device)
     }
 
@@ -168,7 +171,7 @@ impl<'a> TruthScene<'a> {
             .collect::<Result<_>>()?;
         Ok(RoundTrip {
             object: self.object.name.clone(),
-            preset: variant.preset(),
+            method: variant.method(),
             psnr: scores.iter().sum::<f64>() / scores.len() as f64,
         })
     }

@@ -2,13 +2,14 @@
 
 use anyhow::Result;
 use glam::Vec3;
+use transplat_core::bake::Bake;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::best::BestTransfer;
-use transplat_core::transfer::{PreparedTransfer, Preset, TransferSettings};
-use transplat_core::visibility::Bake;
+use transplat_core::transfer::PreparedTransfer;
+use transplat_core::transfer::directional::DirectionalTransfer;
 
 use super::tables::ToldOfLight;
 use super::variants::Source;
@@ -31,13 +32,13 @@ impl Unknown {
         light: &Illumination,
         device: &Device,
     ) -> Result<Self> {
-        let Bake::Occlusion(occlusion) = bake else {
+        let Bake::Directional(directional) = bake else {
             anyhow::bail!("the light is estimated by a bake for preset best");
         };
-        let estimate = estimate_light(cloud, occlusion);
+        let estimate = estimate_light(cloud, directional);
         let even = Illumination::even(MAX_DEGREE);
         let estimated = if estimate.is_good() {
-            device.light(&estimate.light.map(cloud.up), Preset::Best)?
+            device.light(&estimate.light.map(cloud.up), Method::Directional)?
         } else {
             estimate.stand_in()
         };
@@ -74,12 +75,12 @@ impl Unknown {
 
 /// Irradiance on the front of each surfel, in the light's own unit. `[n]`
 fn irradiance(cloud: &SurfelCloud, bake: &Bake, light: &Illumination) -> Result<Vec<[f64; 3]>> {
-    let settings = TransferSettings::of(Preset::Best);
+    let settings = TransferSettings::of(Method::Directional);
     let prepared = PreparedTransfer::new(cloud, bake, light, &settings)?;
-    let PreparedTransfer::Best(best) = prepared else {
+    let PreparedTransfer::Directional(best) = prepared else {
         anyhow::bail!("a transfer of preset best");
     };
-    let best: &BestTransfer = &best;
+    let best: &DirectionalTransfer = &best;
     let over = 1.0 / f64::from(best.light_gain);
     let fronts = best.divisor.iter().map(|[front, _]| front);
     Ok(fronts.map(|e| e.map(|v| f64::from(v) * over)).collect())

@@ -1,8 +1,8 @@
 //! What the report compares.
 
-use transplat_core::transfer::{Preset, Terms, TransferSettings};
+use transplat_core::settings::{Method, Terms, TransferSettings};
 
-/// The capture as it is, or a preset, with a term switched off or without being told the light of the capture.
+/// The capture as it is, or a method, with a term switched off or without being told the light of the capture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     pub settings: Option<TransferSettings>,
@@ -46,18 +46,18 @@ impl Source {
 }
 
 impl Variant {
-    /// The presets; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
+    /// The methods; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
     pub fn all(quick: bool, unknown_light: bool) -> Vec<Self> {
         let source = Source::Told;
         let mut all = Vec::new();
-        for preset in Preset::ALL {
-            let whole = TransferSettings::of(preset);
+        for method in Method::ALL {
+            let whole = TransferSettings::of(method);
             all.push(Self {
                 settings: Some(whole.clone()),
                 off: None,
                 source,
             });
-            for term in Terms::of_preset(preset).filter(|_| !quick) {
+            for term in Terms::of_method(method).filter(|_| !quick) {
                 all.push(Self {
                     settings: whole.clone().without(term.name).ok(),
                     off: Some(term.name),
@@ -80,21 +80,21 @@ impl Variant {
         all
     }
 
-    pub fn preset(&self) -> &'static str {
+    pub fn method(&self) -> &'static str {
         self.settings
             .as_ref()
-            .map_or("nothing", |s| s.preset.name())
+            .map_or("nothing", |s| s.method.preset())
     }
 
     pub fn name(&self) -> String {
         match (self.off, self.source) {
-            (None, Source::Told) => self.preset().to_owned(),
-            (None, source) => format!("{}, light {}", self.preset(), source.name()),
-            (Some(off), _) => format!("{} without {off}", self.preset()),
+            (None, Source::Told) => self.method().to_owned(),
+            (None, source) => format!("{}, light {}", self.method(), source.name()),
+            (Some(off), _) => format!("{} without {off}", self.method()),
         }
     }
 
-    /// Whether it is a preset as it is.
+    /// Whether it is a method as it is.
     pub fn is_whole_preset(&self) -> bool {
         self.settings.is_some() && self.off.is_none() && self.source == Source::Told
     }

@@ -3,10 +3,10 @@
 use eframe::egui::{self, Ui};
 use glam::Vec3;
 use transplat_core::color::decode_sh;
-use transplat_core::load::AssetKind;
+use transplat_core::files::AssetKind;
 use transplat_core::look::MOST_PLACES;
+use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
-use transplat_core::transfer::Preset;
 
 use crate::scene::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
@@ -87,7 +87,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if session.look.transfer.preset != Preset::Best {
+    if session.look.transfer.method != Method::Directional {
         return;
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());

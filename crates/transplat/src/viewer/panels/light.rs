@@ -133,7 +133,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                 ui.weak(format!(
                     "It cannot be told from the object: {}; {}.",
                     obstacle.reason(),
-                    what_stands_in(session.look.transfer.preset, obstacle)
+                    what_stands_in(session.look.transfer.method, obstacle)
                 ));
             }
             (None, false) => {

@@ -97,7 +97,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.label(point.time.map_or(String::new(), |t| milliseconds(t.ms)));
             let psnr = point.numeric.and_then(|n| n.psnr);
             ui.label(psnr.map_or(String::new(), |v| format!("{v:.1} dB")));
-            let is_set = session.look.transfer.preset == point.setting.settings.preset
+            let is_set = session.look.transfer.method == point.setting.settings.method
                 && session.look.transfer.terms == point.setting.settings.terms
                 && session.look.transfer.sh_degree == point.setting.settings.sh_degree;
             let button = ui.add_enabled(!is_set, Button::new("take").small());

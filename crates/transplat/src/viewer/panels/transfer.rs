@@ -1,10 +1,10 @@
-//! The transfer: its preset, its terms, and what can be doubted of its result.
+//! The transfer: its method, its terms, and what can be doubted of its result.
 
 use eframe::egui::Ui;
+use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use transplat_core::present::Doubt;
+use transplat_core::settings::{EPSILON, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::transfer::{EPSILON, Preset, Terms, TransferSettings};
-use transplat_core::visibility::{DEFAULT_DIRECTIONS, DIRECTIONS};
 
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
@@ -14,17 +14,17 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.look.transfer;
     ui.horizontal(|ui| {
         name(ui, "Preset");
-        for (preset, tip) in [
-            (Preset::Best, "Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss."),
-            (Preset::Paper, "The paper's transfer by spherical harmonics: softer, and the quickest."),
+        for (method, tip) in [
+            (Method::Directional, "Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss."),
+            (Method::Harmonic, "The paper's transfer by spherical harmonics: softer, and the quickest."),
         ] {
-            ui.selectable_value(&mut transfer.preset, preset, preset.name())
+            ui.selectable_value(&mut transfer.method, method, method.preset())
                 .on_hover_text(tip);
         }
     });
-    let preset = transfer.preset;
+    let method = transfer.method;
     // What has no effect now keeps its place, so that nothing moves under the mouse.
-    let by_series = preset == Preset::Paper || !transfer.terms.sums;
+    let by_series = method == Method::Harmonic || !transfer.terms.sums;
     ui.add_enabled_ui(by_series, |ui| {
         Control {
             label: "SH degree",
@@ -43,14 +43,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         unit: "",
         tip: "Relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
         range: *EPSILON.start()..=*EPSILON.end(),
-        default: preset.epsilon(),
+        default: method.epsilon(),
         decimals: 6,
         logarithmic: true,
     }
     .show(ui, &mut epsilon);
-    // The preset's own stays the preset's own.
+    // The method's own stays the method's own.
     if epsilon != transfer.epsilon() {
-        transfer.epsilon = (epsilon != preset.epsilon()).then_some(epsilon);
+        transfer.epsilon = (epsilon != method.epsilon()).then_some(epsilon);
     }
     switch(
         ui,
@@ -58,9 +58,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         "The object's own shadows take part in both lights. Off, every surfel sees all of the light.",
         &mut transfer.terms.shadow,
     );
-    match preset {
-        Preset::Best => terms_of_best(ui, &mut transfer.terms),
-        Preset::Paper => {
+    match method {
+        Method::Directional => terms_of_best(ui, &mut transfer.terms),
+        Method::Harmonic => {
             terms_of_paper(ui, &mut transfer.terms);
             directions(ui, viewer);
         }

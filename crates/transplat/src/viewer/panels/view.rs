@@ -1,8 +1,9 @@
 //! What is shown and how: camera, background, display.
 
 use eframe::egui::Ui;
+use transplat_core::camera::FOV;
 use transplat_core::color::ToneMap;
-use transplat_core::look::{BLUR, DIFFERENCE_SCALE, FOV};
+use transplat_core::look::{BLUR, DIFFERENCE_SCALE};
 use transplat_core::present::{Background, View};
 
 use crate::viewer::app::Viewer;

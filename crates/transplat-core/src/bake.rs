@@ -1,0 +1,208 @@
+//! Stage *bake*: what blocks the light, of the geometry alone; for each method in a form of its own.
+
+pub mod directional;
+pub mod front;
+pub mod harmonic;
+mod hierarchy;
+mod open_object;
+pub mod patches;
+pub mod scaled;
+pub mod trace;
+pub(crate) mod transmittance;
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::settings::Method;
+use crate::settings::skips::Skips;
+use crate::sh::lattice;
+use crate::surfels::SurfelCloud;
+
+use directional::DirectionalBake;
+use harmonic::{BakeSettings, HarmonicBake};
+
+/// Whether what was baked for a method serves another.
+pub(crate) fn check_method(baked: Method, wanted: Method) -> Result<()> {
+    if baked == wanted {
+        return Ok(());
+    }
+    Err(Error::Mismatch(format!(
+        "the bake is for preset {}, and the preset is {}; `transplat bake --preset {}` makes the other",
+        baked.preset(),
+        wanted.preset(),
+        wanted.preset()
+    )))
+}
+
+/// What a method needs of the geometry alone.
+#[derive(Clone, Debug)]
+pub enum Bake {
+    /// For the harmonic method.
+    Harmonic(HarmonicBake),
+    /// For the directional method.
+    Directional(Arc<DirectionalBake>),
+}
+
+impl Bake {
+    /// Bakes on the CPU from start to end; `settings` are the harmonic method's.
+    ///
+    /// # Errors
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn new(
+        cloud: &SurfelCloud,
+        method: Method,
+        settings: &BakeSettings,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
+        Self::with_skips(cloud, method, settings, &Skips::default(), progress)
+    }
+
+    /// The same, leaving out what it is told to.
+    ///
+    /// # Errors
+    /// As [`Bake::new`].
+    pub fn with_skips(
+        cloud: &SurfelCloud,
+        method: Method,
+        settings: &BakeSettings,
+        skips: &Skips,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
+        if method == Method::Directional {
+            let baked = DirectionalBake::bake_in_stages(cloud, (&[1], skips), progress, |_, _| ())?;
+            return Ok(Self::Directional(Arc::new(baked)));
+        }
+        if progress(0.0).is_break() {
+            return Err(Error::Cancelled);
+        }
+        if skips.open_object
+            && let Some(open) = HarmonicBake::of_open_object(cloud, settings.directions)
+        {
+            return Ok(Self::Harmonic(open));
+        }
+        Ok(Self::Harmonic(harmonic::bake(cloud, settings, progress)?))
+    }
+
+    /// The method that it is for.
+    pub fn method(&self) -> Method {
+        match self {
+            Self::Harmonic(_) => Method::Harmonic,
+            Self::Directional(_) => Method::Directional,
+        }
+    }
+
+    /// The bake, if it is for a method.
+    ///
+    /// # Errors
+    /// It is for the other one.
+    pub fn of_method(&self, method: Method) -> Result<&Self> {
+        check_method(self.method(), method)?;
+        Ok(self)
+    }
+
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.normals().len()
+    }
+
+    /// Whether there is no surfel.
+    pub fn is_empty(&self) -> bool {
+        self.normals().is_empty()
+    }
+
+    /// Directions that were asked.
+    pub fn directions(&self) -> usize {
+        match self {
+            Self::Harmonic(v) => v.directions,
+            Self::Directional(_) => patches::DIRECTIONS,
+        }
+    }
+
+    /// Bytes that it takes in a file, beside the head.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Harmonic(v) => v.open.len(),
+            Self::Directional(o) => {
+                size_of_val(&o.tracer.fronts.of[..])
+                    + size_of_val(&o.open[..])
+                    + size_of_val(&o.starts[..])
+                    + size_of_val(&o.hits[..])
+            }
+        }
+    }
+
+    /// Unit normals, turned to the open side. `[n]`
+    pub fn normals(&self) -> &[Vec3] {
+        match self {
+            Self::Harmonic(v) => &v.normals,
+            Self::Directional(o) => &o.normals,
+        }
+    }
+
+    /// Whether both sides of surfel `i` are about equally open.
+    pub fn is_two_sided(&self, i: usize) -> bool {
+        match self {
+            Self::Harmonic(v) => v.two_sided[i],
+            Self::Directional(o) => o.two_sided[i] > 0.5,
+        }
+    }
+
+    /// Whether it is little better than a guess which side of surfel `i` is its front, and matters.
+    pub fn is_ambiguous(&self, i: usize) -> bool {
+        match self {
+            Self::Harmonic(v) => v.two_sided[i],
+            Self::Directional(o) => o.is_ambiguous(i),
+        }
+    }
+
+    /// Share of what is seen of the asset that is ambiguous, 0 to 1; the harmonic method does not tell what is seen.
+    pub fn ambiguous_share(&self) -> Option<f32> {
+        match self {
+            Self::Harmonic(_) => None,
+            Self::Directional(o) => Some(o.ambiguous_share),
+        }
+    }
+
+    /// How many stored normals pointed to the closed side.
+    pub fn flipped(&self) -> usize {
+        match self {
+            Self::Harmonic(v) => v.flipped,
+            Self::Directional(o) => o.flipped,
+        }
+    }
+
+    /// Surfels that are closed on both sides.
+    pub fn buried(&self) -> usize {
+        match self {
+            Self::Harmonic(v) => v.buried,
+            Self::Directional(o) => o.buried,
+        }
+    }
+
+    /// How open each direction is around surfel `i`, 0 to 1.
+    pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
+        match self {
+            Self::Harmonic(v) => lattice(v.directions)
+                .into_iter()
+                .zip(&v.open[i * v.directions..])
+                .map(|(d, open)| (d, f32::from(*open) / 255.0))
+                .collect(),
+            Self::Directional(o) => patches::directions()
+                .into_iter()
+                .enumerate()
+                .map(|(j, d)| (d, f32::from(u8::from(o.is_open(i, j)))))
+                .collect(),
+        }
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
+    pub fn openness(&self) -> Vec<f32> {
+        match self {
+            Self::Harmonic(v) => v.openness(),
+            Self::Directional(o) => o.openness(),
+        }
+    }
+}

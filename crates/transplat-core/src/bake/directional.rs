@@ -1,0 +1,574 @@
+//! The bake of the directional method: for every surfel and direction whether a ray leaves the object, and for some of the directions which
+//! surfel it meets instead. Rays start on the side of the surfel that the direction is on, so one bit serves both sides.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::front::{Front, Fronts};
+use super::open_object::OpenObject;
+use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, WORDS, directions};
+use super::trace::{MISS, PACKET, Tracer};
+use crate::error::{Error, Result};
+use crate::numeric::smoothstep;
+use crate::progress::Progress;
+use crate::settings::skips::Skips;
+use crate::sh::refining_order;
+use crate::surfels::SurfelCloud;
+
+/// Surfels whose rays are packed together.
+const NEIGHBORHOOD: usize = 16 * PACKET;
+
+/// Patches that are traced before it is asked which sides need the others.
+const PROBES: usize = 16;
+
+/// A back that is less open than this towards the probed patches is closed: nowhere near two-sided (see [`TWO_SIDED`]).
+const CLOSED: f32 = 0.02;
+
+/// Share of a bake that finding the fronts takes, for its progress.
+const FRONTS_SHARE: f64 = 0.2;
+
+/// What closing sides was measured to change of the relit colour (relative L2): at most that on eight objects, a plant of single sheets being
+/// the worst; on solid ones a fifth of that and less.
+pub const CLOSED_SIDES_ERROR: f32 = 3e-3;
+
+/// Openness of a surfel's back at which it begins to be two-sided, and at which it wholly is: at the edge of a closed object
+/// a few rays pass behind.
+pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
+
+/// What the directional method needs of the geometry.
+#[derive(Clone, Debug)]
+pub struct DirectionalBake {
+    /// Whether the direction is open, a bit each. `[n][WORDS]`
+    pub open: Vec<[u64; WORDS]>,
+    /// Unit normals of the surface, towards the front. `[n]`
+    pub normals: Vec<Vec3>,
+    /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
+    pub prominence: Vec<f32>,
+    /// Share of what is seen that is ambiguous, 0 to 1: [`DirectionalBake::is_ambiguous`].
+    pub ambiguous_share: f32,
+    /// How much of a two-sided surfel it is, 0 to 1. `[n]`
+    pub two_sided: Vec<f32>,
+    /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
+    pub starts: Vec<u32>,
+    /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
+    pub hits: Vec<Hit>,
+    /// How many stored normals pointed to the back.
+    pub flipped: usize,
+    /// Surfels that are closed on both sides.
+    pub buried: usize,
+    /// The rays' way through the asset, for suns.
+    pub tracer: Arc<Tracer>,
+    /// Where nothing was traced, since nothing blocks anything: [`OpenObject::mean_error`].
+    pub open_object_error: Option<f32>,
+    /// Share of the rays that were not traced, since they go into closed sides.
+    pub closed_share: f32,
+}
+
+impl DirectionalBake {
+    /// Traces all rays.
+    ///
+    /// # Errors
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn bake(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Self> {
+        Self::bake_in_stages(cloud, (&[1], &Skips::default()), progress, |_, _| ())
+    }
+
+    /// The same, usable before it is done: after each share of the patches (one in so many, the last of them 1), `preview` gets what there
+    /// is, with the rest as the nearest patch has it, and how much is done.
+    ///
+    /// # Errors
+    /// As [`DirectionalBake::bake`].
+    pub fn bake_in_stages(
+        cloud: &SurfelCloud,
+        stages: (&[usize], &Skips),
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self> {
+        let tracer = Self::tracer(cloud, progress)?;
+        Self::bake_through(cloud, &tracer, stages, progress, preview)
+    }
+
+    /// The same, its beginning made.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when `progress` asked for it.
+    pub fn bake_through(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        stages: (&[usize], &Skips),
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self> {
+        let directions = directions();
+        let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
+            trace(tracer, &directions, patches, found, progress)
+        };
+        Self::bake_by(cloud, tracer, stages, by, progress, preview)
+    }
+
+    /// What the rays are traced through: the beginning of a bake.
+    ///
+    /// # Errors
+    /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn tracer(cloud: &SurfelCloud, progress: Progress<'_>) -> Result<Arc<Tracer>> {
+        if cloud.len() > MOST_SURFELS {
+            return Err(Error::Mismatch(format!(
+                "{} surfels; preset best can be baked for up to {MOST_SURFELS}",
+                cloud.len()
+            )));
+        }
+        let fronts = Fronts::find(cloud, &|p| progress(FRONTS_SHARE * p))?;
+        Ok(Arc::new(Tracer::new(cloud, fronts)))
+    }
+
+    /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
+    ///
+    /// # Errors
+    /// `trace` failed, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn bake_by<E: From<Error>>(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        (stages, skips): (&[usize], &Skips),
+        trace: impl Fn(&[usize], &mut [Found], Progress<'_>) -> Result<(), E>,
+        progress: Progress<'_>,
+        preview: impl Fn(Self, f32),
+    ) -> Result<Self, E> {
+        let progress = |p: f64| progress(FRONTS_SHARE + (1.0 - FRONTS_SHARE) * p);
+        if progress(0.0).is_break() {
+            return Err(Error::Cancelled.into());
+        }
+        if skips.open_object
+            && let Some(open) = OpenObject::probe(tracer)
+        {
+            return Ok(Self {
+                open_object_error: Some(open.mean_error),
+                ..Self::of(cloud, tracer.clone(), &open.found())
+            });
+        }
+        let directions = directions();
+        let patches = refining_order(PATCHES);
+        let is_closed = |f: &Front| skips.closed_sides && f.hides_its_back();
+        let begin = |f: &Front| Found {
+            back_is_closed: is_closed(f),
+            ..Found::default()
+        };
+        let mut found: Vec<Found> = tracer.fronts.of.iter().map(begin).collect();
+        let mut done = 0;
+        let mut ends: Vec<usize> = stages.iter().map(|s| PATCHES.div_ceil(*s)).collect();
+        let shown = ends.clone();
+        if skips.closed_sides {
+            ends.push(PROBES);
+            ends.sort_unstable();
+            ends.dedup();
+        }
+        for end in ends {
+            let part = &patches[done..end];
+            let within = |p: f64| progress((done as f64 + p * part.len() as f64) / PATCHES as f64);
+            trace(part, &mut found, &within)?;
+            done = end;
+            if done == PROBES && skips.closed_sides {
+                close_backs(tracer, &directions, &patches[..done], &mut found);
+            }
+            if done < PATCHES && shown.contains(&done) {
+                let mut filled = found.clone();
+                fill_unfinished_patches(&directions, &patches[..done], &mut filled);
+                let share = done as f32 / PATCHES as f32;
+                preview(Self::of(cloud, tracer.clone(), &filled), share);
+            }
+        }
+        Ok(Self::of(cloud, tracer.clone(), &found))
+    }
+
+    /// From what the rays found, `[n]`.
+    pub(crate) fn of(cloud: &SurfelCloud, tracer: Arc<Tracer>, found: &[Found]) -> Self {
+        let directions = &directions();
+        let two_sided: Vec<f32> = found
+            .par_iter()
+            .zip(&tracer.surfels)
+            .map(|(f, surfel)| {
+                let [_, back] = openness(&f.open, directions, surfel.normal);
+                smoothstep(TWO_SIDED[0], TWO_SIDED[1], back)
+            })
+            .collect();
+        let normals: Vec<Vec3> = (tracer.fronts.of.iter())
+            .map(|f| f.surface_normal())
+            .collect();
+        let prominence = tracer.fronts.prominence(cloud);
+        let (mut starts, mut hits) = (vec![0u32], Vec::new());
+        for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
+            let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
+            // Where the ray met a two-sided surfel from behind, it saw its back.
+            let told = |hit: &Hit| {
+                let met = hit.surfel();
+                hit.on(two_sided[met] > 0.0 && faces(normals[met], hit))
+            };
+            let from = hits.len();
+            let counts = |h: &&Hit| *two > 0.0 || faces(*n, h);
+            hits.extend(f.hits.iter().filter(counts).map(told));
+            hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
+            starts.push(hits.len() as u32);
+        }
+        Self {
+            open: found.iter().map(|f| f.open).collect(),
+            flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
+            buried: (found.iter().zip(&normals))
+                .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
+                .count(),
+            ambiguous_share: (0..found.len())
+                .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
+                .fold(0.0, |share, i| share + prominence[i]),
+            prominence,
+            closed_share: closed_share(&tracer, directions, found),
+            normals,
+            two_sided,
+            starts,
+            hits,
+            tracer,
+            open_object_error: None,
+        }
+    }
+
+    /// Whether it is little better than a guess which side of surfel `i` is its front, and matters: of a leaf both are lit.
+    pub fn is_ambiguous(&self, i: usize) -> bool {
+        is_ambiguous(&self.tracer.fronts.of[i], self.two_sided[i])
+    }
+
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.normals.len()
+    }
+
+    /// Whether there is no surfel.
+    pub fn is_empty(&self) -> bool {
+        self.normals.is_empty()
+    }
+
+    /// Blocked directions of surfel `i` that know what they meet.
+    pub fn hits_of(&self, i: usize) -> &[Hit] {
+        &self.hits[self.starts[i] as usize..self.starts[i + 1] as usize]
+    }
+
+    /// Whether surfel `i` sees all the way out towards direction `j`.
+    #[inline(always)]
+    pub fn is_open(&self, i: usize, j: usize) -> bool {
+        is_open(&self.open[i], j)
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
+    pub fn openness(&self) -> Vec<f32> {
+        let directions = directions();
+        (self.open.par_iter())
+            .zip(&self.normals)
+            .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
+            .collect()
+    }
+}
+
+fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
+    front.is_guess() && two_sided < 0.5
+}
+
+fn is_open(open: &[u64; WORDS], j: usize) -> bool {
+    open[j / 64] >> (j % 64) & 1 == 1
+}
+
+/// Cosine-weighted share of the two sides' hemispheres that is open, 0 to 1.
+fn openness(open: &[u64; WORDS], lattice: &[Vec3], n: Vec3) -> [f32; 2] {
+    let mut sides = [0f32; 2];
+    for (j, w) in lattice.iter().enumerate() {
+        if is_open(open, j) {
+            let cosine = n.dot(*w);
+            sides[usize::from(cosine < 0.0)] += cosine.abs();
+        }
+    }
+    sides.map(|s| s * 4.0 / DIRECTIONS as f32)
+}
+
+/// Traces the rays of some patches.
+fn trace(
+    tracer: &Tracer,
+    directions: &[Vec3],
+    patches: &[usize],
+    found: &mut [Found],
+    progress: Progress<'_>,
+) -> Result<()> {
+    let order = &tracer.order;
+    let done = AtomicUsize::new(0);
+    let before: &[Found] = found;
+    let traced: Vec<Vec<Found>> = order
+        .par_chunks(NEIGHBORHOOD)
+        .map(|of| {
+            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
+            if progress(so_far as f64 / order.len() as f64).is_break() {
+                return Err(Error::Cancelled);
+            }
+            Ok(trace_neighborhood(tracer, directions, patches, of, before))
+        })
+        .collect::<Result<_>>()?;
+    for (i, new) in order.iter().zip(traced.into_iter().flatten()) {
+        let surfel = &mut found[*i as usize];
+        for (word, new) in surfel.open.iter_mut().zip(new.open) {
+            *word |= new;
+        }
+        if surfel.hits.is_empty() {
+            surfel.hits = new.hits;
+        } else {
+            surfel.hits.extend(new.hits);
+        }
+    }
+    Ok(())
+}
+
+/// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, in full packets.
+fn trace_neighborhood(
+    tracer: &Tracer,
+    directions: &[Vec3],
+    patches: &[usize],
+    of: &[u32],
+    before: &[Found],
+) -> Vec<Found> {
+    let mut stack = Vec::new();
+    let mut found = vec![Found::default(); of.len()];
+    let (mut places, mut asked) = (Vec::new(), Vec::new());
+    for patch in patches {
+        for place in 0..PER_PATCH {
+            let j = place * PATCHES + patch;
+            let is_asked = |i: &u32| {
+                let cosine = tracer.surfels[*i as usize].normal.dot(directions[j]);
+                !before[*i as usize].is_closed(cosine)
+            };
+            places.clear();
+            asked.clear();
+            for (lane, i) in of.iter().enumerate().filter(|(_, i)| is_asked(i)) {
+                places.push(lane);
+                asked.push(*i);
+            }
+            for (places, asked) in places.chunks(PACKET).zip(asked.chunks(PACKET)) {
+                let hits = tracer.hits(asked, directions[j], place > 0, &mut stack);
+                for (lane, hit) in places.iter().zip(hits) {
+                    found[*lane].set_open(j, hit == MISS);
+                    if place == 0 && hit != MISS {
+                        found[*lane].hits.push(Hit::new(*patch, hit));
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Share of the rays that were not traced, since they go into closed sides.
+fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
+    let order = refining_order(PATCHES);
+    let skipped: usize = found
+        .par_iter()
+        .zip(tracer.surfels.par_iter().zip(&tracer.fronts.of))
+        .filter(|(f, _)| f.back_is_closed)
+        .map(|(f, (surfel, front))| {
+            let traced = if front.hides_its_back() { 0 } else { PROBES };
+            let rays = order[traced..]
+                .iter()
+                .flat_map(|p| (0..PER_PATCH).map(move |k| k * PATCHES + p));
+            rays.filter(|j| f.is_closed(surfel.normal.dot(directions[*j])))
+                .count()
+        })
+        .sum();
+    skipped as f32 / (found.len() * DIRECTIONS).max(1) as f32
+}
+
+/// Closes the backs from which the first patches saw nothing: all that their rays could tell is how much of a two-sided surfel it is, and it
+/// is none.
+fn close_backs(tracer: &Tracer, directions: &[Vec3], patches: &[usize], found: &mut [Found]) {
+    let probes: Vec<usize> = (0..PER_PATCH)
+        .flat_map(|place| patches.iter().map(move |patch| place * PATCHES + patch))
+        .collect();
+    let surfels = tracer.surfels.par_iter();
+    found.par_iter_mut().zip(surfels).for_each(|(f, surfel)| {
+        let (mut seen, mut all) = (0f32, 1e-9f32);
+        for j in &probes {
+            let behind = (-surfel.normal.dot(directions[*j])).max(0.0);
+            all += behind;
+            if is_open(&f.open, *j) {
+                seen += behind;
+            }
+        }
+        f.back_is_closed = seen < CLOSED * all;
+    });
+}
+
+/// Gives patches that are not traced yet what the nearest one that is has.
+fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Found]) {
+    let nearest = |p: usize| {
+        let cosine = |q: &usize| directions[p].dot(directions[*q]);
+        let from = done
+            .iter()
+            .copied()
+            .max_by(|a, b| cosine(a).total_cmp(&cosine(b)));
+        from.unwrap_or(p)
+    };
+    let from: Vec<usize> = (0..PATCHES).map(nearest).collect();
+    found.par_iter_mut().for_each(|f| {
+        let mut met = [None; PATCHES];
+        for hit in &f.hits {
+            met[hit.patch()] = Some(hit.surfel() as u32);
+        }
+        let before = std::mem::take(f);
+        for (p, q) in from.iter().enumerate() {
+            for place in 0..PER_PATCH {
+                let j = place * PATCHES + p;
+                let open = is_open(&before.open, place * PATCHES + q);
+                f.open[j / 64] |= u64::from(open) << (j % 64);
+            }
+            f.hits.extend(met[*q].map(|surfel| Hit::new(p, surfel)));
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oracle;
+    use crate::progress::no_progress;
+    use crate::scenes;
+
+    /// Traces every ray.
+    fn all_rays(cloud: &SurfelCloud) -> DirectionalBake {
+        let all = (&[1][..], &Skips::NONE);
+        DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ()).expect("not cancelled")
+    }
+
+    #[test]
+    fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
+        let cloud = scenes::sphere(1500);
+        let baked = all_rays(&cloud);
+        let directions = directions();
+        for (i, n) in baked.normals.iter().enumerate() {
+            assert!(n.dot(cloud.positions[i]) > 0.0);
+            assert_eq!(baked.two_sided[i], 0.0);
+            let wrong = (0..DIRECTIONS)
+                .filter(|j| {
+                    let cosine = n.dot(directions[*j]);
+                    cosine.abs() > 0.2 && baked.is_open(i, *j) != (cosine > 0.0)
+                })
+                .count();
+            assert!(wrong < 4, "surfel {i}: {wrong}");
+        }
+    }
+
+    #[test]
+    fn hits_agree_with_asking_every_disc() {
+        let cloud = scenes::sphere_over_plate(300);
+        let baked = all_rays(&cloud);
+        let surfels = &baked.tracer.surfels;
+        let directions = directions();
+        let (mut differ, mut all) = (0, 0);
+        for i in 0..cloud.len() {
+            // Both those that know what they meet, and those that stop at anything.
+            for j in (0..DIRECTIONS).step_by(3) {
+                let direction = directions[j].as_dvec3();
+                let exact = oracle::first_hit(surfels, i, direction);
+                all += 1;
+                differ += usize::from(exact.is_none() != baked.is_open(i, j));
+                let hit = baked.hits_of(i).iter().find(|h| h.patch() == j);
+                let knows = j < PATCHES && baked.normals[i].dot(directions[j]) > 0.0;
+                differ += usize::from(knows && hit.is_some() != exact.is_some());
+                if let (Some(hit), Some(exact)) = (hit, exact) {
+                    // Of discs in one plane, either may be named.
+                    let met = hit.surfel();
+                    let distance = oracle::hit_distance(surfels, i, direction, met);
+                    differ += usize::from(distance.is_none_or(|t| (t - exact).abs() > 1e-5));
+                }
+            }
+        }
+        // A ray that grazes a rim may round to either side of it.
+        assert!(differ * 1000 < all, "{differ} of {all}");
+    }
+
+    /// Mean openness of both sides over the surfels that are `asked`, and how many of these are two-sided.
+    fn openness_of(baked: &DirectionalBake, asked: impl Fn(usize) -> bool) -> ([f32; 2], usize) {
+        let asked: Vec<usize> = (0..baked.len()).filter(|i| asked(*i)).collect();
+        let directions = directions();
+        let mut sum = [0f32; 2];
+        for i in &asked {
+            let sides = openness(&baked.open[*i], &directions, baked.normals[*i]);
+            sum = [sum[0] + sides[0], sum[1] + sides[1]];
+        }
+        let two_sided = asked.iter().filter(|i| baked.two_sided[**i] > 0.5).count();
+        (sum.map(|s| s / asked.len() as f32), two_sided)
+    }
+
+    #[test]
+    fn the_faces_of_a_thin_plate_of_wide_surfels_are_open_in_front() {
+        // As trainers make them: far wider than they are apart.
+        let mut top = scenes::sheet(24);
+        for scale in &mut top.scales {
+            *scale *= 2.0;
+        }
+        for thickness in [0.4, 2.0] {
+            let mut plate = top.clone();
+            let below = thickness * top.scales[0].x * Vec3::Z;
+            plate
+                .positions
+                .extend(top.positions.iter().map(|p| *p - below));
+            plate.tangents.extend(&top.tangents);
+            plate.scales.extend(&top.scales);
+            plate.opacities.extend(&top.opacities);
+            plate.sh.extend(&top.sh);
+            let baked = all_rays(&plate);
+            let middle = |i: usize| plate.positions[i].truncate().abs().max_element() < 0.6;
+            let ([front, back], two_sided) = openness_of(&baked, middle);
+            assert!(front > 0.98, "{thickness}: {front}");
+            for i in (0..plate.len()).filter(|i| middle(*i)) {
+                assert_eq!(baked.normals[i].z > 0.0, i < top.len(), "surfel {i}");
+            }
+            // What is nearer than the surfel is wide is taken for its own surface: then nobody sees the back, but it is lit.
+            if thickness > 1.0 {
+                assert!(back < 0.05 && two_sided == 0, "{back} {two_sided}");
+            }
+        }
+    }
+
+    #[test]
+    fn layers_of_one_surface_do_not_shade_each_other() {
+        // Four layers within one of the surfels' own extents, tilted at random.
+        let ball = scenes::sphere(6000);
+        let mut stack = ball.clone();
+        for (i, n) in ball.positions.iter().enumerate() {
+            let tilt = Vec3::new(
+                (i as f32).sin(),
+                (2.3 * i as f32).sin(),
+                (5.1 * i as f32).sin(),
+            );
+            let (u, v) = (*n + 0.2 * tilt).normalize().any_orthonormal_pair();
+            stack.tangents[i] = [u, v];
+            stack.scales[i] *= 2.0;
+            stack.positions[i] = *n * (1.0 - 0.25 * (i % 4) as f32 * stack.scales[i].x);
+            stack.opacities[i] = 0.5;
+        }
+        let ([front, back], two_sided) = openness_of(&all_rays(&stack), |_| true);
+        assert!(front > 0.9 && back < 0.02, "{front} {back}");
+        assert!(two_sided * 100 < stack.len(), "{two_sided}");
+    }
+
+    #[test]
+    fn a_lone_sheet_is_two_sided() {
+        let baked = all_rays(&scenes::sheet(20));
+        assert!(baked.two_sided.iter().all(|t| *t == 1.0));
+        assert!(baked.hits.is_empty());
+    }
+
+    #[test]
+    fn cancelling_stops() {
+        for share in [-1.0, 0.0, 0.5] {
+            let stop = |done: f64| match done > share {
+                true => std::ops::ControlFlow::Break(()),
+                false => std::ops::ControlFlow::Continue(()),
+            };
+            let result = DirectionalBake::bake(&scenes::sphere_over_plate(500), &stop);
+            assert!(matches!(result, Err(Error::Cancelled)), "{share}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Convex objects, and all others that block no light of their own: they need no bake.
+//!
+//! Some directions are asked, in turn, and it ends at the first ray that tells otherwise. That is soon where something blocks.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::patches::{Found, PATCHES, PER_PATCH, directions};
+use super::trace::{MISS, PACKET, Tracer};
+use crate::sh::refining_order;
+
+/// Patches that are asked, three directions each.
+const PROBES: usize = 16;
+
+/// Cosine to the normal below which a direction grazes: a surface that bends away may block it with its own discs.
+const GRAZING: f32 = 0.2;
+
+/// An object of which every surfel's side is wholly open or wholly closed.
+#[derive(Clone, Debug)]
+pub struct OpenObject {
+    /// Which sides are open: that of the stored normal, and the other one. `[n]`
+    pub open: Vec<[bool; 2]>,
+    /// The share of the irradiance in even light that this may miss, the mean over the surfels: what blocked the grazing directions that were
+    /// asked, and what may hide between those that were not (with 95 % confidence, the rule of three).
+    pub mean_error: f32,
+    normals: Vec<Vec3>,
+}
+
+/// What is known of a surfel's sides.
+#[derive(Clone, Copy, Default)]
+struct Sides {
+    open: [bool; 2],
+    blocked: [bool; 2],
+    /// Cosine-weighted, of the grazing rays that were blocked and of all rays.
+    grazing_blocked: [f32; 2],
+    all: [f32; 2],
+}
+
+impl Sides {
+    fn add(&mut self, cosine: f32, is_open: bool) {
+        let (side, weight) = (usize::from(cosine < 0.0), cosine.abs());
+        self.all[side] += weight;
+        if weight >= GRAZING {
+            self.open[side] |= is_open;
+            self.blocked[side] |= !is_open;
+        } else if !is_open {
+            self.grazing_blocked[side] += weight;
+        }
+    }
+
+    fn is_mixed(&self) -> bool {
+        (0..2).any(|s| self.open[s] && self.blocked[s])
+    }
+
+    fn missed(&self) -> f32 {
+        let of = |s: usize| self.grazing_blocked[s] / self.all[s].max(1e-9);
+        let open = (0..2).filter(|s| self.open[*s]);
+        open.map(of).fold(0.0, f32::max)
+    }
+}
+
+impl OpenObject {
+    /// Asks whether it is one.
+    pub fn probe(tracer: &Tracer) -> Option<Self> {
+        let n = tracer.surfels.len();
+        let directions = directions();
+        let mut sides = vec![Sides::default(); n];
+        for patch in refining_order(PATCHES).into_iter().take(PROBES) {
+            for place in 0..PER_PATCH {
+                add_direction(tracer, directions[place * PATCHES + patch], &mut sides);
+            }
+            if sides.par_iter().any(Sides::is_mixed) {
+                return None;
+            }
+        }
+        if !sides.iter().all(|s| s.open[0] || s.open[1]) {
+            return None;
+        }
+        let rays = (n * PROBES * PER_PATCH) as f32;
+        let missed: f32 = sides.iter().map(Sides::missed).sum();
+        // One surfel has nothing that could block it.
+        let mean_error = if n < 2 {
+            0.0
+        } else {
+            missed / n as f32 + 3.0 / rays
+        };
+        Some(Self {
+            open: sides.iter().map(|s| s.open).collect(),
+            mean_error,
+            normals: tracer.surfels.iter().map(|s| s.normal).collect(),
+        })
+    }
+
+    /// Whether surfel `i` sees all the way out towards a direction.
+    pub fn is_open(&self, i: usize, direction: Vec3) -> bool {
+        self.open[i][usize::from(self.normals[i].dot(direction) < 0.0)]
+    }
+
+    /// What all rays would find. `[n]`
+    pub(super) fn found(&self) -> Vec<Found> {
+        let directions = directions();
+        (0..self.open.len())
+            .into_par_iter()
+            .map(|i| {
+                let mut found = Found::default();
+                for (j, d) in directions.iter().enumerate() {
+                    found.set_open(j, self.is_open(i, *d));
+                }
+                found
+            })
+            .collect()
+    }
+}
+
+fn add_direction(tracer: &Tracer, direction: Vec3, sides: &mut [Sides]) {
+    let met: Vec<[u32; PACKET]> = tracer
+        .order
+        .par_chunks(PACKET)
+        .map_init(Vec::new, |stack, of| {
+            tracer.hits(of, direction, true, stack)
+        })
+        .collect();
+    for (of, met) in tracer.order.chunks(PACKET).zip(met) {
+        for (i, hit) in of.iter().zip(met) {
+            let cosine = tracer.surfels[*i as usize].normal.dot(direction);
+            sides[*i as usize].add(cosine, hit == MISS);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::front::Fronts;
+    use crate::progress::no_progress;
+    use crate::scenes;
+    use crate::surfels::SurfelCloud;
+
+    #[test]
+    fn a_ball_and_a_sheet_are_open_and_a_ball_over_a_plate_is_not() {
+        let probe = |cloud: SurfelCloud| {
+            let fronts = Fronts::find(&cloud, &no_progress).expect("not cancelled");
+            OpenObject::probe(&Tracer::new(&cloud, fronts))
+        };
+        let ball = scenes::sphere(2000);
+        let open = probe(ball.clone()).expect("convex");
+        assert!(open.mean_error < 0.01, "{}", open.mean_error);
+        for (i, sides) in open.open.iter().enumerate() {
+            let outward = ball.stored_normal(i).dot(ball.positions[i]) > 0.0;
+            assert_eq!(*sides, [outward, !outward]);
+        }
+        let sheet = probe(scenes::sheet(20)).expect("nothing blocks it");
+        assert!(sheet.open.iter().all(|s| *s == [true, true]));
+        assert!(probe(scenes::sphere_over_plate(2000)).is_none());
+        assert_eq!(probe(scenes::sphere(0)).map(|o| o.mean_error), Some(0.0));
+    }
+}

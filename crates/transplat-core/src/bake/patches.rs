@@ -1,0 +1,111 @@
+//! The directions that rays are traced in, and what the rays of one surfel found.
+
+use std::f64::consts::PI;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3};
+
+use crate::sh::fibonacci_sphere;
+
+/// Patches of the sphere.
+pub const PATCHES: usize = 128;
+
+/// Directions in a patch, around its middle. The first one knows which surfel its ray meets; light that bounces is smoother than light.
+pub const PER_PATCH: usize = 3;
+
+/// Directions that are traced.
+pub const DIRECTIONS: usize = PER_PATCH * PATCHES;
+
+/// Words of 64 directions.
+pub const WORDS: usize = DIRECTIONS / 64;
+
+/// Angle between a patch's middle and its directions in degrees: that which spaces them most evenly.
+const SPREAD: f64 = 5.5;
+
+/// The directions, the first ones of all patches before the second ones. `[PER_PATCH][PATCHES]`
+pub fn directions() -> Vec<Vec3> {
+    let middles = fibonacci_sphere(PATCHES);
+    let around = |place: usize, patch: usize, middle: DVec3| {
+        let east = DVec3::Z.cross(middle).normalize();
+        // Neighbours are turned against each other.
+        let turn = PI * (2.0 * place as f64 / PER_PATCH as f64 + patch as f64 / PER_PATCH as f64);
+        let aside = turn.cos() * east + turn.sin() * middle.cross(east);
+        let spread = SPREAD.to_radians();
+        (middle * spread.cos() + aside * spread.sin()).as_vec3()
+    };
+    (0..DIRECTIONS)
+        .map(|j| {
+            around(
+                j / PATCHES,
+                j % PATCHES,
+                DVec3::from_array(middles[j % PATCHES]),
+            )
+        })
+        .collect()
+}
+
+/// The largest asset whose surfels a [`Hit`] can name.
+pub const MOST_SURFELS: usize = 1 << 24;
+
+/// A blocked direction: the surfel that is met in the low 24 bits, then the patch, and whether it is the surfel's back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct Hit(pub u32);
+
+impl Hit {
+    const BACK: u32 = 1 << 31;
+
+    pub(super) fn new(patch: usize, surfel: u32) -> Self {
+        Self((patch as u32) << 24 | surfel)
+    }
+
+    /// The surfel that is met.
+    #[inline(always)]
+    pub fn surfel(self) -> usize {
+        (self.0 & (MOST_SURFELS as u32 - 1)) as usize
+    }
+
+    /// The patch whose first direction it is.
+    #[inline(always)]
+    pub fn patch(self) -> usize {
+        (self.0 >> 24 & 0x7f) as usize
+    }
+
+    /// Whether the surfel is met on its back.
+    #[inline(always)]
+    pub fn is_back(self) -> bool {
+        self.0 & Self::BACK != 0
+    }
+
+    pub(super) fn on(self, back: bool) -> Self {
+        Self(self.0 & !Self::BACK | if back { Self::BACK } else { 0 })
+    }
+}
+
+/// What the rays of one surfel found.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    pub(crate) open: [u64; WORDS],
+    pub(crate) hits: Vec<Hit>,
+    /// Whether the back is known to be closed: its rays are not traced any more.
+    pub back_is_closed: bool,
+}
+
+impl Found {
+    /// Adds what the rays of a patch found: which of its directions are open, and the surfel that is met in the first one, if any is.
+    pub fn add(&mut self, patch: usize, met: Option<u32>, open: [bool; PER_PATCH]) {
+        for (place, open) in open.into_iter().enumerate() {
+            self.set_open(place * PATCHES + patch, open);
+        }
+        self.hits.extend(met.map(|surfel| Hit::new(patch, surfel)));
+    }
+
+    pub(super) fn set_open(&mut self, j: usize, open: bool) {
+        self.open[j / 64] |= u64::from(open) << (j % 64);
+    }
+
+    /// Whether a direction, whose cosine to the front's normal it is, is on a closed side.
+    pub(super) fn is_closed(&self, cosine: f32) -> bool {
+        self.back_is_closed && cosine < 0.0
+    }
+}

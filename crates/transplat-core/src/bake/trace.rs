@@ -1,0 +1,251 @@
+//! Rays against the discs of an asset: which surfel a ray from a surfel towards a direction meets first.
+//!
+//! What a ray meets close to its start may be the surface that it leaves. Trained surfaces are stacks of translucent surfels: a ray crosses
+//! the members above its own from behind, and what else shines on the surface it would meet on its front. So a crossing from behind counts
+//! only beyond the reach of the surfel's own stack, any other one from close by on: the other face of a thin plate is met.
+
+use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::front::Fronts;
+pub use super::hierarchy::{BoxInOrder, PACKET};
+use super::hierarchy::{
+    Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane, neighborhood_order,
+};
+use super::scaled::ScaledObject;
+use crate::surfels::SurfelCloud;
+
+/// No surfel: the ray left the object.
+pub const MISS: u32 = u32::MAX;
+
+/// A ray starts this many of its surfel's smaller standard deviations off the surface.
+pub const START_SCALES: f32 = 0.3;
+
+/// Hits nearer than this many of the surfel's smaller standard deviations do not count.
+pub const NEAREST_SCALES: f32 = 1.0;
+
+/// From the front, discs that are left through their fronts belong to the surfel's own stack if they are nearer than this many of its larger
+/// standard deviations.
+pub const STACK_SCALES: f32 = 2.5;
+
+/// A surfel as rays see it, in units of the object's radius around its centre.
+#[derive(Clone, Copy, Debug)]
+pub struct RaySurfel {
+    /// Centre.
+    pub position: Vec3,
+    /// Half axes of the disc that casts a shadow; zero where it casts none.
+    pub axes: [Vec3; 2],
+    /// Unit normal, towards the front.
+    pub normal: Vec3,
+    /// Smaller standard deviation.
+    pub minor: f32,
+    /// Larger standard deviation.
+    pub major: f32,
+    /// Whether it is seen from its front alone.
+    pub one_sided: bool,
+}
+
+impl RaySurfel {
+    /// Where a ray towards a direction starts, and from which distance on it meets anything, and discs that it leaves through their fronts.
+    pub fn start(&self, direction: Vec3) -> (Vec3, f32, f32) {
+        let in_front = self.normal.dot(direction) >= 0.0;
+        let side = if in_front { 1.0 } else { -1.0 };
+        let nearest = NEAREST_SCALES * self.minor;
+        let stack = STACK_SCALES * self.major;
+        (
+            self.position + self.normal * (side * START_SCALES * self.minor),
+            nearest,
+            if in_front { stack } else { nearest },
+        )
+    }
+
+    fn casts(&self) -> bool {
+        self.axes[0] != Vec3::ZERO && self.axes[1] != Vec3::ZERO
+    }
+}
+
+/// A disc that casts a shadow.
+#[derive(Clone, Copy, Debug)]
+pub struct Disc {
+    /// Its middle.
+    pub center: Vec3,
+    /// Unit normal, towards the front.
+    pub normal: Vec3,
+    /// Half axes over their squared lengths: the disc is where `u^2 + v^2 <= 1`.
+    pub inverse_axes: [Vec3; 2],
+    /// Which surfel it is of.
+    pub surfel: u32,
+    /// Whether that is seen from its front alone.
+    pub one_sided: bool,
+}
+
+/// The discs of an asset in a hierarchy of boxes.
+#[derive(Clone, Debug)]
+pub struct Tracer {
+    hierarchy: Hierarchy,
+    /// Leaf by leaf.
+    pub discs: Vec<Disc>,
+    /// The surfels that rays start from. `[n]`
+    pub surfels: Vec<RaySurfel>,
+    /// Which side of each is its front.
+    pub fronts: Fronts,
+    /// Indices of the surfels so that neighbours follow each other. `[n]`
+    pub order: Vec<u32>,
+}
+
+/// The origins of [`PACKET`] rays of one direction.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Packet {
+    origin: [Lanes; 3],
+    /// Hits nearer than this do not count.
+    nearest: Lanes,
+    /// The same of discs that are left through their fronts.
+    stack: Lanes,
+}
+
+impl Packet {
+    /// Rays from the surfels `of`, at most [`PACKET`]; the last one fills what is left.
+    fn new(surfels: &[RaySurfel], of: &[u32], direction: Vec3) -> Self {
+        let mut packet = Self {
+            origin: [[0.0; PACKET]; 3],
+            nearest: [0.0; PACKET],
+            stack: [0.0; PACKET],
+        };
+        for lane in 0..PACKET {
+            let surfel = &surfels[of[lane.min(of.len() - 1)] as usize];
+            let (origin, nearest, stack) = surfel.start(direction);
+            for axis in 0..3 {
+                packet.origin[axis][lane] = origin[axis];
+            }
+            packet.nearest[lane] = nearest;
+            packet.stack[lane] = stack;
+        }
+        packet
+    }
+}
+
+impl Tracer {
+    /// Builds the hierarchy over the surfels that cast shadows.
+    pub fn new(cloud: &SurfelCloud, fronts: Fronts) -> Self {
+        let object = ScaledObject::new(cloud);
+        let surfels: Vec<RaySurfel> = (object.surfels.iter().enumerate())
+            .map(|(i, s)| RaySurfel {
+                position: s.position,
+                axes: s.axes,
+                normal: fronts.normal(cloud, i),
+                minor: cloud.scales[i].min_element() / object.radius,
+                major: cloud.scales[i].max_element() / object.radius,
+                one_sided: fronts.of[i].is_one_sided(),
+            })
+            .collect();
+        let casting: Vec<u32> = (0..surfels.len() as u32)
+            .filter(|i| surfels[*i as usize].casts())
+            .collect();
+        let boxes: Vec<_> = casting
+            .iter()
+            .map(|i| ellipse_box(surfels[*i as usize].position, surfels[*i as usize].axes))
+            .collect();
+        let (hierarchy, order) = Hierarchy::new(&boxes);
+        Self {
+            hierarchy,
+            discs: order
+                .iter()
+                .map(|i| disc(casting[*i as usize], &surfels))
+                .collect(),
+            order: neighborhood_order(surfels.iter().map(|s| s.position)),
+            surfels,
+            fronts,
+        }
+    }
+
+    /// How many boxes there are.
+    pub fn box_count(&self) -> usize {
+        self.hierarchy.len()
+    }
+
+    /// The boxes, each before those that it holds.
+    pub fn boxes_in_order(&self) -> Vec<BoxInOrder> {
+        self.hierarchy.boxes_in_order()
+    }
+
+    /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it
+    /// meets, which is quicker. `stack` is scratch.
+    pub fn hits(
+        &self,
+        of: &[u32],
+        direction: Vec3,
+        any: bool,
+        stack: &mut Vec<u32>,
+    ) -> [u32; PACKET] {
+        let packet = Packet::new(&self.surfels, of, direction);
+        walk(self, &packet, direction, any, stack)
+    }
+
+    /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
+    pub fn open_towards(&self, direction: Vec3, asked: impl Fn(u32) -> bool) -> Vec<bool> {
+        let of: Vec<u32> = self.order.iter().copied().filter(|i| asked(*i)).collect();
+        let packets: Vec<[u32; PACKET]> = of
+            .par_chunks(PACKET)
+            .map_init(Vec::new, |stack, of| self.hits(of, direction, true, stack))
+            .collect();
+        let mut open = vec![false; self.surfels.len()];
+        for (of, hits) in of.chunks(PACKET).zip(packets) {
+            for (surfel, hit) in of.iter().zip(hits) {
+                open[*surfel as usize] = hit == MISS;
+            }
+        }
+        open
+    }
+}
+
+fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {
+    let s = &surfels[i as usize];
+    Disc {
+        center: s.position,
+        normal: s.normal,
+        inverse_axes: s.axes.map(|a| a / a.length_squared()),
+        surfel: i,
+        one_sided: s.one_sided,
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn walk(
+    tracer: &Tracer,
+    packet: &Packet,
+    d: Vec3,
+    any: bool,
+    stack: &mut Vec<u32>,
+) -> [u32; PACKET] {
+    let toward = Toward::new(d);
+    let mut farthest: Lanes = [f32::MAX; PACKET];
+    let mut hit = [MISS; PACKET];
+    let hierarchy = &tracer.hierarchy;
+    hierarchy.enter(stack);
+    while let Some(discs) = hierarchy.next_leaf(&packet.origin, &toward, &farthest, stack) {
+        for disc in &tracer.discs[discs] {
+            let facing = disc.normal.dot(d);
+            if facing.abs() < LEAST_FACING {
+                continue;
+            }
+            let leaves = disc.one_sided && facing > 0.0;
+            let ellipse = (disc.center, disc.normal, disc.inverse_axes);
+            let (t, outside) = meet_plane(&packet.origin, d, facing, ellipse);
+            for i in 0..PACKET {
+                let nearest = if leaves {
+                    packet.stack[i]
+                } else {
+                    packet.nearest[i]
+                };
+                let met = (outside[i] <= 1.0) & (t[i] > nearest) & (t[i] < farthest[i]);
+                // A ray that has met anything is done: no box is nearer than its start.
+                let end = if any { -1.0 } else { t[i] };
+                farthest[i] = if met { end } else { farthest[i] };
+                hit[i] = if met { disc.surfel } else { hit[i] };
+            }
+        }
+    }
+    hit
+}

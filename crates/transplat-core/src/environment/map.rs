@@ -1,0 +1,261 @@
+//! A light as an equirectangular map.
+
+use std::f64::consts::PI;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::color::luminance;
+
+/// No light is brighter; sums of pixels stay finite.
+const MAX_RADIANCE: f32 = 1e15;
+
+/// An equirectangular map of linear RGB radiance, Z up; row 0 is the zenith, the image centre looks at +X, +Y is a quarter from the left.
+#[derive(Clone, Debug)]
+pub struct EnvironmentMap {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) pixels: Vec<[f32; 3]>,
+    repaired: usize,
+    clipped: bool,
+}
+
+impl EnvironmentMap {
+    /// A map from its pixels, row by row. Values that are no numbers, negative or beyond any light are replaced by the nearest possible and counted.
+    ///
+    /// # Panics
+    /// If the number of pixels is not `width * height`, or is zero.
+    pub fn new(width: usize, height: usize, mut pixels: Vec<[f32; 3]>) -> Self {
+        assert!(width * height == pixels.len() && !pixels.is_empty());
+        let repaired = pixels
+            .par_iter_mut()
+            .filter_map(|pixel| {
+                let bad = pixel.iter().any(|v| !(0.0..=MAX_RADIANCE).contains(v));
+                if bad {
+                    *pixel = pixel.map(|v| {
+                        if v.is_finite() {
+                            v.clamp(0.0, MAX_RADIANCE)
+                        } else {
+                            0.0
+                        }
+                    });
+                }
+                bad.then_some(())
+            })
+            .count();
+        Self {
+            width,
+            height,
+            pixels,
+            repaired,
+            clipped: false,
+        }
+    }
+
+    /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.
+    pub(crate) fn with_clipped_highlights(mut self) -> Self {
+        self.clipped = true;
+        self
+    }
+
+    /// Uniform white light, for an asset whose light nobody knows.
+    pub fn even() -> Self {
+        Self::new(2, 1, vec![[1.0; 3]; 2])
+    }
+
+    /// What is shown behind the object where the light is even: middle grey. White would blind, and nobody knows what was there.
+    pub fn even_backdrop() -> Self {
+        Self::new(2, 1, vec![[0.18; 3]; 2])
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Radiance `[height][width]`, row by row from the zenith.
+    pub fn pixels(&self) -> &[[f32; 3]] {
+        &self.pixels
+    }
+
+    /// How many pixels were no numbers, negative or beyond any light, and were replaced.
+    pub fn repaired(&self) -> usize {
+        self.repaired
+    }
+
+    /// Whether the highlights are clipped because the file was a low-dynamic-range picture.
+    pub fn has_clipped_highlights(&self) -> bool {
+        self.clipped
+    }
+
+    /// Exact solid angle of one pixel of a row, in steradians.
+    pub fn pixel_solid_angle(&self, row: usize) -> f64 {
+        let edge = |row: usize| (PI * row as f64 / self.height as f64).cos();
+        2.0 * PI / self.width as f64 * (edge(row) - edge(row + 1))
+    }
+
+    /// Share of all light (by luminance, 0 to 1) that comes from the brightest part of the sphere of that relative size.
+    pub fn brightest_share(&self, sphere_share: f64) -> f64 {
+        let mut pixels: Vec<(f32, f64)> = Vec::with_capacity(self.pixels.len());
+        for (row, colors) in self.pixels.chunks_exact(self.width).enumerate() {
+            let omega = self.pixel_solid_angle(row);
+            pixels.extend(colors.iter().map(|c| (luminance(*c), omega)));
+        }
+        pixels.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut total, mut brightest, mut angle) = (0.0, 0.0, 0.0);
+        for (luminance, omega) in pixels {
+            total += f64::from(luminance) * omega;
+            if angle < sphere_share * 4.0 * PI {
+                brightest = total;
+                angle += omega;
+            }
+        }
+        if total > 0.0 { brightest / total } else { 0.0 }
+    }
+
+    /// Direction of a pixel's centre.
+    pub fn direction(&self, column: usize, row: usize) -> [f64; 3] {
+        let (sin_t, cos_t) = (PI * (row as f64 + 0.5) / self.height as f64).sin_cos();
+        let (sin_p, cos_p) = azimuth(column, self.width).sin_cos();
+        [sin_t * cos_p, sin_t * sin_p, cos_t]
+    }
+
+    /// The map with at most `width` columns, twice as wide as high, each pixel the mean over its solid angle: for thumbnails and backgrounds.
+    pub fn reduced(&self, width: usize) -> Self {
+        if width >= self.width {
+            return self.clone();
+        }
+        let height = (width / 2).clamp(1, self.height);
+        let rows: Vec<f32> = (0..self.height)
+            .map(|row| self.pixel_solid_angle(row) as f32)
+            .collect();
+        let span = |i: usize, of: usize, to: usize| (i * of / to, ((i + 1) * of).div_ceil(to));
+        let pixels = (0..height)
+            .into_par_iter()
+            .flat_map_iter(|y| {
+                let (top, bottom) = span(y, self.height, height);
+                let rows = &rows;
+                (0..width).map(move |x| {
+                    let (left, right) = span(x, self.width, width);
+                    let (mut sum, mut total) = ([0f32; 3], 0f32);
+                    for row in top..bottom {
+                        for p in &self.pixels[row * self.width..][left..right] {
+                            for (s, v) in sum.iter_mut().zip(p) {
+                                *s += rows[row] * v;
+                            }
+                        }
+                        total += rows[row] * (right - left) as f32;
+                    }
+                    sum.map(|s| s / total)
+                })
+            })
+            .collect();
+        Self {
+            clipped: self.clipped,
+            ..Self::new(width, height, pixels)
+        }
+    }
+
+    /// The map blurred by a Gaussian on the sphere, `sigma` in degrees: at a resolution at which that is a few pixels, along the parallels
+    /// and then along the meridians. Round within a sixth of its width, near the poles too.
+    pub fn blurred(&self, sigma: f32) -> Self {
+        if sigma <= 0.0 {
+            return self.clone();
+        }
+        // A standard deviation is three pixels.
+        let small = self.reduced(((1080.0 / sigma) as usize).clamp(48, 2048));
+        let (w, h) = (small.width, small.height);
+        let sigma_rows = sigma / 180.0 * h as f32;
+        let kernel = |sigma: f32, most: usize| -> Vec<f32> {
+            let reach = ((3.0 * sigma).ceil() as usize).min(most);
+            let raw: Vec<f32> = (0..=reach)
+                .map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp())
+                .collect();
+            let total = 2.0 * raw.iter().sum::<f32>() - raw[0];
+            raw.iter().map(|v| v / total).collect()
+        };
+        // Along the parallels first: near a pole that is a whole ring.
+        let rings: Vec<[f32; 3]> = (0..h)
+            .into_par_iter()
+            .flat_map_iter(|y| {
+                let sine = (PI * (y as f64 + 0.5) / h as f64).sin() as f32;
+                let across = kernel(sigma / 360.0 * w as f32 / sine, w / 2);
+                let small = &small;
+                (0..w).map(move |x| {
+                    let at = |offset: isize| {
+                        small.pixels[y * w + (x as isize + offset).rem_euclid(w as isize) as usize]
+                    };
+                    let mut sum = at(0).map(|v| v * across[0]);
+                    for (i, k) in across.iter().enumerate().skip(1) {
+                        let (a, b) = (at(i as isize), at(-(i as isize)));
+                        sum = std::array::from_fn(|c| sum[c] + k * (a[c] + b[c]));
+                    }
+                    sum
+                })
+            })
+            .collect();
+        // Then along the meridians, each ring weighed by its size; over a pole one comes down on the other side.
+        let down = kernel(sigma_rows, h);
+        let pixels = (0..w * h)
+            .into_par_iter()
+            .map(|i| {
+                let (mut sum, mut total) = ([0f32; 3], 0f32);
+                let reach = down.len() as isize - 1;
+                for offset in -reach..=reach {
+                    let (mut x, mut y) = (i % w, (i / w) as isize + offset);
+                    if y < 0 {
+                        (x, y) = ((x + w / 2) % w, -1 - y);
+                    } else if y >= h as isize {
+                        (x, y) = ((x + w / 2) % w, 2 * h as isize - 1 - y);
+                    }
+                    let y = y.clamp(0, h as isize - 1) as usize;
+                    let weight = down[offset.unsigned_abs()] * small.pixel_solid_angle(y) as f32;
+                    total += weight;
+                    for (s, v) in sum.iter_mut().zip(rings[y * w + x]) {
+                        *s += weight * v;
+                    }
+                }
+                sum.map(|s| s / total)
+            })
+            .collect();
+        Self {
+            clipped: self.clipped,
+            ..Self::new(w, h, pixels)
+        }
+    }
+
+    /// Radiance from direction `d` (unit), interpolated between pixels; for backgrounds, not for integrals.
+    pub fn sample(&self, d: Vec3) -> [f32; 3] {
+        let (w, h) = (self.width as f32, self.height as f32);
+        let u = (0.5 - d.y.atan2(d.x) / std::f32::consts::TAU).rem_euclid(1.0) * w - 0.5;
+        let v = d.z.clamp(-1.0, 1.0).acos() / std::f32::consts::PI * h - 0.5;
+        let (column, row) = (u.floor(), v.floor());
+        let (fu, fv) = (u - column, v - row);
+        let texel = |dx: f32, dy: f32| {
+            let x = (column + dx).rem_euclid(w) as usize % self.width;
+            let y = (row + dy).clamp(0.0, h - 1.0) as usize;
+            self.pixels[y * self.width + x]
+        };
+        let (a, b, c, d) = (
+            texel(0.0, 0.0),
+            texel(1.0, 0.0),
+            texel(0.0, 1.0),
+            texel(1.0, 1.0),
+        );
+        std::array::from_fn(|i| {
+            let top = a[i] + (b[i] - a[i]) * fu;
+            let bottom = c[i] + (d[i] - c[i]) * fu;
+            top + (bottom - top) * fv
+        })
+    }
+}
+
+/// Azimuth `atan2(y, x)` of a column's centre: u = 1/2 - azimuth / 2 pi.
+pub fn azimuth(column: usize, width: usize) -> f64 {
+    PI * (1.0 - (2 * column + 1) as f64 / width as f64)
+}

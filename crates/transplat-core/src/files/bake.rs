@@ -1,0 +1,295 @@
+//! Saved bakes, tied to the geometry that they were baked from. [`crate::files::save_bake`] writes them.
+//!
+//! After the head: of the harmonic method the openness `[n][N]`; of the directional method the fronts `[n]`, the open bits `[n][WORDS]`, where the hits of
+//! each surfel begin `[n + 1]`, and the hits. All little-endian.
+
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+
+use bytemuck::Pod;
+
+use crate::bake::directional::DirectionalBake;
+use crate::bake::front::{Front, Fronts};
+use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};
+use crate::bake::patches;
+use crate::bake::patches::{Found, Hit, MOST_SURFELS, PATCHES, WORDS};
+use crate::bake::trace::Tracer;
+use crate::bake::{Bake, check_method};
+use crate::error::{Error, Result};
+use crate::settings::Method;
+use crate::surfels::SurfelCloud;
+
+/// What bake files of all versions begin with.
+pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
+
+/// What a bake file begins with.
+pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 3";
+
+/// Magic, geometry key, surfels, kind and directions.
+const HEADER_BYTES: u64 = 16 + 4 * 8;
+
+/// What the head of a bake file says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BakeHeader {
+    /// FNV-1a of the geometry.
+    pub geometry_key: u64,
+    /// Number of surfels.
+    pub surfels: u64,
+    /// The method that it is for.
+    pub method: Method,
+    /// Directions that were asked.
+    pub directions: u64,
+}
+
+impl BakeHeader {
+    /// Whether the bake is for a method.
+    ///
+    /// # Errors
+    /// It is for the other one.
+    pub fn of_method(&self, method: Method) -> Result<()> {
+        check_method(self.method, method)
+    }
+}
+
+/// The number that stands for a method.
+pub(crate) fn kind_of(method: Method) -> u64 {
+    match method {
+        Method::Harmonic => 0,
+        Method::Directional => 1,
+    }
+}
+
+/// A key of everything that a bake is told apart by: positions, frames, scales, opacities, and what is known to be outside (FNV-1a, 64 bits).
+/// Colours are not among them: a relit splat keeps its bake.
+pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
+    let mut key = Fnv::default();
+    key.add(bytemuck::cast_slice(&cloud.positions));
+    for [u, v] in &cloud.tangents {
+        key.add(bytemuck::bytes_of(u));
+        key.add(bytemuck::bytes_of(v));
+    }
+    key.add(bytemuck::cast_slice(&cloud.scales));
+    key.add(bytemuck::cast_slice(&cloud.opacities));
+    key.add(bytemuck::cast_slice(&cloud.outside_from));
+    key.0
+}
+
+/// FNV-1a, 64 bits, over words of 32.
+pub(super) struct Fnv(pub u64);
+
+impl Default for Fnv {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv {
+    pub fn add(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(4) {
+            let mut word = [0u8; 4];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.0 = (self.0 ^ u64::from(u32::from_le_bytes(word))).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+}
+
+fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeHeader> {
+    let mut head = [0u8; HEADER_BYTES as usize];
+    if length < HEADER_BYTES {
+        return Err(Error::invalid(path, "the bake is truncated"));
+    }
+    reader.read_exact(&mut head).map_err(Error::io(path))?;
+    if &head[..16] != MAGIC {
+        return Err(Error::invalid(
+            path,
+            "not a bake of this version; make one with `transplat bake`",
+        ));
+    }
+    let value = |i: usize| {
+        let mut bytes = [0u8; 8];
+        bytes.copy_from_slice(&head[16 + 8 * i..][..8]);
+        u64::from_le_bytes(bytes)
+    };
+    let method = Method::ALL.into_iter().find(|p| kind_of(*p) == value(2));
+    let Some(method) = method else {
+        return Err(Error::invalid(path, "a bake of a kind that is not known"));
+    };
+    let header = BakeHeader {
+        geometry_key: value(0),
+        surfels: value(1),
+        method,
+        directions: value(3),
+    };
+    // Of method best, the hits come on top.
+    let (least, most) = match method {
+        Method::Harmonic => (header.directions, 0),
+        Method::Directional => (
+            (size_of::<Front>() + size_of::<[u64; WORDS]>() + 4) as u64,
+            4 * PATCHES as u64,
+        ),
+    };
+    let known = match method {
+        Method::Harmonic => DIRECTIONS.contains(&(header.directions as usize)),
+        Method::Directional => {
+            header.directions == patches::DIRECTIONS as u64 && header.surfels <= MOST_SURFELS as u64
+        }
+    };
+    let bytes = |each: u64| header.surfels.checked_mul(each);
+    let range = bytes(least).zip(bytes(least + most)).map(|(a, b)| {
+        let more = HEADER_BYTES + if method == Method::Directional { 4 } else { 0 };
+        a.saturating_add(more)..=b.saturating_add(more)
+    });
+    if !known || !range.is_some_and(|r| r.contains(&length)) {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "a bake for preset {} of {} surfels and {} directions cannot have {length} bytes: it is truncated or broken",
+                method.preset(),
+                header.surfels,
+                header.directions
+            ),
+        ));
+    }
+    Ok(header)
+}
+
+/// Reads only the head of a bake.
+///
+/// # Errors
+/// The file cannot be read or is no whole bake.
+pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
+    let mut file = super::read::open(path)?;
+    let length = file.metadata().map_err(Error::io(path))?.len();
+    read_header(path, &mut file, length)
+}
+
+/// Reads a bake for an asset, which must have the geometry that it was made from.
+///
+/// # Errors
+/// The file cannot be read, is no whole bake, or belongs to another asset.
+pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
+    let mut file = super::read::open(path)?;
+    let length = file.metadata().map_err(Error::io(path))?.len();
+    let header = read_header(path, &mut file, length)?;
+    if header.surfels != cloud.len() as u64 || header.geometry_key != geometry_key(cloud) {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "this bake ({} surfels) was made from another geometry than the asset's ({} surfels), or with another outside",
+                header.surfels,
+                cloud.len()
+            ),
+        ));
+    }
+    let mut bytes = Vec::with_capacity((length - HEADER_BYTES) as usize);
+    file.read_to_end(&mut bytes).map_err(Error::io(path))?;
+    if bytes.len() as u64 != length - HEADER_BYTES {
+        return Err(Error::invalid(path, "changed while it was read"));
+    }
+    match header.method {
+        Method::Harmonic => {
+            let directions = header.directions as usize;
+            let visibility = HarmonicBake::from_open(cloud, directions, bytes);
+            Ok(Bake::Harmonic(visibility))
+        }
+        Method::Directional => {
+            let found = found_in(&bytes, cloud.len());
+            let (fronts, found) =
+                found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
+            let tracer = Arc::new(Tracer::new(cloud, fronts));
+            let directional = DirectionalBake::of(cloud, tracer, &found);
+            Ok(Bake::Directional(Arc::new(directional)))
+        }
+    }
+}
+
+/// The fronts of `n` surfels, and what their rays found; none if the numbers do not belong together.
+fn found_in(bytes: &[u8], n: usize) -> Option<(Fronts, Vec<Found>)> {
+    let (fronts, rest) = bytes.split_at_checked(size_of::<Front>() * n)?;
+    let fronts = Fronts {
+        of: read_all(fronts)?,
+    };
+    let (open, rest) = rest.split_at_checked(8 * WORDS * n)?;
+    let (starts, hits) = rest.split_at_checked(4 * (n + 1))?;
+    let (open, starts): (Vec<[u64; WORDS]>, Vec<u32>) = (read_all(open)?, read_all(starts)?);
+    let hits: Vec<Hit> = read_all(hits)?;
+    let whole =
+        starts.first() == Some(&0) && starts.last() == Some(&u32::try_from(hits.len()).ok()?);
+    if !whole || hits.iter().any(|h| h.surfel() >= n) {
+        return None;
+    }
+    let found: Option<Vec<Found>> = open
+        .into_iter()
+        .zip(starts.windows(2))
+        .map(|(open, range)| {
+            let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
+            (hits.len() <= PATCHES).then_some(Found {
+                open,
+                hits,
+                ..Found::default()
+            })
+        })
+        .collect();
+    Some((fronts, found?))
+}
+
+fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
+    let exact = bytes.len().is_multiple_of(size_of::<T>());
+    exact.then(|| bytemuck::pod_collect_to_vec(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::harmonic::{BakeSettings, bake};
+    use crate::files::save_bake;
+    use crate::progress::no_progress;
+    use crate::scenes;
+
+    #[test]
+    fn a_bake_comes_back_and_knows_its_asset() {
+        let cloud = scenes::sphere_over_plate(50);
+        let visibility = bake(&cloud, &BakeSettings { directions: 32 }, &no_progress);
+        let directional = DirectionalBake::bake(&cloud, &no_progress);
+        let bakes = [
+            Bake::Harmonic(visibility.expect("a bake")),
+            Bake::Directional(Arc::new(directional.expect("a bake"))),
+        ];
+        for baked in bakes {
+            let folder = tempfile::tempdir().expect("a folder");
+            let path = folder.path().join("sphere.bake");
+            save_bake(&path, &cloud, &baked).expect("room for it");
+            let back = load_bake(&path, &cloud).expect("the same asset");
+            assert_eq!(back.normals(), baked.normals());
+            match (&baked, &back) {
+                (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
+                (Bake::Directional(a), Bake::Directional(b)) => {
+                    assert_eq!((&a.open, &a.starts), (&b.open, &b.starts));
+                    assert_eq!((&a.hits, &a.two_sided), (&b.hits, &b.two_sided));
+                    assert_eq!(a.tracer.fronts, b.tracer.fronts);
+                    assert_eq!(a.prominence, b.prominence);
+                }
+                _ => panic!("of another kind"),
+            }
+            let mut other = cloud.clone();
+            other.opacities[7] = 0.5;
+            assert!(load_bake(&path, &other).is_err());
+            let mut turned = cloud.clone();
+            turned.outside_from = vec![glam::Vec3::Z];
+            assert!(load_bake(&path, &turned).is_err(), "another outside");
+            let bytes = std::fs::read(&path).expect("it is there");
+            for length in [0, 10, 39, 47, 48, 60, bytes.len() - 1] {
+                std::fs::write(&path, &bytes[..length]).expect("room for it");
+                assert!(load_bake(&path, &cloud).is_err(), "{length} bytes");
+            }
+            // Any byte may be wrong: an error or a bake, never a panic.
+            for place in (16..bytes.len()).step_by(bytes.len() / 97) {
+                let mut broken = bytes.clone();
+                broken[place] ^= 0xff;
+                std::fs::write(&path, &broken).expect("room for it");
+                let _ = load_bake(&path, &cloud);
+            }
+        }
+    }
+}

@@ -1,0 +1,407 @@
+//! Every loader against files that somebody broke: whatever the bytes are, a file is loaded or refused, and what was loaded can be used.
+//!
+//! `FUZZ_CASES` says how many broken files each loader gets.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
+
+use super::*;
+use crate::bake::Bake;
+use crate::bake::directional::DirectionalBake;
+use crate::bake::harmonic::BakeSettings;
+use crate::environment::Illumination;
+use crate::estimate::estimate_light;
+use crate::files::{ExrFloats, PngBits, save_bake, save_estimate, save_look, write_exr, write_png};
+use crate::progress::no_progress;
+use crate::rasterize::Raster;
+use crate::scenes;
+use crate::settings::{Method, TransferSettings};
+use crate::surfels::SurfelCloud;
+use crate::transfer::{Part, PreparedTransfer};
+
+/// Files a loader in the tests.
+const CASES: u32 = 400;
+
+/// Surfels beyond which a loaded splat is not relit: that says nothing new, and takes time.
+const MOST_RELIT: usize = 64;
+
+/// One thing that is wrong with a file; places are shares of its length.
+#[derive(Clone, Debug)]
+enum Harm {
+    Bit(f64, u8),
+    Byte(f64, u8),
+    Cut(f64),
+    Insert(f64, Vec<u8>),
+    Remove(f64, usize),
+    /// Four bytes of one place to another.
+    Copy(f64, f64),
+    /// What numbers go wrong with, in text.
+    Text(f64, &'static str),
+    /// The same in binary.
+    Word(f64, u32),
+}
+
+fn harm() -> impl Strategy<Value = Harm> {
+    let place = || 0f64..1.0;
+    let text = prop::sample::select(vec![
+        "-1",
+        "0",
+        "1e39",
+        "nan",
+        "inf",
+        "99999999999",
+        "1e400",
+        "\n",
+        " ",
+        "{",
+        "]",
+        "\"",
+        "null",
+        "-0",
+    ]);
+    let word = prop::sample::select(vec![
+        0u32,
+        1,
+        0x7fff_ffff,
+        0x8000_0000,
+        0xffff_ffff,
+        0x7f80_0000,
+        0xff80_0000,
+        0x7fc0_0000,
+        0x0000_0100,
+        0x7f00_0000,
+    ]);
+    prop_oneof![
+        4 => (place(), 0u8..8).prop_map(|(p, b)| Harm::Bit(p, b)),
+        4 => (place(), any::<u8>()).prop_map(|(p, b)| Harm::Byte(p, b)),
+        1 => place().prop_map(Harm::Cut),
+        2 => (place(), prop::collection::vec(any::<u8>(), 1..9)).prop_map(|(p, b)| Harm::Insert(p, b)),
+        2 => (place(), 1usize..9).prop_map(|(p, n)| Harm::Remove(p, n)),
+        2 => (place(), place()).prop_map(|(p, q)| Harm::Copy(p, q)),
+        4 => (place(), text).prop_map(|(p, t)| Harm::Text(p, t)),
+        4 => (place(), word).prop_map(|(p, w)| Harm::Word(p, w)),
+    ]
+}
+
+impl Harm {
+    fn to(&self, bytes: &mut Vec<u8>) {
+        let at = |place: f64| (place * bytes.len() as f64) as usize;
+        let over = |bytes: &mut Vec<u8>, start: usize, new: &[u8]| {
+            for (b, n) in bytes.iter_mut().skip(start).zip(new) {
+                *b = *n;
+            }
+        };
+        match self {
+            _ if bytes.is_empty() => {}
+            Self::Bit(p, bit) => {
+                let i = at(*p);
+                bytes[i] ^= 1 << bit;
+            }
+            Self::Byte(p, b) => {
+                let i = at(*p);
+                bytes[i] = *b;
+            }
+            Self::Cut(p) => bytes.truncate(at(*p)),
+            Self::Insert(p, new) => {
+                let i = at(*p);
+                bytes.splice(i..i, new.iter().copied());
+            }
+            Self::Remove(p, n) => {
+                let i = at(*p);
+                bytes.drain(i..bytes.len().min(i + n));
+            }
+            Self::Copy(p, q) => {
+                let (from, to) = (at(*p), at(*q));
+                let some = bytes[from..bytes.len().min(from + 4)].to_vec();
+                over(bytes, to, &some);
+            }
+            Self::Text(p, text) => {
+                let i = at(*p);
+                over(bytes, i, text.as_bytes());
+            }
+            Self::Word(p, word) => {
+                let i = at(*p);
+                over(bytes, i, &word.to_le_bytes());
+            }
+        }
+    }
+}
+
+/// Gives a loader the whole file, which it must take, and broken ones.
+fn fuzz<T>(whole: &[u8], load: impl Fn(&Path) -> Result<T>) {
+    let asked = std::env::var("FUZZ_CASES").ok();
+    let config = ProptestConfig {
+        cases: asked.and_then(|n| n.parse().ok()).unwrap_or(CASES),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("file");
+    std::fs::write(&path, whole).expect("room for it");
+    assert!(load(&path).is_ok(), "the whole file is refused");
+    let mut runner = TestRunner::new(config);
+    // Half of the harm is done to the head, which says what the rest is.
+    let strategy = (prop::collection::vec(harm(), 1..6), prop::bool::ANY);
+    let result = runner.run(&strategy, |(harms, in_head)| {
+        let head = if in_head {
+            whole.len().min(400)
+        } else {
+            whole.len()
+        };
+        let (mut bytes, rest) = (whole[..head].to_vec(), &whole[head..]);
+        for harm in &harms {
+            harm.to(&mut bytes);
+        }
+        bytes.extend(rest);
+        std::fs::write(&path, &bytes).expect("room for it");
+        match load(&path) {
+            Ok(_) => {}
+            Err(error) => prop_assert!(error.to_string().contains("file"), "{error}"),
+        }
+        Ok(())
+    });
+    if let Err(error) = result {
+        panic!("{error}");
+    }
+}
+
+fn ply(format: &str) -> Vec<u8> {
+    ply_of(6, format, |_, _| {})
+}
+
+/// A splat of `n` rows, each changed by `change`: position, DC, opacity, scales, rotation, and nine of the rest.
+fn ply_of(n: usize, format: &str, change: impl Fn(usize, &mut Vec<f32>)) -> Vec<u8> {
+    let cloud = scenes::sphere(n);
+    let mut text = format!(
+        "ply\nformat {format} 1.0\ncomment of the tests\nelement vertex {}\n",
+        cloud.len()
+    );
+    let names = [
+        "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "rot_0",
+        "rot_1", "rot_2", "rot_3",
+    ];
+    let rest: Vec<String> = (0..9).map(|i| format!("f_rest_{i}")).collect();
+    let all = names.iter().copied().chain(rest.iter().map(String::as_str));
+    for name in all {
+        text += &format!("property float {name}\n");
+    }
+    text += "end_header\n";
+    let mut bytes = text.into_bytes();
+    for (i, p) in cloud.positions.iter().enumerate() {
+        let mut row = vec![
+            p.x, p.y, p.z, 0.3, 0.2, 0.1, 2.0, -1.0, -1.5, 0.9, 0.1, 0.2, 0.3,
+        ];
+        row.extend((0..9).map(|i| 0.01 * i as f32));
+        change(i, &mut row);
+        for v in row {
+            if format == "ascii" {
+                bytes.extend(format!("{v} ").bytes());
+            } else if format == "binary_big_endian" {
+                bytes.extend(v.to_be_bytes());
+            } else {
+                bytes.extend(v.to_le_bytes());
+            }
+        }
+        if format == "ascii" {
+            bytes.push(b'\n');
+        }
+    }
+    bytes
+}
+
+/// Relights what was loaded by both methods: no number is lost on the way.
+fn relit(cloud: &SurfelCloud) {
+    if cloud.len() > MOST_RELIT {
+        return;
+    }
+    let lights = [Illumination::even(3), Illumination::even(3).scaled(2.0)];
+    for method in Method::ALL {
+        let settings = BakeSettings { directions: 16 };
+        let bake = Bake::new(cloud, method, &settings, &no_progress).expect("not cancelled");
+        let settings = TransferSettings::of(method);
+        let prepared = PreparedTransfer::new(cloud, &bake, &lights[0], &settings);
+        let relit = prepared
+            .and_then(|p| p.relight(&lights[1], Part::Whole))
+            .expect("good input");
+        let values = relit.sh.iter().chain(&relit.tau).flatten();
+        assert!(
+            values.into_iter().all(|v| v.is_finite()),
+            "{}",
+            method.preset()
+        );
+    }
+}
+
+/// What a saving function writes.
+fn written(save: impl FnOnce(&Path) -> Result<()>) -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("file");
+    save(&path).expect("room for it");
+    std::fs::read(&path).expect("it is there")
+}
+
+pub fn raster() -> Raster {
+    let pixels = (0..32).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect();
+    Raster {
+        width: 8,
+        height: 4,
+        pixels,
+        depth: vec![0.0; 32],
+    }
+}
+
+fn light_of(path: &Path) -> Result<()> {
+    let map = load_environment(path)?;
+    let light = Illumination::of(&map, 3);
+    let sum: f32 = light.radiance.coefficients.iter().flatten().sum();
+    assert!(sum.is_finite());
+    Ok(())
+}
+
+#[test]
+fn splats() {
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        fuzz(&ply(format), |path| {
+            let (cloud, _) = load_asset(path)?;
+            relit(&cloud);
+            Ok(())
+        });
+    }
+}
+
+#[test]
+fn odd_rows_are_relit_or_left_out() {
+    let (opacity, scale, rotation) = (6, 7, 9);
+    let bytes = ply_of(60, "binary_little_endian", |i, row| match i {
+        0 => row[scale] = f32::NAN,
+        1 => row[rotation..rotation + 4].fill(0.0),
+        2 => row[opacity] = 50.0,
+        3 => row[opacity] = -50.0,
+        4 => row[scale..scale + 2].fill(-60.0),
+        5 => row[scale..scale + 2].fill(20.0),
+        6 => row[opacity] = f32::INFINITY,
+        7..10 => row[..3].fill(0.25),
+        10..13 => row[..3].copy_from_slice(&[i as f32, 0.0, 0.0]),
+        13 => row[3..6].fill(1e4),
+        14 => row[0] = 1e6,
+        _ => {}
+    });
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("odd.ply");
+    std::fs::write(&path, bytes).expect("room for it");
+    let (cloud, file) = load_asset(&path).expect("most of it is good");
+    let left_out = &file.report.left_out;
+    assert!(left_out.contains(&0) && left_out.len() <= 3, "{left_out:?}");
+    relit(&cloud);
+}
+
+#[test]
+fn environments_in_hdr() {
+    let head = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y 4 +X 8\n";
+    let plain: Vec<u8> = (0..32u8).flat_map(|i| [i, 100, 50, 128]).collect();
+    fuzz(&[head.as_bytes(), &plain].concat(), light_of);
+    let row = [
+        2u8,
+        2,
+        0,
+        8,
+        128 + 8,
+        90,
+        4,
+        1,
+        2,
+        3,
+        4,
+        128 + 4,
+        60,
+        128 + 8,
+        40,
+        128 + 8,
+        129,
+    ];
+    fuzz(&[head.as_bytes(), &row.repeat(4)].concat(), light_of);
+}
+
+#[test]
+fn environments_in_exr() {
+    for floats in [ExrFloats::Full, ExrFloats::Half] {
+        fuzz(
+            &written(|path| write_exr(path, &raster(), floats)),
+            light_of,
+        );
+    }
+}
+
+#[test]
+fn pictures() {
+    let rgba: Vec<[f32; 4]> = raster()
+        .pixels
+        .iter()
+        .map(|p| [0.03 * p[0], 0.5, 0.2, 1.0])
+        .collect();
+    for bits in [PngBits::Eight, PngBits::Sixteen] {
+        fuzz(
+            &written(|path| write_png(path, 8, 4, &rgba, bits)),
+            light_of,
+        );
+    }
+}
+
+#[test]
+fn bakes() {
+    let cloud = scenes::sphere_over_plate(12);
+    for method in Method::ALL {
+        let settings = BakeSettings { directions: 16 };
+        let bake = Bake::new(&cloud, method, &settings, &no_progress).expect("not cancelled");
+        let whole = written(|path| save_bake(path, &cloud, &bake));
+        let even = Illumination::even(3);
+        fuzz(&whole, |path| {
+            let bake = load_bake(path, &cloud)?;
+            let settings = TransferSettings::of(bake.method());
+            let prepared = PreparedTransfer::new(&cloud, &bake, &even, &settings)?;
+            let relit = prepared.relight(&even, Part::Whole)?;
+            assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+            Ok(())
+        });
+    }
+}
+
+#[test]
+fn estimates() {
+    let cloud = scenes::sphere(200);
+    let directional = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
+    let estimate = estimate_light(&cloud, &Arc::new(directional));
+    let whole = written(|path| save_estimate(path, &cloud, &estimate));
+    fuzz(&whole, |path| {
+        let estimate = load_estimate(path, &cloud)?;
+        let map = estimate.light.map(cloud.up);
+        assert!(map.pixels().iter().flatten().all(|v| v.is_finite()));
+        Ok(())
+    });
+}
+
+#[test]
+fn looks() {
+    let look = Look {
+        asset: Some(PathBuf::from("a.ply")),
+        ..Look::default()
+    };
+    fuzz(&written(|path| save_look(path, &look)), load_look);
+}
+
+#[test]
+fn cameras() {
+    let row = "[1, 0, 0, 0], [0, 1, 0, -3], [0, 0, 1, 1], [0, 0, 0, 1]";
+    let frame = format!("{{\"file_path\": \"a\", \"transform_matrix\": [{row}]}}");
+    let text = format!(
+        "{{\"camera_angle_x\": 0.7, \"w\": 80, \"h\": 60, \"frames\": [{frame}, {frame}]}}"
+    );
+    fuzz(text.as_bytes(), |path| {
+        let file = load_cameras(path)?;
+        assert!(!file.frames.is_empty());
+        Ok::<_, Error>(())
+    });
+}

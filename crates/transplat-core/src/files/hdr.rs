@@ -1,0 +1,350 @@
+//! Radiance .hdr (RGBE, XYZE): flat, old and new run lengths, exposure, and all eight orders of scanlines.
+
+use std::path::Path;
+
+use super::read::{check_map_size, read_all};
+use crate::environment::EnvironmentMap;
+use crate::error::{Error, Result};
+
+/// Four bytes a pixel for the largest map, and room for a header.
+const MAX_BYTES: u64 = super::read::MAX_ENVIRONMENT_PIXELS as u64 * 5;
+
+pub fn load(path: &Path) -> Result<EnvironmentMap> {
+    let bytes = read_all(path, MAX_BYTES)?;
+    parse(&bytes).map_err(|message| match message {
+        Problem::Text(message) => Error::invalid(path, message),
+        Problem::Size(width, height) => match check_map_size(path, width, height) {
+            Err(error) => error,
+            Ok(()) => Error::invalid(path, "the pixels end before the map does"),
+        },
+    })
+}
+
+#[derive(Debug)]
+enum Problem {
+    Text(String),
+    Size(usize, usize),
+}
+
+impl From<&str> for Problem {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+struct Header {
+    /// What stored values must be divided by to be radiance again.
+    exposure: f32,
+    xyz: bool,
+    /// Scanlines, and pixels in each.
+    scanlines: usize,
+    length: usize,
+    /// Scanlines run along columns (the first axis of the resolution line is X).
+    transposed: bool,
+    flip_x: bool,
+    flip_y: bool,
+}
+
+fn parse(bytes: &[u8]) -> Result<EnvironmentMap, Problem> {
+    let (header, mut data) = parse_header(bytes)?;
+    let (lines, length) = (header.scanlines, header.length);
+    // The new code packs 16 pixels of one colour into a byte, the old one 64.
+    let most = data.len().saturating_mul(64);
+    let too_large = lines.max(length) > super::read::MAX_ENVIRONMENT_EDGE
+        || lines.saturating_mul(length) > super::read::MAX_ENVIRONMENT_PIXELS.min(most);
+    if too_large || lines.min(length) == 0 {
+        return Err(if header.transposed {
+            Problem::Size(lines, length)
+        } else {
+            Problem::Size(length, lines)
+        });
+    }
+    let mut scanline = vec![[0u8; 4]; length];
+    let mut stored = Vec::new();
+    for line in 0..lines {
+        read_scanline(&mut data, &mut scanline)
+            .map_err(|problem| Problem::Text(format!("{problem} in scanline {line} of {lines}")))?;
+        stored.extend_from_slice(&scanline);
+    }
+    let (width, height) = if header.transposed {
+        (lines, length)
+    } else {
+        (length, lines)
+    };
+    let gain = 1.0 / header.exposure;
+    let mut pixels = Vec::with_capacity(stored.len());
+    for y in 0..height {
+        let y = if header.flip_y { height - 1 - y } else { y };
+        for x in 0..width {
+            let x = if header.flip_x { width - 1 - x } else { x };
+            let index = if header.transposed {
+                x * height + y
+            } else {
+                y * width + x
+            };
+            pixels.push(decode_pixel(stored[index], gain, header.xyz));
+        }
+    }
+    Ok(EnvironmentMap::new(width, height, pixels))
+}
+
+fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), Problem> {
+    let mut rest = bytes;
+    let mut exposure = 1f32;
+    let mut xyz = false;
+    let mut next_line = || -> Result<&str, Problem> {
+        let end = rest.iter().take(4096).position(|b| *b == b'\n');
+        let Some(end) = end else {
+            return Err("the header does not end".into());
+        };
+        let line = std::str::from_utf8(&rest[..end]).map_err(|_| "the header is not text")?;
+        rest = &rest[end + 1..];
+        Ok(line.trim_end_matches('\r'))
+    };
+    loop {
+        let line = next_line()?;
+        if line.is_empty() {
+            break;
+        }
+        if let Some(format) = line.strip_prefix("FORMAT=") {
+            xyz = match format.trim() {
+                "32-bit_rle_rgbe" => false,
+                "32-bit_rle_xyze" => true,
+                other => {
+                    return Err(Problem::Text(format!(
+                        "FORMAT={other} is not known; 32-bit_rle_rgbe and 32-bit_rle_xyze are"
+                    )));
+                }
+            };
+        } else if let Some(value) = line.strip_prefix("EXPOSURE=") {
+            let value: f32 = value.trim().parse().unwrap_or(f32::NAN);
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Problem::Text(format!("{line} is not a positive number")));
+            }
+            exposure *= value;
+        }
+    }
+    if !(exposure > 0.0 && exposure.is_finite()) {
+        return Err("the EXPOSURE lines multiply to nothing usable".into());
+    }
+    let resolution = next_line()?;
+    let words: Vec<&str> = resolution.split_whitespace().collect();
+    let problem = || {
+        Problem::Text(format!(
+            "{resolution:?} is not a resolution line such as -Y 512 +X 1024"
+        ))
+    };
+    let [first, lines, second, length] = words[..] else {
+        return Err(problem());
+    };
+    let size = |text: &str| text.parse::<usize>().map_err(|_| problem());
+    let negative = |axis: &str| axis.starts_with('-');
+    let (transposed, x, y) = match (first, second) {
+        ("+X" | "-X", "+Y" | "-Y") => (true, first, second),
+        ("+Y" | "-Y", "+X" | "-X") => (false, second, first),
+        _ => return Err(problem()),
+    };
+    let header = Header {
+        exposure,
+        xyz,
+        scanlines: size(lines)?,
+        length: size(length)?,
+        transposed,
+        // Radiance's Y points up: -Y is the usual order, top row first.
+        flip_x: negative(x),
+        flip_y: !negative(y),
+    };
+    Ok((header, rest))
+}
+
+/// Takes `n` bytes from the front.
+fn take<'a>(data: &mut &'a [u8], n: usize) -> Result<&'a [u8], &'static str> {
+    let (head, tail) = data.split_at_checked(n).ok_or("the pixels end")?;
+    *data = tail;
+    Ok(head)
+}
+
+fn read_scanline(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'static str> {
+    let length = scanline.len();
+    let is_new = (8..32768).contains(&length)
+        && matches!(data, [2, 2, high, low, ..] if usize::from(*high) << 8 | usize::from(*low) == length);
+    if !is_new {
+        return read_flat_or_old(data, scanline);
+    }
+    take(data, 4)?;
+    for channel in 0..4 {
+        let mut x = 0;
+        while x < length {
+            let code = usize::from(take(data, 1)?[0]);
+            let (run, values): (usize, &[u8]) = if code > 128 {
+                (code - 128, take(data, 1)?)
+            } else {
+                (code, take(data, code)?)
+            };
+            if run == 0 || x + run > length {
+                return Err("a run of the wrong length");
+            }
+            for i in 0..run {
+                scanline[x + i][channel] = values[i % values.len()];
+            }
+            x += run;
+        }
+    }
+    Ok(())
+}
+
+fn read_flat_or_old(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'static str> {
+    let mut x = 0;
+    let mut shift = 0;
+    let mut last = None;
+    while x < scanline.len() {
+        let pixel: [u8; 4] = take(data, 4)?.try_into().map_err(|_| "the pixels end")?;
+        if let ([1, 1, 1, count], Some(last)) = (pixel, last) {
+            let run = usize::from(count) << shift;
+            if shift > 24 || run > scanline.len() - x {
+                return Err("a run of the wrong length");
+            }
+            scanline[x..x + run].fill(last);
+            x += run;
+            shift += 8;
+        } else {
+            scanline[x] = pixel;
+            last = Some(pixel);
+            x += 1;
+            shift = 0;
+        }
+    }
+    Ok(())
+}
+
+fn decode_pixel([r, g, b, exponent]: [u8; 4], gain: f32, xyz: bool) -> [f32; 3] {
+    if exponent == 0 {
+        return [0.0; 3];
+    }
+    let scale = (f32::from(exponent) - 136.0).exp2() * gain;
+    let c = [r, g, b].map(|v| f32::from(v) * scale);
+    if !xyz {
+        return c;
+    }
+    // CIE XYZ to linear Rec. 709, D65.
+    let rows = [
+        [3.240_454_2, -1.537_138_5, -0.498_531_4],
+        [-0.969_266, 1.876_010_8, 0.041_556],
+        [0.055_643_4, -0.204_025_9, 1.057_225_2],
+    ];
+    rows.map(|row: [f32; 3]| (row[0] * c[0] + row[1] * c[1] + row[2] * c[2]).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn file(header: &str, data: &[u8]) -> Vec<u8> {
+        [header.as_bytes(), data].concat()
+    }
+
+    #[test]
+    fn flat_exposure_and_format() {
+        // 2^(129 - 136) * 128 = 1; exposure 2 in two lines of which the product is 4.
+        let data = [128, 64, 32, 129, 0, 0, 0, 0];
+        let map = parse(&file(
+            "#?RADIANCE\n# made by hand\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nEXPOSURE=2.0\n\n-Y 1 +X 2\n",
+            &data,
+        ))
+        .expect("a good file");
+        assert_eq!((map.width(), map.height()), (2, 1));
+        assert_eq!(map.pixels(), [[0.25, 0.125, 0.0625], [0.0; 3]]);
+    }
+
+    #[test]
+    fn every_scanline_order_yields_the_same_picture() {
+        // A 3 x 2 picture whose pixel (x, y) has red 10 x + y.
+        let red = |x: usize, y: usize| (10 * x + y) as u8 + 1;
+        for (first, second) in [
+            ("-Y", "+X"),
+            ("-Y", "-X"),
+            ("+Y", "+X"),
+            ("+Y", "-X"),
+            ("+X", "-Y"),
+            ("-X", "-Y"),
+            ("+X", "+Y"),
+            ("-X", "+Y"),
+        ] {
+            let (w, h) = (3usize, 2usize);
+            let count = |axis: &str| if axis.ends_with('X') { w } else { h };
+            let at = |axis: &str, i: usize| match axis {
+                "+X" => i,
+                "-X" => w - 1 - i,
+                "-Y" => i,
+                _ => h - 1 - i,
+            };
+            let mut data = Vec::new();
+            for i in 0..count(first) {
+                for j in 0..count(second) {
+                    let (a, b) = (at(first, i), at(second, j));
+                    let (x, y) = if first.ends_with('X') { (a, b) } else { (b, a) };
+                    data.extend([red(x, y), 0, 0, 136]);
+                }
+            }
+            let header = format!(
+                "#?RGBE\n\n{first} {} {second} {}\n",
+                count(first),
+                count(second)
+            );
+            let map = parse(&file(&header, &data)).expect("a good file");
+            for y in 0..h {
+                for x in 0..w {
+                    assert_eq!(
+                        map.pixels()[y * w + x][0],
+                        f32::from(red(x, y)),
+                        "{first} {second}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn old_and_new_run_lengths() {
+        let old = [5, 6, 7, 136, 1, 1, 1, 3, 9, 9, 9, 136];
+        let map = parse(&file("#?RADIANCE\n\n-Y 1 +X 5\n", &old)).expect("old run lengths");
+        assert_eq!(map.pixels()[3], [5.0, 6.0, 7.0]);
+        assert_eq!(map.pixels()[4], [9.0; 3]);
+        // Ten pixels: a run of 10, a literal of 10, a run of 4 and one of 6, an exponent run.
+        let mut new = vec![2, 2, 0, 10, 138, 7, 10];
+        new.extend(1..=10);
+        new.extend([132, 1, 134, 2, 138, 136]);
+        let map = parse(&file("#?RADIANCE\n\n-Y 1 +X 10\n", &new)).expect("new run lengths");
+        assert_eq!(map.pixels()[9], [7.0, 10.0, 2.0]);
+        assert_eq!(map.pixels()[0], [7.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn absurd_claims_are_refused_before_any_allocation() {
+        for header in [
+            "#?RADIANCE\n\n-Y 1000000 +X 1000000\n",
+            "#?RADIANCE\n\n-Y 18446744073709551615 +X 2\n",
+            "#?RADIANCE\n\n-Y 0 +X 2\n",
+            "#?RADIANCE\n\n-Y 1 +X 134217728\n",
+            "#?RADIANCE\n\n-Y 100 +X 60000\n",
+            "#?RADIANCE\n\n-Y 8192 +X 16384\n",
+            "#?RADIANCE\n\n-Y 2 X 2\n",
+            "#?RADIANCE\nEXPOSURE=nan\n\n-Y 1 +X 1\n",
+            "#?RADIANCE\nFORMAT=banana\n\n-Y 1 +X 1\n",
+            "#?RADIANCE\n",
+        ] {
+            assert!(parse(&file(header, &[0; 64])).is_err(), "{header}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_is_an_error_or_a_map(width in 1usize..40, height in 1usize..4, data in proptest::collection::vec(any::<u8>(), 0..400)) {
+            let header = format!("#?RADIANCE\n\n-Y {height} +X {width}\n");
+            if let Ok(map) = parse(&file(&header, &data)) {
+                prop_assert!(map.pixels().iter().flatten().all(|v| v.is_finite()));
+            }
+        }
+    }
+}

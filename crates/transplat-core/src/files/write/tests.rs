@@ -1,0 +1,112 @@
+use std::io::Write;
+
+use crate::files::load_asset;
+use crate::files::*;
+use std::io;
+
+const HEADER: &str = "comment kept\nelement camera 1\nproperty int id\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty uchar tag\nproperty double opacity\nproperty float f_dc_2\nproperty float f_dc_1\nproperty float f_dc_0\nproperty float scale_0\nproperty float scale_1\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nelement tail 2\nproperty uchar t\nend_header\n";
+
+fn ascii() -> Vec<u8> {
+    let rows = "7\n0 0 0 9 1.5 0.1 0.2 0.3 -1 -2 1 0 0 0\n1 nan 1 8 2.5 0.4 0.5 0.6 -1 -2 1 0 0 0\n1 0 2 8 2.5 0.4 0.5 0.6 -1 -2 1 0 0 0\n";
+    let mut text =
+        format!("ply\nformat ascii 1.0\n{HEADER}{rows}").replace("vertex 2", "vertex 13");
+    for i in 0..10 {
+        text += &format!("{i} 2 2 8 2.5 0.4 0.5 0.6 -1 -2 1 0 0 0\n");
+    }
+    (text + "3\n4\n").into_bytes()
+}
+
+fn binary(big_endian: bool) -> Vec<u8> {
+    let name = if big_endian { "big" } else { "little" };
+    let mut out = format!("ply\nformat binary_{name}_endian 1.0\n{HEADER}").into_bytes();
+    let mut put = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        if big_endian {
+            bytes.reverse();
+        }
+        out.extend(bytes);
+    };
+    put(&7i32.to_le_bytes());
+    for row in 0..2u8 {
+        for v in [0f32, 1.0, f32::from(row)] {
+            put(&v.to_le_bytes());
+        }
+        put(&[9 - row]);
+        put(&1.5f64.to_le_bytes());
+        for v in [0.1f32, 0.2, 0.3, -1.0, -2.0, 1.0, 0.0, 0.0, 0.0] {
+            put(&v.to_le_bytes());
+        }
+    }
+    put(&[3]);
+    put(&[4]);
+    out
+}
+
+#[test]
+fn only_the_colour_of_a_binary_file_changes() {
+    for big_endian in [false, true] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
+        let original = binary(big_endian);
+        std::fs::write(&from, &original).expect("room for it");
+        let (cloud, asset) = load_asset(&from).expect("a good file");
+        assert_eq!(cloud.sh, [[0.3, 0.2, 0.1]; 2]);
+        write_relit_ply(&asset, &cloud.sh, &to).expect("room for it");
+        assert_eq!(std::fs::read(&to).expect("it is there"), original);
+        write_relit_ply(&asset, &[[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]], &to).expect("room for it");
+        let (other, _) = load_asset(&to).expect("a good file");
+        assert_eq!(other.sh, [[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]]);
+        assert_eq!(other.positions, cloud.positions);
+        let changed = std::fs::read(&to).expect("it is there");
+        assert_eq!(changed.len(), original.len());
+        // Tail elements are still there.
+        assert_eq!(changed[changed.len() - 2..], [3, 4]);
+    }
+}
+
+#[test]
+fn ascii_keeps_its_words_and_makes_broken_rows_harmless() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
+    std::fs::write(&from, ascii()).expect("room for it");
+    let (cloud, asset) = load_asset(&from).expect("mostly good");
+    assert_eq!(asset.report.left_out, [1]);
+    write_relit_ply(&asset, &vec![[1.0, 2.0, 3.0]; cloud.len()], &to).expect("room for it");
+    let text = std::fs::read_to_string(&to).expect("it is there");
+    let mut lines = text.lines().skip_while(|l| *l != "end_header").skip(1);
+    assert_eq!(lines.next(), Some("7"));
+    assert_eq!(lines.next(), Some("0 0 0 9 1.5 3 2 1 -1 -2 1 0 0 0"));
+    assert_eq!(lines.next(), Some("1 0 1 8 -30 3 2 1 -1 -2 1 0 0 0"));
+    assert_eq!(text.lines().last(), Some("4"));
+}
+
+#[test]
+fn a_changed_source_is_noticed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let from = folder.path().join("a.ply");
+    std::fs::write(&from, binary(false)).expect("room for it");
+    let (cloud, asset) = load_asset(&from).expect("a good file");
+    std::fs::write(&from, &binary(false)[..300]).expect("room for it");
+    let to = folder.path().join("b.ply");
+    assert!(write_relit_ply(&asset, &cloud.sh, &to).is_err());
+    assert!(!to.exists());
+}
+
+#[test]
+fn a_failed_write_leaves_what_was_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("out");
+    std::fs::write(&path, "before").expect("room for it");
+    let result = write_atomically(&path, |out| {
+        out.write_all(b"half")?;
+        Err(io::ErrorKind::StorageFull.into())
+    });
+    assert!(result.is_err());
+    assert_eq!(std::fs::read(&path).expect("it is there"), b"before");
+    assert_eq!(
+        std::fs::read_dir(folder.path()).expect("a folder").count(),
+        1
+    );
+    assert!(write_atomically(folder.path(), |_| Ok(())).is_err());
+    assert!(write_atomically(&folder.path().join("no/such"), |_| Ok(())).is_err());
+}

@@ -1,0 +1,216 @@
+//! What a scene does not need: the stages find it out from their input and leave it out, unless they are told to do it all the same.
+
+use super::method::Method;
+
+/// What the stages may leave out; all of it unless a test or a measurement wants to know what that saves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Skips {
+    /// Bake of the directional method: rays into sides of surfels that the first rays found closed.
+    pub closed_sides: bool,
+    /// Bakes: where nothing blocks anything.
+    pub open_object: bool,
+    /// Transfer and drawing: SH bands in which the result holds nothing.
+    pub empty_bands: bool,
+    /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
+    pub gray_light: bool,
+    /// Transfer of the directional method: the pass for suns, where the light has none.
+    pub suns: bool,
+    /// Transfer of the directional method: all turns of the bounce but one, where no light bounces.
+    pub bounces: bool,
+    /// Transfer of the directional method: the lobe of surfels that show no gloss.
+    pub matte: bool,
+    /// Transfer and drawing: surfels that are hidden or too faint to be seen.
+    pub unseen: bool,
+}
+
+impl Skips {
+    /// Nothing is left out.
+    pub const NONE: Self = Self {
+        closed_sides: false,
+        open_object: false,
+        empty_bands: false,
+        gray_light: false,
+        suns: false,
+        bounces: false,
+        matte: false,
+        unseen: false,
+    };
+
+    /// All of them.
+    pub const ALL: [Skip; 8] = {
+        const HARMONIC: &[Method] = &[Method::Harmonic];
+        const DIRECTIONAL: &[Method] = &[Method::Directional];
+        const BOTH: &[Method] = &Method::ALL;
+        [
+            Skip {
+                name: "closed-sides",
+                methods: DIRECTIONAL,
+                stage: Stage::Bake,
+                needed: "rays on both sides of every surfel: no side is closed",
+                of: |s| &mut s.closed_sides,
+            },
+            Skip {
+                name: "open-object",
+                methods: BOTH,
+                stage: Stage::Bake,
+                needed: "visibility: surfels block each other's light",
+                of: |s| &mut s.open_object,
+            },
+            Skip {
+                name: "empty-bands",
+                methods: BOTH,
+                stage: Stage::Transfer,
+                needed: "all SH bands: there is something in each",
+                of: |s| &mut s.empty_bands,
+            },
+            Skip {
+                name: "gray-light",
+                methods: HARMONIC,
+                stage: Stage::Transfer,
+                needed: "three channels: the light has a colour",
+                of: |s| &mut s.gray_light,
+            },
+            Skip {
+                name: "suns",
+                methods: DIRECTIONAL,
+                stage: Stage::Transfer,
+                needed: "rays to suns: the light has one",
+                of: |s| &mut s.suns,
+            },
+            Skip {
+                name: "bounces",
+                methods: DIRECTIONAL,
+                stage: Stage::Transfer,
+                needed: "all turns of the bounce: surfels light each other",
+                of: |s| &mut s.bounces,
+            },
+            Skip {
+                name: "matte",
+                methods: DIRECTIONAL,
+                stage: Stage::Transfer,
+                needed: "a lobe on every surfel: all of them show gloss",
+                of: |s| &mut s.matte,
+            },
+            Skip {
+                name: "unseen",
+                methods: DIRECTIONAL,
+                stage: Stage::Transfer,
+                needed: "every surfel: none is too faint to be seen",
+                of: |s| &mut s.unseen,
+            },
+        ]
+    };
+}
+
+impl Default for Skips {
+    fn default() -> Self {
+        Self {
+            closed_sides: true,
+            open_object: true,
+            empty_bands: true,
+            gray_light: true,
+            suns: true,
+            bounces: true,
+            matte: true,
+            unseen: true,
+        }
+    }
+}
+
+/// One of the [`Skips`].
+pub struct Skip {
+    /// Its name.
+    pub name: &'static str,
+    /// Methods that have it.
+    pub methods: &'static [Method],
+    /// The stage that is quicker for it.
+    pub stage: Stage,
+    /// What a scene needs where it does not apply.
+    pub needed: &'static str,
+    /// Its switch.
+    pub of: fn(&mut Skips) -> &mut bool,
+}
+
+/// A stage of the pipeline, as what is told of it calls it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Reading a light.
+    Project,
+    /// Of the asset.
+    Bake,
+    /// For asset and source light.
+    Prepare,
+    /// To another light.
+    Transfer,
+}
+
+impl Stage {
+    /// As the program calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Project => "project",
+            Self::Bake => "bake",
+            Self::Prepare => "prepare",
+            Self::Transfer => "transfer",
+        }
+    }
+}
+
+/// Something that a stage left out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Skipped {
+    /// What, for people.
+    pub what: String,
+    /// And why.
+    pub why: String,
+    /// By which of the [`Skips`], where it can be done all the same.
+    pub skip: Option<&'static str>,
+    /// The stage that is quicker for it.
+    pub stage: Stage,
+    /// Which part of the stage's work it was, 0 to 1, where that can be told.
+    pub share: Option<f32>,
+    /// Bytes that were not allocated.
+    pub bytes: usize,
+    /// The relative error that it may make, over all surfels (single ones may be off by more), as its stage knows it: 0 where the result is
+    /// the same, none where it is a choice and no approximation.
+    pub max_error: Option<f32>,
+}
+
+impl Skipped {
+    /// Something that changes nothing, of a stage.
+    pub fn exact(stage: Stage, what: impl Into<String>, why: impl Into<String>) -> Self {
+        Self {
+            what: what.into(),
+            why: why.into(),
+            skip: None,
+            stage,
+            share: None,
+            bytes: 0,
+            max_error: Some(0.0),
+        }
+    }
+
+    /// Why, and what it saved and cost, for people; `stage_ms` is what the rest of the stage took, where that is known.
+    pub fn in_words(&self, stage_ms: Option<f64>) -> String {
+        let mut words = self.why.clone();
+        if let Some(ms) = stage_ms.and_then(|ms| self.saved_ms(ms)) {
+            words += &match ms {
+                1000.0.. => format!("; saved about {:.1} s", ms / 1e3),
+                _ => format!("; saved about {ms:.0} ms"),
+            };
+        }
+        if self.bytes > 0 {
+            words += &format!("; saved {:.1} MB", self.bytes as f64 / 1e6);
+        }
+        if let Some(error) = self.max_error.filter(|e| *e > 0.0) {
+            words += &format!("; colours are off by about {:.2} %", 100.0 * error);
+        }
+        words
+    }
+
+    /// Milliseconds that it saved, estimated from what the rest of the stage took.
+    pub fn saved_ms(&self, stage_ms: f64) -> Option<f64> {
+        let share = f64::from(self.share?);
+        (share < 1.0).then(|| stage_ms * share / (1.0 - share))
+    }
+}

@@ -1,0 +1,547 @@
+//! The directional method: sums over directions instead of products of SH series, and what the asset's own colour under the source light
+//! tells of it. `docs/method.md` derives it.
+//!
+//! Once for an asset: [`DirectionalAsset`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
+
+mod asset;
+mod incident;
+mod lobe;
+mod neighbors;
+mod nodes;
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::relit::{Part, Relit, round_to_half};
+use crate::environment::{Beams, Illumination, IncidentRadiance};
+use crate::error::Result;
+use crate::numeric::smoothstep;
+use crate::settings::{Terms, TransferSettings};
+use crate::sh::coefficient_count;
+
+pub(crate) use asset::mean_radiance;
+pub use asset::{DirectionalAsset, DirectionalLight, Sides};
+use incident::Incident;
+pub use lobe::Gloss;
+pub use lobe::WIDTHS;
+use lobe::{Fitted, Rays, find_gloss, mirrored, pooled};
+pub(crate) use lobe::{
+    METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
+};
+pub(crate) use neighbors::NEIGHBORS;
+use nodes::Frame;
+pub use nodes::Nodes;
+pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
+
+/// Turns of the fixed point by which light bounces.
+pub const TURNS: usize = 3;
+
+/// What is divided by is at least that much, relative to the mean irradiance of the source: a channel may hold no light at all.
+pub const LEAST_IRRADIANCE: f32 = 1e-6;
+
+/// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
+const LEAST_CHANNEL: f32 = 0.05;
+
+/// The back of a two-sided surfel changes by at most this factor more or less than its front.
+pub const BACK_RANGE: f32 = 4.0;
+
+/// Cosine to the horizon within which a two-sided surfel's sides blend.
+pub const HORIZON: f32 = 0.2;
+
+/// Added to both encoded brightnesses whose ratio scales the residual.
+pub const RESIDUAL_FLOOR: f32 = 0.02;
+
+/// An asset under its source light, ready for any other.
+#[derive(Clone, Debug)]
+pub struct DirectionalTransfer {
+    /// Of what.
+    pub asset: Arc<DirectionalAsset>,
+    /// How.
+    pub settings: TransferSettings,
+    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    pub light_gain: f32,
+    /// Whether the source was black, and even light was taken in its place.
+    pub source_was_black: bool,
+    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
+    pub trust: f32,
+    /// Epsilon's part of the divisor.
+    least: [f32; 3],
+    /// Share of each light's mean that a channel gets because the source hardly has it.
+    fill: [f32; 3],
+    /// What each surfel mirrors. `[n]`
+    pub gloss: Vec<Gloss>,
+    /// How many surfels show any gloss.
+    pub glossy_surfels: usize,
+    /// Irradiance, bounced light and epsilon under the source. `[n]`
+    pub divisor: Vec<Sides>,
+    /// Colour at the nodes that gloss does not explain. `[n][Q]`
+    pub matte: Vec<[f32; 3]>,
+    /// Stored colour that the model of the source misses. `[n][K]`
+    pub residual: Vec<[f32; 3]>,
+    /// Mean encoded colour that the model of the source has. `[n]`
+    pub encoded_mean: Vec<[f32; 3]>,
+}
+
+/// Share of what is seen whose albedo is below the whitest one, so that a little that is odd does not count.
+pub(crate) const WHITEST: f32 = 0.95;
+
+/// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels, around each surfel.
+fn whitest(asset: &DirectionalAsset, divisor: &[Sides]) -> f32 {
+    let prominence = &asset.bake.prominence;
+    let each = asset.means.iter().zip(divisor);
+    let light: Vec<[f32; 2]> = each
+        .map(|([m, _], [d, _])| [std::f32::consts::PI * m.iter().sum::<f32>(), d.iter().sum()])
+        .collect();
+    let mut albedos: Vec<(f32, f32)> = pooled(&light, &asset.neighbors, prominence)
+        .into_iter()
+        .map(|[exitance, irradiance]| exitance / irradiance)
+        .zip(prominence.iter().copied())
+        .filter(|(albedo, _)| albedo.is_finite())
+        .collect();
+    albedos.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let all: f64 = albedos.iter().map(|a| f64::from(a.1)).sum();
+    let mut below = 0.0;
+    let whitest = albedos.iter().find(|(_, share)| {
+        below += f64::from(*share);
+        below >= f64::from(WHITEST) * all
+    });
+    whitest.map_or(1.0, |a| a.0.max(1e-12))
+}
+
+impl DirectionalAsset {
+    /// Splits a surfel's colour: what gloss explains goes from `matte`, its colour at the nodes `[Q]`, and what the model shows from
+    /// `residual`, its stored colour `[K]`. Returns the model's mean encoded colour.
+    fn explain(
+        &self,
+        i: usize,
+        (gloss, light): (&Gloss, &Incident),
+        scratch: &mut Scratch,
+        matte: &mut [[f32; 3]],
+        residual: &mut [[f32; 3]],
+    ) -> [f32; 3] {
+        let nodes = &self.nodes;
+        self.reflect(i, gloss, light, &self.means, scratch);
+        if !scratch.glossy.is_empty() {
+            let seen = nodes.values(&nodes.refit, &scratch.glossy);
+            for (m, s) in matte.iter_mut().zip(&seen) {
+                *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
+            }
+        }
+        self.store(matte, [1.0; 3], scratch);
+        let mut shown = nodes.function(&nodes.fit, &scratch.stored);
+        Frame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut shown);
+        for (r, s) in residual.iter_mut().zip(shown) {
+            *r = std::array::from_fn(|c| r[c] - s[c]);
+        }
+        self.encoded_mean(&scratch.stored)
+    }
+
+    /// What surfel `i` mirrors towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
+    fn reflect(
+        &self,
+        i: usize,
+        gloss: &Gloss,
+        light: &Incident,
+        radiance: &[Sides],
+        scratch: &mut Scratch,
+    ) {
+        scratch.glossy.clear();
+        if gloss.is_matte() && light.skips.matte {
+            return;
+        }
+        let q = self.nodes.count();
+        self.rays_of(i, light, radiance, &mut scratch.rays);
+        scratch.values.resize(3 * q, 0.0);
+        let frame = Frame::new(self.bake.normals[i]);
+        let (rays, values) = (&scratch.rays, &mut scratch.values);
+        mirrored(&self.nodes, frame, gloss.width, rays, values);
+        scratch.glossy.extend((0..q).map(|s| {
+            let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
+            std::array::from_fn(|c| rise * gloss.reflectance[c] * values[c * q + s])
+        }));
+    }
+
+    /// Stored colour of `matte * tau`, `[Q]`, and what is in `scratch.glossy`, into `scratch.stored`.
+    fn store(&self, matte: &[[f32; 3]], tau: [f32; 3], scratch: &mut Scratch) {
+        let out = &mut scratch.stored;
+        out.clear();
+        out.extend(
+            matte
+                .iter()
+                .map(|m| [m[0] * tau[0], m[1] * tau[1], m[2] * tau[2]]),
+        );
+        for (o, g) in out.iter_mut().zip(&scratch.glossy) {
+            for c in 0..3 {
+                o[c] += g[c];
+            }
+        }
+        self.encoding.encode_all(bytemuck::cast_slice_mut(out));
+    }
+
+    /// Mean over the nodes of stored colour, as the renderer shows it.
+    fn encoded_mean(&self, stored: &[[f32; 3]]) -> [f32; 3] {
+        mean_of(stored.iter()).map(|m| m + self.encoding.offset())
+    }
+}
+
+impl DirectionalTransfer {
+    /// Prepares asset and source light.
+    ///
+    /// # Errors
+    /// The light was read without its beams.
+    pub fn new(
+        asset: &Arc<DirectionalAsset>,
+        source: &Illumination,
+        settings: &TransferSettings,
+    ) -> Result<Self> {
+        let trust = source.trust;
+        let source = source.for_directional()?;
+        let source_was_black = source.1.mean_irradiance() <= 0.0;
+        let even = (&IncidentRadiance::even(0), &Beams::even());
+        let source = if source_was_black { even } else { source };
+        let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
+        let fill = fill_of(source.1);
+        let light = asset.light(source, light_gain, settings, fill);
+        let light = asset.incident(light, settings);
+        let divisor: Vec<Sides> = (0..asset.len())
+            .into_par_iter()
+            .map(|i| {
+                let bounced = asset.bounced(i, &light, &asset.means);
+                added(light.irradiance[i], bounced)
+            })
+            .collect();
+        let fitted = Fitted {
+            nodes: &asset.nodes,
+            normals: &asset.bake.normals,
+            colors: &asset.colors,
+            means: &asset.means,
+            neighbors: &asset.neighbors,
+            two_sided: &asset.bake.two_sided,
+            prominence: &asset.bake.prominence,
+            white: whitest(asset, &divisor),
+        };
+        let gloss = if settings.terms.lobe && trust >= 1.0 {
+            find_gloss(&fitted, &|i, out| {
+                asset.rays_of(i, &light, &asset.means, out)
+            })
+        } else {
+            vec![Gloss::default(); asset.len()]
+        };
+        let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
+        let mut matte = asset.colors.clone();
+        let mut residual = asset.sh.clone();
+        let encoded_mean = matte
+            .par_chunks_exact_mut(q)
+            .zip(residual.par_chunks_exact_mut(k))
+            .enumerate()
+            .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
+                asset.explain(i, (&gloss[i], &light), scratch, matte, residual)
+            })
+            .collect();
+        Ok(Self {
+            asset: asset.clone(),
+            settings: settings.clone(),
+            light_gain,
+            source_was_black,
+            trust,
+            least: light.least,
+            fill,
+            glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
+            gloss,
+            divisor,
+            matte,
+            residual,
+            encoded_mean,
+        })
+    }
+
+    /// Bytes that a change of light reads: of the bake, of the colour and of what was prepared.
+    pub fn bytes(&self) -> usize {
+        let bake = &self.asset.bake;
+        size_of_val(&bake.open[..])
+            + size_of_val(&bake.normals[..])
+            + size_of_val(&bake.hits[..])
+            + size_of_val(&self.asset.means[..])
+            + size_of_val(&self.gloss[..])
+            + size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..])
+            + size_of_val(&self.encoded_mean[..])
+    }
+
+    /// Of what [`Self::rounded_to_half`] rounds.
+    pub(super) fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..]);
+        rounded / 2
+    }
+
+    /// Divisor and colours in half precision.
+    pub(super) fn rounded_to_half(&self) -> Self {
+        let mut rounded = self.clone();
+        for sides in &mut rounded.divisor {
+            round_to_half(sides);
+        }
+        round_to_half(&mut rounded.matte);
+        round_to_half(&mut rounded.residual);
+        rounded
+    }
+
+    /// A target light, taken in.
+    pub fn light(&self, target: (&IncidentRadiance, &Beams)) -> DirectionalLight {
+        let (gain, settings) = (self.light_gain, &self.settings);
+        self.asset.light(target, gain, settings, self.fill)
+    }
+
+    /// By how much a light's mean is stronger than the source's: from there the bounces start. Epsilon's shares are in that proportion.
+    pub fn mean_ratio(&self, light: &DirectionalLight) -> [f32; 3] {
+        let least = LEAST_IRRADIANCE * self.settings.epsilon();
+        std::array::from_fn(|c| light.least[c] / self.least[c].max(least))
+    }
+
+    /// By how much each surfel's front changes in matte light. `[n]`
+    pub fn tau(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
+        let start = self.mean_ratio(&light);
+        let light = self.asset.incident(light, &self.settings);
+        self.bounce(&light, start)
+            .into_iter()
+            .map(|t| t[0])
+            .collect()
+    }
+
+    /// Relights; `part` says what of the colour is wanted.
+    pub fn relight(&self, light: DirectionalLight, part: Part) -> Relit {
+        self.relight_seen(light, part, &[])
+    }
+
+    /// The same but for surfels that are not seen (`[n]` or empty), which stay as captured: they still give light to the others.
+    pub fn relight_seen(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
+        let asset = &*self.asset;
+        let start = self.mean_ratio(&light);
+        let light = asset.incident(light, &self.settings);
+        let tau = self.bounce(&light, start);
+        let radiance = asset.radiance(&tau);
+        let k = coefficient_count(asset.nodes.degree);
+        let mut sh = vec![[0f32; 3]; asset.len() * k];
+        sh.par_chunks_exact_mut(k).enumerate().for_each_init(
+            Scratch::default,
+            |scratch, (i, out)| {
+                if unseen.get(i).is_some_and(|u| *u) {
+                    out.copy_from_slice(&asset.sh[i * k..][..k]);
+                } else {
+                    self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
+                }
+            },
+        );
+        Relit {
+            sh,
+            degree: asset.nodes.degree,
+            encoding: asset.encoding,
+            tau: tau.into_iter().map(|t| t[0]).collect(),
+        }
+    }
+
+    /// 1 over what surfel `i`'s front is divided by, in units of the source's mean irradiance; the worst channel.
+    pub(super) fn amplification(&self, i: usize) -> f32 {
+        let least = self.divisor[i][0].into_iter().fold(f32::INFINITY, f32::min);
+        1.0 / least.max(LEAST_IRRADIANCE)
+    }
+
+    /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    pub fn epsilon_share(&self, i: usize) -> f32 {
+        let shares = self.epsilon_shares(i);
+        (shares[0] + shares[1] + shares[2]) / 3.0
+    }
+
+    /// Whether the source on surfel `i` is darker than epsilon in some channel.
+    pub fn is_dark(&self, i: usize) -> bool {
+        self.epsilon_shares(i).iter().any(|s| *s > 0.5)
+    }
+
+    /// Share of the surfels that are dark.
+    pub fn dark_share(&self) -> f32 {
+        let dark = (0..self.asset.len()).filter(|i| self.is_dark(*i)).count();
+        dark as f32 / self.asset.len().max(1) as f32
+    }
+
+    fn epsilon_shares(&self, i: usize) -> [f32; 3] {
+        let divisor = self.divisor[i][0];
+        std::array::from_fn(|c| (self.least[c] / divisor[c].max(LEAST_IRRADIANCE)).clamp(0.0, 1.0))
+    }
+
+    /// Turns of the fixed point that this asset needs: where no light bounces, the first one is right.
+    pub fn turns(&self) -> usize {
+        let Terms { shadow, bounce, .. } = self.settings.terms;
+        let bounces = shadow && bounce && !self.asset.bake.hits.is_empty();
+        if bounces || !self.settings.skips.bounces {
+            TURNS
+        } else {
+            1
+        }
+    }
+
+    /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
+    fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<Sides> {
+        let asset = &*self.asset;
+        let mut tau = vec![[start; 2]; asset.len()];
+        for _ in 0..self.turns() {
+            let radiance = asset.radiance(&tau);
+            tau = (0..asset.len())
+                .into_par_iter()
+                .map(|i| {
+                    let e = added(light.irradiance[i], asset.bounced(i, light, &radiance));
+                    let [front, back]: Sides = std::array::from_fn(|s| {
+                        std::array::from_fn(|c| {
+                            e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE)
+                        })
+                    });
+                    let two_sided = self.settings.terms.two_sided;
+                    [front, if two_sided { back } else { front }]
+                })
+                .collect();
+        }
+        if self.trust < 1.0 {
+            for value in tau.iter_mut().flatten().flatten() {
+                *value = value.powf(self.trust);
+            }
+        }
+        tau
+    }
+
+    fn relight_surfel(
+        &self,
+        i: usize,
+        (light, part): (&Incident, Part),
+        tau: Sides,
+        radiance: &[Sides],
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) {
+        let asset = &*self.asset;
+        let (q, k) = (asset.nodes.count(), out.len());
+        scratch.glossy.clear();
+        if part != Part::Diffuse {
+            asset.reflect(i, &self.gloss[i], light, radiance, scratch);
+        }
+        let matte = if part == Part::Specular {
+            Sides::default()
+        } else {
+            tau
+        };
+        asset.store(&self.matte[i * q..][..q], matte[0], scratch);
+        let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
+        let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
+        let frame = Frame::new(asset.bake.normals[i]);
+        asset.nodes.fit_into(&scratch.stored, out);
+        let two_sided = asset.bake.two_sided[i];
+        if two_sided > 0.0 && self.settings.terms.two_sided {
+            self.add_back(i, matte, two_sided, scratch, out);
+        }
+        frame.apply_sh(asset.nodes.degree, out);
+        // What the model misses is of neither part.
+        if !self.settings.terms.residual || part != Part::Whole {
+            return;
+        }
+        for (o, r) in out.iter_mut().zip(&self.residual[i * k..]) {
+            for c in 0..3 {
+                o[c] += r[c] * scale[c];
+            }
+        }
+    }
+
+    /// What changes of a two-sided surfel's colour because its back has a light of its own.
+    fn add_back(
+        &self,
+        i: usize,
+        tau: Sides,
+        two_sided: f32,
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) {
+        let asset = &*self.asset;
+        let nodes = &asset.nodes;
+        let k = out.len();
+        let mut f = asset.sh[i * k..][..k].to_vec();
+        Frame::new(asset.bake.normals[i]).apply_sh(nodes.degree, &mut f);
+        let back: [f32; 3] = std::array::from_fn(|c| {
+            tau[1][c].clamp(tau[0][c] / BACK_RANGE, tau[0][c] * BACK_RANGE)
+        });
+        let sides = [(&nodes.evaluate, 1.0), (&nodes.evaluate_back, -1.0)];
+        for ((evaluate, side), project) in sides.into_iter().zip(&nodes.project) {
+            let mut before = nodes.values(evaluate, &f);
+            asset
+                .encoding
+                .decode_all(bytemuck::cast_slice_mut(&mut before));
+            let after = &mut scratch.stored;
+            after.clear();
+            after.extend(before.iter().zip(&nodes.to_camera).map(|(v, d)| {
+                let share = two_sided * smoothstep(-HORIZON, HORIZON, -side * d.z);
+                std::array::from_fn(|c| v[c] * (tau[0][c] + share * (back[c] - tau[0][c])))
+            }));
+            for v in &mut before {
+                *v = std::array::from_fn(|c| v[c] * tau[0][c]);
+            }
+            asset
+                .encoding
+                .encode_all(bytemuck::cast_slice_mut(&mut before));
+            asset.encoding.encode_all(bytemuck::cast_slice_mut(after));
+            for (a, b) in after.iter_mut().zip(before) {
+                for c in 0..3 {
+                    a[c] -= b[c];
+                }
+            }
+            for (o, p) in out.iter_mut().zip(nodes.function(project, after)) {
+                for c in 0..3 {
+                    o[c] += p[c];
+                }
+            }
+        }
+    }
+}
+
+/// What each channel of a light lacks of the least that tells anything, as a share of its mean.
+fn fill_of(light: &Beams) -> [f32; 3] {
+    let mean = light.mean_irradiance();
+    light
+        .mean_irradiances()
+        .map(|e| (LEAST_CHANNEL - e / mean).max(0.0))
+}
+
+#[derive(Default)]
+struct Scratch {
+    rays: Rays,
+    /// `[3][Q]`
+    values: Vec<f32>,
+    glossy: Vec<[f32; 3]>,
+    stored: Vec<[f32; 3]>,
+}
+
+fn added(a: Sides, b: Sides) -> Sides {
+    std::array::from_fn(|s| std::array::from_fn(|c| a[s][c] + b[s][c]))
+}
+
+/// By how much the residual changes with the encoded brightness: in proportion when it falls, to nothing in the dark; less when it rises,
+/// since what the source hardly lit is mostly noise.
+fn residual_scale(now: f32, then: f32) -> f32 {
+    if now < then {
+        now / then
+    } else {
+        (now + RESIDUAL_FLOOR) / (then + RESIDUAL_FLOOR)
+    }
+}
+
+fn mean_of<'a>(values: impl ExactSizeIterator<Item = &'a [f32; 3]>) -> [f32; 3] {
+    let count = values.len().max(1) as f64;
+    let mut sum = [0f64; 3];
+    for v in values {
+        for c in 0..3 {
+            sum[c] += f64::from(v[c]);
+        }
+    }
+    sum.map(|s| (s / count) as f32)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,150 @@
+//! What of an asset no light changes, and a light as the transfer takes it in.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::neighbors::neighbors;
+use super::nodes::{Frame, Nodes, weighted_mean};
+use crate::bake::directional::DirectionalBake;
+use crate::bake::patches::directions;
+use crate::color::Encoding;
+use crate::environment::Beam;
+use crate::settings::skips::Skips;
+use crate::sh::{coefficient_count, with_degree};
+use crate::surfels::SurfelCloud;
+
+/// Vectors as structure of arrays: an axis or a channel after the other. `[3][DIRECTIONS]`
+pub(super) type Planes = [Vec<f32>; 3];
+
+pub(super) fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
+    std::array::from_fn(|c| values.clone().map(|v| v[c]).collect())
+}
+
+/// A colour of a surfel's front, and one of its back.
+pub type Sides = [[f32; 3]; 2];
+
+/// What of an asset no light changes.
+#[derive(Debug)]
+pub struct DirectionalAsset {
+    /// Directions that a surfel is seen from, and their matrices.
+    pub nodes: Nodes,
+    /// How the asset stores colour.
+    pub encoding: Encoding,
+    /// What blocks the light.
+    pub bake: Arc<DirectionalBake>,
+    /// Directions of the light, those of the bake.
+    pub(super) directions: Vec<Vec3>,
+    /// The same, an axis after the other.
+    pub(super) planes: Planes,
+    /// Stored colour. `[n][K]`
+    pub sh: Vec<[f32; 3]>,
+    /// Linear colour at the front's nodes. `[n][Q]`
+    pub(super) colors: Vec<[f32; 3]>,
+    /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
+    pub means: Vec<Sides>,
+    pub(super) neighbors: Vec<u32>,
+}
+
+/// A light as the transfer takes it in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DirectionalLight {
+    /// What shines from around each of the bake's directions, from where most of it does. `[DIRECTIONS]`
+    pub sky: Vec<Beam>,
+    /// Compact sources, at most [`crate::environment::MAX_SUNS`].
+    pub suns: Vec<Beam>,
+    /// What is added to all irradiance: epsilon's share, and what fills a channel that the source lacks.
+    pub least: [f32; 3],
+}
+
+impl DirectionalAsset {
+    /// Takes an asset and its bake.
+    pub fn new(cloud: &SurfelCloud, bake: Arc<DirectionalBake>, skips: &Skips) -> Self {
+        // A two-sided surfel may show another colour on either side, and gloss fills bands that the capture left empty.
+        let has_two_sides = bake.two_sided.iter().any(|t| *t > 0.0);
+        let degree = if skips.empty_bands && !has_two_sides && !cloud.has_view_dependence() {
+            0
+        } else {
+            cloud.sh_degree
+        };
+        let nodes = Nodes::new(degree);
+        let encoding = cloud.encoding;
+        let directions = directions();
+        let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
+        let k = coefficient_count(degree);
+        let q = nodes.count();
+        let per_surfel: Vec<(Vec<[f32; 3]>, Sides)> = sh
+            .par_chunks_exact(k)
+            .zip(&bake.normals)
+            .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
+            .collect();
+        let mut colors = Vec::with_capacity(cloud.len() * q);
+        let mut means = Vec::with_capacity(cloud.len());
+        for (front, m) in per_surfel {
+            colors.extend(front);
+            means.push(m);
+        }
+        Self {
+            neighbors: neighbors(&bake.tracer.surfels, &bake.normals),
+            nodes,
+            encoding,
+            bake,
+            planes: planes(directions.iter().map(|d| d.to_array())),
+            directions,
+            sh,
+            colors,
+            means,
+        }
+    }
+
+    /// Number of surfels.
+    pub fn len(&self) -> usize {
+        self.bake.len()
+    }
+
+    /// Whether there is no surfel.
+    pub fn is_empty(&self) -> bool {
+        self.bake.is_empty()
+    }
+
+    /// What each surfel radiates when its colour under the source changes by tau. `[n]`
+    pub(super) fn radiance(&self, tau: &[Sides]) -> Vec<Sides> {
+        self.means
+            .iter()
+            .zip(tau)
+            .map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
+            .collect()
+    }
+}
+
+/// Mean linear colour of the front and the back of each surfel, as captured. `[n]`
+pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides> {
+    let nodes = Nodes::new(cloud.sh_degree);
+    let k = coefficient_count(cloud.sh_degree);
+    let each = cloud.sh.par_chunks_exact(k).zip(normals);
+    each.map(|(sh, n)| seen_at(&nodes, cloud.encoding, sh, *n).1)
+        .collect()
+}
+
+/// Linear colour of a surfel at the front's nodes, `[Q]`, and the means of both sides.
+fn seen_at(
+    nodes: &Nodes,
+    encoding: Encoding,
+    sh: &[[f32; 3]],
+    normal: Vec3,
+) -> (Vec<[f32; 3]>, Sides) {
+    let mut f = sh.to_vec();
+    Frame::new(normal).apply_sh(nodes.degree, &mut f);
+    let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
+        let mut values = nodes.values(e, &f);
+        let numbers = bytemuck::cast_slice_mut(&mut values);
+        encoding.decode_all(numbers);
+        values
+    });
+    let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
+    (front, means)
+}
+
+/// No light is stronger than that many times the source, so that no sum overflows.
+pub(super) const MAX_RELATIVE_LIGHT: f32 = 1e12;

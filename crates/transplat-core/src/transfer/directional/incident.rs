@@ -1,0 +1,308 @@
+//! The light that shines on a surfel: from the open sky and the suns, and from the surfels that block them.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::asset::{DirectionalAsset, DirectionalLight, MAX_RELATIVE_LIGHT, Planes, Sides, planes};
+use super::lobe::Rays;
+use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
+use crate::environment::{Beam, Beams, IncidentRadiance};
+use crate::settings::skips::Skips;
+use crate::settings::{Terms, TransferSettings};
+use crate::sh::evaluate_sh;
+
+/// The same of patches.
+type PatchPlanes = [[f32; PATCHES]; 3];
+
+/// Values that are worked on at once.
+const LANES: usize = 16;
+
+/// A light as the surfels of an asset meet it.
+pub(super) struct Incident {
+    /// What shines from around each direction, from where most of it does.
+    sky: Sky,
+    /// With the surfels that see them.
+    suns: Vec<(Beam, Vec<bool>)>,
+    /// Irradiance, with epsilon's share. `[n]`
+    pub irradiance: Vec<Sides>,
+    /// Epsilon's share.
+    pub least: [f32; 3],
+    terms: Terms,
+    pub skips: Skips,
+}
+
+struct Sky {
+    energy: Planes,
+    direction: Planes,
+    /// Direction times the sum of energy's channels.
+    toward: Planes,
+}
+
+impl Sky {
+    fn new(beams: &[Beam]) -> Self {
+        Self {
+            energy: planes(beams.iter().map(|b| b.energy)),
+            direction: planes(beams.iter().map(|b| b.direction.to_array())),
+            toward: planes(
+                beams
+                    .iter()
+                    .map(|b| (b.direction * b.energy.iter().sum::<f32>()).to_array()),
+            ),
+        }
+    }
+}
+
+impl DirectionalAsset {
+    /// Takes a light in, its strength multiplied. `fill` is what a channel gets of the light's mean that the source lacks.
+    pub(super) fn light(
+        &self,
+        (radiance, beams): (&IncidentRadiance, &Beams),
+        gain: f32,
+        settings: &TransferSettings,
+        fill: [f32; 3],
+    ) -> DirectionalLight {
+        let terms = settings.terms;
+        let beams = beams.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
+        let (sky, suns) = if terms.sums && terms.suns {
+            (beams.gathered(&self.directions), beams.suns.clone())
+        } else if terms.sums {
+            let all = beams.with_suns_as_sky();
+            (all.gathered(&self.directions), Vec::new())
+        } else {
+            let light = radiance.truncated(settings.sh_degree).scaled(gain);
+            (self.series(&light), Vec::new())
+        };
+        let mut suns = suns;
+        if suns.is_empty() && !settings.skips.suns {
+            // One that holds nothing, to know what it costs.
+            suns.push(Beam {
+                direction: Vec3::Z,
+                energy: [0.0; 3],
+            });
+        }
+        let (means, mean) = (beams.mean_irradiances(), beams.mean_irradiance());
+        DirectionalLight {
+            sky,
+            suns,
+            least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
+        }
+    }
+
+    /// A light as the surfels meet it.
+    pub(super) fn incident(
+        &self,
+        light: DirectionalLight,
+        settings: &TransferSettings,
+    ) -> Incident {
+        let terms = settings.terms;
+        let mut light = Incident {
+            sky: Sky::new(&light.sky),
+            suns: light
+                .suns
+                .iter()
+                .map(|s| (*s, self.seen_from(s, terms)))
+                .collect(),
+            irradiance: Vec::new(),
+            least: light.least,
+            terms,
+            skips: settings.skips,
+        };
+        light.irradiance = (0..self.len())
+            .into_par_iter()
+            .map(|i| self.irradiance(i, &light))
+            .collect();
+        light
+    }
+
+    /// An SH series by its values, where it is not negative.
+    fn series(&self, light: &IncidentRadiance) -> Vec<Beam> {
+        let omega = 4.0 * PI / DIRECTIONS as f32;
+        self.directions
+            .iter()
+            .map(|d| {
+                let radiance = evaluate_sh(&light.coefficients, light.degree, d.to_array());
+                Beam {
+                    direction: *d,
+                    energy: radiance.map(|v| omega * v.max(0.0)),
+                }
+            })
+            .collect()
+    }
+
+    /// Which surfels a sun shines on, on either side where both count. `[n]`
+    fn seen_from(&self, sun: &Beam, terms: Terms) -> Vec<bool> {
+        let bake = &self.bake;
+        if !terms.shadow {
+            return vec![true; self.len()];
+        }
+        let faces = |i: u32| {
+            let i = i as usize;
+            bake.two_sided[i] > 0.0 || bake.normals[i].dot(sun.direction) > 0.0
+        };
+        bake.tracer.open_towards(sun.direction, faces)
+    }
+
+    fn open(&self, i: usize, terms: Terms) -> &[u64; WORDS] {
+        if terms.shadow {
+            &self.bake.open[i]
+        } else {
+            &[u64::MAX; WORDS]
+        }
+    }
+
+    fn hits(&self, i: usize, terms: Terms) -> &[Hit] {
+        if terms.shadow && terms.bounce {
+            self.bake.hits_of(i)
+        } else {
+            &[]
+        }
+    }
+
+    /// Irradiance of surfel `i`, front and back, with epsilon's share.
+    fn irradiance(&self, i: usize, light: &Incident) -> Sides {
+        let n = self.bake.normals[i];
+        let mut sides = open_irradiance(n, self.open(i, light.terms), &light.sky);
+        for (sun, open) in &light.suns {
+            if open[i] {
+                let cosine = n.dot(sun.direction);
+                for (s, e) in sides[usize::from(cosine < 0.0)].iter_mut().zip(sun.energy) {
+                    *s += cosine.abs() * e;
+                }
+            }
+        }
+        sides.map(|e| std::array::from_fn(|c| e[c] + light.least[c]))
+    }
+
+    /// Light that bounces to surfel `i` from what the others radiate.
+    pub(super) fn bounced(&self, i: usize, light: &Incident, radiance: &[Sides]) -> Sides {
+        let scale = 4.0 * PI / PATCHES as f32;
+        let n = self.bake.normals[i];
+        let mut sides = Sides::default();
+        for hit in self.hits(i, light.terms) {
+            let cosine = scale * n.dot(self.directions[hit.patch()]);
+            let b = radiance_of(radiance, *hit);
+            for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
+                *s += cosine.abs() * b;
+            }
+        }
+        sides
+    }
+
+    /// All that shines on the front of surfel `i`, a ray a patch: the open sky, and what is met where it is blocked; and the suns.
+    pub(super) fn rays_of(&self, i: usize, light: &Incident, radiance: &[Sides], out: &mut Rays) {
+        let n = self.bake.normals[i];
+        let scale = 4.0 * PI / DIRECTIONS as f32;
+        // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
+        let near = if light.terms.bounce { scale } else { 0.0 };
+        let [r, g, b] = radiance[i][0].map(|v| v * near);
+        let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
+        for hit in self.hits(i, light.terms) {
+            let b = radiance_of(radiance, *hit);
+            for c in 0..3 {
+                met[c][hit.patch()] = b[c] * scale;
+            }
+        }
+        let open = self.open(i, light.terms);
+        out.clear();
+        patches(n, open, &self.planes, &light.sky, &met, out);
+        for (k, (sun, open)) in light.suns.iter().enumerate() {
+            if open[i] && n.dot(sun.direction) > 0.0 {
+                out.set(PATCHES + k, sun);
+            }
+        }
+    }
+}
+
+/// Radiance of the side of a surfel that a ray met.
+fn radiance_of(radiance: &[Sides], hit: Hit) -> [f32; 3] {
+    radiance[hit.surfel()][usize::from(hit.is_back())]
+}
+
+fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {
+    let mut out = [0f32; LANES];
+    out.copy_from_slice(&plane[start..start + LANES]);
+    out
+}
+
+/// Sum over the open directions of cosine times energy, front and back.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> Sides {
+    let mut sums = [[[0f32; LANES]; 3]; 2];
+    for start in (0..DIRECTIONS).step_by(LANES) {
+        let bits = (open[start / 64] >> (start % 64)) as u32;
+        let [x, y, z] = [0, 1, 2].map(|c| lanes_of(&sky.direction[c], start));
+        let mut cosines = [[0f32; LANES]; 2];
+        for i in 0..LANES {
+            let cosine = n.x * x[i] + n.y * y[i] + n.z * z[i];
+            let seen = ((bits >> i) & 1) as f32;
+            cosines[0][i] = seen * if cosine > 0.0 { cosine } else { 0.0 };
+            cosines[1][i] = seen * if cosine < 0.0 { -cosine } else { 0.0 };
+        }
+        for c in 0..3 {
+            let e = lanes_of(&sky.energy[c], start);
+            for side in 0..2 {
+                for i in 0..LANES {
+                    sums[side][c][i] += cosines[side][i] * e[i];
+                }
+            }
+        }
+    }
+    sums.map(|side| side.map(|lanes| lanes.iter().sum()))
+}
+
+/// What each patch on the front side holds, from where most of it comes.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn patches(
+    n: Vec3,
+    open: &[u64; WORDS],
+    directions: &Planes,
+    sky: &Sky,
+    met: &PatchPlanes,
+    out: &mut Rays,
+) {
+    for start in (0..PATCHES).step_by(LANES) {
+        let met = [0, 1, 2].map(|c| lanes_of(&met[c], start));
+        let mut sums = [[[0f32; LANES]; 3]; 2];
+        for place in 0..PER_PATCH {
+            let first = place * PATCHES + start;
+            let bits = (open[first / 64] >> (first % 64)) as u32;
+            let at = [0, 1, 2].map(|c| lanes_of(&directions[c], first));
+            let (mut seen, mut blocked) = ([0f32; LANES], [0f32; LANES]);
+            for i in 0..LANES {
+                let cosine = n.x * at[0][i] + n.y * at[1][i] + n.z * at[2][i];
+                let front = if cosine > 0.0 { 1.0 } else { 0.0 };
+                seen[i] = front * ((bits >> i) & 1) as f32;
+                blocked[i] = front - seen[i];
+            }
+            for c in 0..3 {
+                let shines = lanes_of(&sky.energy[c], first);
+                let toward = lanes_of(&sky.toward[c], first);
+                for i in 0..LANES {
+                    let sum = met[0][i] + met[1][i] + met[2][i];
+                    sums[0][c][i] += seen[i] * shines[i] + blocked[i] * met[c][i];
+                    sums[1][c][i] += seen[i] * toward[i] + blocked[i] * sum * at[c][i];
+                }
+            }
+        }
+        let [shines, mut toward] = sums;
+        for i in 0..LANES {
+            let [x, y, z] = [toward[0][i], toward[1][i], toward[2][i]];
+            // No light, no direction; squares of what is fainter would leave f32's range.
+            let over = 1.0 / (x * x + y * y + z * z).max(1e-36).sqrt();
+            for axis in &mut toward {
+                axis[i] *= over;
+            }
+        }
+        for c in 0..3 {
+            out.direction[c][start..start + LANES].copy_from_slice(&toward[c]);
+            out.energy[c][start..start + LANES].copy_from_slice(&shines[c]);
+        }
+        for i in 0..LANES {
+            let holds = shines[0][i] + shines[1][i] + shines[2][i] > 0.0;
+            out.list_if(holds, start + i);
+        }
+    }
+}

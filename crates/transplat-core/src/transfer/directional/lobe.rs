@@ -1,0 +1,441 @@
+//! Gloss: what a surfel mirrors of all that shines on it, blurred by a lobe, and which lobe its own colour speaks of.
+//!
+//! The lobe is `((1 + cos) / 2)^p` around the mirrored view, a power of two: a few multiplications instead of an exponential. It keeps
+//! its energy (`(p + 1) / 4 pi`), and is dark below the surface's horizon.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::asset::Sides;
+use super::nodes::{BLOCK, Frame, Nodes, weighted_mean};
+use crate::environment::Beam;
+use crate::numeric::smoothstep;
+
+/// The lobes' widths: the exponents are 2 to these powers. GGX roughness alpha is about `1 / sqrt(p)`.
+pub const WIDTHS: [u32; 5] = [3, 4, 5, 6, 7];
+
+/// Light that does not vary over the lobe says nothing of gloss: added to what is divided by, in units of the mean irradiance squared.
+pub const RIDGE: f32 = 1e-3;
+
+/// Share of a surfel's colour that gloss may explain.
+pub const MOST_GLOSS: f32 = 0.98;
+
+/// No surface mirrors more than that many times what the whitest one scatters.
+pub const MOST_REFLECTANCE: f32 = 2.0;
+
+/// Squared correlation of mirrored light and colour from which on the lobe counts.
+pub const TRUSTED_CORRELATION: f32 = 0.03;
+
+/// Reflectance, in units of the asset's whitest albedo, between which a surface turns from a coated one into a metal: nothing else
+/// mirrors that much, and a metal has no other colour.
+pub const METAL: [f32; 2] = [0.15, 0.3];
+
+/// Turns of pooling by which neighbours agree on being a metal: one stuff seldom ends within a few surfels, and where normals are off no
+/// single one tells.
+pub const METAL_TURNS: usize = 8;
+
+/// What shines on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
+#[derive(Clone, Debug)]
+pub struct Rays {
+    /// Unit vectors towards the sources, an axis after the other.
+    pub direction: [[f32; Self::MOST]; 3],
+    /// Radiance times solid angle, a channel after the other.
+    pub energy: [[f32; Self::MOST]; 3],
+    lit: [u8; Self::MOST],
+    count: usize,
+}
+
+impl Rays {
+    /// As many as a byte can number.
+    pub const MOST: usize = 256;
+
+    /// Leaves no ray lit.
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+
+    /// Lists a ray as lit, if it holds anything; without a branch, since that cannot be foretold. Each ray once at most.
+    #[inline(always)]
+    pub fn list_if(&mut self, holds: bool, ray: usize) {
+        self.lit[self.count % Self::MOST] = ray as u8;
+        self.count += usize::from(holds);
+    }
+
+    /// Sets a ray and lists it.
+    pub fn set(&mut self, ray: usize, beam: &Beam) {
+        for c in 0..3 {
+            self.direction[c][ray] = beam.direction[c];
+            self.energy[c][ray] = beam.energy[c];
+        }
+        self.list_if(true, ray);
+    }
+
+    fn lit(&self) -> &[u8] {
+        &self.lit[..self.count.min(Self::MOST)]
+    }
+}
+
+impl Default for Rays {
+    fn default() -> Self {
+        Self {
+            direction: [[0.0; Self::MOST]; 3],
+            energy: [[0.0; Self::MOST]; 3],
+            lit: [0; Self::MOST],
+            count: 0,
+        }
+    }
+}
+
+/// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
+pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &Rays, out: &mut [f32]) {
+    for start in (0..nodes.count()).step_by(BLOCK) {
+        // Unrolled for each width: six times as fast as a loop.
+        match width {
+            0..=3 => sum_lobes::<3>(nodes, start, frame, rays, out),
+            4 => sum_lobes::<4>(nodes, start, frame, rays, out),
+            5 => sum_lobes::<5>(nodes, start, frame, rays, out),
+            6 => sum_lobes::<6>(nodes, start, frame, rays, out),
+            _ => sum_lobes::<7>(nodes, start, frame, rays, out),
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn sum_lobes<const WIDTH: u32>(
+    nodes: &Nodes,
+    start: usize,
+    frame: Frame,
+    rays: &Rays,
+    out: &mut [f32],
+) {
+    let q = nodes.count();
+    let count = BLOCK.min(q - start);
+    // Half of the mirrored view, so that half of `1 + cos` is one sum.
+    let mut half = [[0f32; BLOCK]; 3];
+    for axis in 0..3 {
+        half[axis].copy_from_slice(&nodes.half_mirrored[axis][start..start + BLOCK]);
+    }
+    let m = frame.mirror;
+    for i in 0..BLOCK {
+        let along = 2.0 * (half[0][i] * m.x + half[1][i] * m.y + half[2][i] * m.z);
+        half[0][i] -= along * m.x;
+        half[1][i] -= along * m.y;
+        half[2][i] -= along * m.z;
+    }
+    // Far from its axis a lobe is nothing; numbers too small for f32's range would only be slow.
+    let least = 1e-20f32.powf(0.5f32.powi(WIDTH as i32));
+    let mut sum = [[0f32; BLOCK]; 3];
+    for ray in rays.lit() {
+        let at = |planes: &[[f32; Rays::MOST]; 3]| [0, 1, 2].map(|c| planes[c][usize::from(*ray)]);
+        let (d, e) = (at(&rays.direction), at(&rays.energy));
+        for i in 0..BLOCK {
+            let near = 0.5 + half[0][i] * d[0] + half[1][i] * d[1] + half[2][i] * d[2];
+            let mut lobe = if near > least { near } else { least };
+            for _ in 0..WIDTH {
+                lobe *= lobe;
+            }
+            for c in 0..3 {
+                sum[c][i] += lobe * e[c];
+            }
+        }
+    }
+    let scale = ((1u32 << WIDTH) as f32 + 1.0) / (4.0 * PI);
+    for c in 0..3 {
+        for i in 0..count {
+            out[c * q + start + i] = scale * sum[c][i];
+        }
+    }
+}
+
+/// The gloss of one surfel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Gloss {
+    /// Reflectance, per channel; 0 where the surfel is matte.
+    pub reflectance: [f32; 3],
+    /// Exponent of the lobe: 2 to this power.
+    pub width: u32,
+    /// Whether the lobe rises towards grazing view, as it does on all but metals.
+    pub rises: bool,
+}
+
+impl Gloss {
+    /// Whether there is none.
+    pub fn is_matte(&self) -> bool {
+        self.reflectance == [0.0; 3]
+    }
+}
+
+/// Sums of a surfel's colour against one lobe.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    /// Mean mirrored light.
+    mean: [f32; 3],
+    /// Covariance of mirrored light and colour.
+    covariance: [f32; 3],
+    /// Variance of mirrored light.
+    variance: [f32; 3],
+}
+
+/// What the fit needs of an asset under its source light.
+pub struct Fitted<'a> {
+    /// The nodes.
+    pub nodes: &'a Nodes,
+    /// Normals `[n]`.
+    pub normals: &'a [Vec3],
+    /// Linear colour at the nodes `[n][Q]`.
+    pub colors: &'a [[f32; 3]],
+    /// Its mean, front and back `[n]`; gloss is looked for on the front.
+    pub means: &'a [Sides],
+    /// Other surfels that probably are of the same stuff. `[n][neighbors]`
+    pub neighbors: &'a [u32],
+    /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
+    pub two_sided: &'a [f32],
+    /// How much each surfel counts where many are pooled. `[n]`
+    pub prominence: &'a [f32],
+    /// The asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
+    pub white: f32,
+}
+
+/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
+/// channel, pooled over its neighbours and drawn to the mean of the channels.
+///
+/// `rays_of(i, out)` collects what shines on surfel `i`.
+pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync)) -> Vec<Gloss> {
+    let n = input.means.len();
+    if input.nodes.degree == 0 || n == 0 {
+        return vec![Gloss::default(); n];
+    }
+    let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (0..n)
+        .into_par_iter()
+        .map_init(
+            || (Rays::default(), vec![0f32; 3 * input.nodes.count()]),
+            |(rays, values), i| {
+                rays_of(i, rays);
+                let frame = Frame::new(input.normals[i]);
+                let mut found = [[Moments::default(); WIDTHS.len()]; 2];
+                for (w, width) in WIDTHS.into_iter().enumerate() {
+                    mirrored(input.nodes, frame, width, rays, values);
+                    found[0][w] = moments(input, i, values, None);
+                    found[1][w] = moments(input, i, values, Some(&input.nodes.rise));
+                }
+                found
+            },
+        )
+        .collect();
+    let variances: Vec<[f32; 3]> = (0..n)
+        .into_par_iter()
+        .map(|i| color_variance(input, i))
+        .collect();
+    let metal = regress(input, &moments, &variances, 0);
+    let coated = regress(input, &moments, &variances, 1);
+    choose(input, &moments, &metal, &coated)
+}
+
+/// Means over each surfel and its neighbours, by how much they make up of what is seen. `[n]`
+pub(super) fn pooled<const N: usize>(
+    values: &[[f32; N]],
+    neighbors: &[u32],
+    prominence: &[f32],
+) -> Vec<[f32; N]> {
+    let each = neighbors.len() / values.len().max(1);
+    (0..values.len())
+        .into_par_iter()
+        .map(|i| {
+            let around = &neighbors[i * each..][..each];
+            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
+            let total: f32 = with_self().map(|j| prominence[j]).sum();
+            let mut sum = [0f32; N];
+            for j in with_self() {
+                let share = share_of(prominence[j], total, each + 1);
+                for (s, v) in sum.iter_mut().zip(values[j]) {
+                    *s += share * v;
+                }
+            }
+            sum
+        })
+        .collect()
+}
+
+/// What one of `count` surfels counts of all; alike where nothing of any is seen.
+fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
+    if total > 0.0 {
+        prominence / total
+    } else {
+        1.0 / count as f32
+    }
+}
+
+fn color_variance(input: &Fitted<'_>, i: usize) -> [f32; 3] {
+    let q = input.nodes.count();
+    let mut sum = [0f32; 3];
+    for (w, c) in input.nodes.weights.iter().zip(&input.colors[i * q..][..q]) {
+        for k in 0..3 {
+            sum[k] += w * (c[k] - input.means[i][0][k]).powi(2);
+        }
+    }
+    sum
+}
+
+/// Moments of one lobe, as far as a function of the asset's degree can show it.
+fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -> Moments {
+    let nodes = input.nodes;
+    let q = nodes.count();
+    let colors = &input.colors[i * q..][..q];
+    let lit: Vec<[f32; 3]> = (0..q)
+        .map(|s| {
+            let rise = rise.map_or(1.0, |r| r[s]);
+            std::array::from_fn(|c| rise * values[c * q + s])
+        })
+        .collect();
+    let seen = nodes.values(&nodes.refit, &lit);
+    let mut found = Moments {
+        mean: weighted_mean(&nodes.weights, &seen),
+        ..Moments::default()
+    };
+    for ((s, w), color) in seen.iter().zip(&nodes.weights).zip(colors) {
+        for c in 0..3 {
+            let off = s[c] - found.mean[c];
+            found.covariance[c] += w * off * (color[c] - input.means[i][0][c]);
+            found.variance[c] += w * off * off;
+        }
+    }
+    found
+}
+
+/// A regression's result for one surfel.
+#[derive(Clone, Copy, Debug)]
+struct Regressed {
+    reflectance: [f32; 3],
+    width: usize,
+    correlation: f32,
+}
+
+fn regress(
+    input: &Fitted<'_>,
+    moments: &[[[Moments; WIDTHS.len()]; 2]],
+    variances: &[[f32; 3]],
+    kind: usize,
+) -> Vec<Regressed> {
+    let each = input.neighbors.len() / moments.len();
+    (0..moments.len())
+        .into_par_iter()
+        .map(|i| {
+            let around = &input.neighbors[i * each..][..each];
+            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
+            let total: f32 = with_self().map(|j| input.prominence[j]).sum();
+            let share = |j: usize| share_of(input.prominence[j], total, each + 1);
+            let mut best: Option<(f32, Regressed)> = None;
+            for w in 0..WIDTHS.len() {
+                let (mut num, mut den, mut var) = ([0f32; 3], [0f32; 3], [0f32; 3]);
+                let mut relative = [0f32; 3];
+                for j in with_self() {
+                    let m = &moments[j][kind][w];
+                    let brightness: f32 = input.means[j][0].iter().map(|c| c * c).sum();
+                    let share = share(j);
+                    let unit = share / brightness.max(1e-6);
+                    for c in 0..3 {
+                        num[c] += share * m.covariance[c];
+                        den[c] += share * m.variance[c];
+                        var[c] += share * variances[j][c];
+                        relative[0] += unit * m.covariance[c];
+                        relative[1] += unit * m.variance[c];
+                        relative[2] += unit * variances[j][c];
+                    }
+                }
+                let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
+                let reflectance: [f32; 3] = std::array::from_fn(|c| {
+                    let k = (num[c] + mean(num)) / (den[c] + mean(den) + RIDGE);
+                    let most =
+                        MOST_GLOSS * input.means[i][0][c] / moments[i][kind][w].mean[c].max(1e-6);
+                    k.clamp(0.0, most.max(0.0))
+                });
+                let residual: f32 = (0..3)
+                    .map(|c| {
+                        let k = reflectance[c];
+                        var[c] - 2.0 * k * num[c] + k * k * den[c]
+                    })
+                    .sum();
+                if best.is_none_or(|(least, _)| residual < least) {
+                    let correlation =
+                        relative[0].max(0.0).powi(2) / (relative[1] * relative[2]).max(1e-16);
+                    best = Some((
+                        residual,
+                        Regressed {
+                            reflectance,
+                            width: w,
+                            correlation,
+                        },
+                    ));
+                }
+            }
+            best.map_or(
+                Regressed {
+                    reflectance: [0.0; 3],
+                    width: 0,
+                    correlation: 0.0,
+                },
+                |b| b.1,
+            )
+        })
+        .collect()
+}
+
+/// Which of the two each surfel is, and how much of it is believed.
+fn choose(
+    input: &Fitted<'_>,
+    moments: &[[[Moments; WIDTHS.len()]; 2]],
+    metal: &[Regressed],
+    coated: &[Regressed],
+) -> Vec<Gloss> {
+    let believed = |r: &Regressed, i: usize| {
+        let trust =
+            smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - input.two_sided[i]);
+        r.reflectance.map(|k| k * trust)
+    };
+    let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
+    // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors: what is mirrored, the light, and the lobe's
+    // width by its weight.
+    let own = |(i, metal): (usize, &Regressed)| {
+        let k = mean(believed(metal, i));
+        let light = mean(moments[i][0][metal.width].mean).max(0.0);
+        [k * light, light, k * metal.width as f32, k]
+    };
+    let mut stuff: Vec<[f32; 4]> = metal.iter().enumerate().map(own).collect();
+    for _ in 0..METAL_TURNS {
+        stuff = pooled(&stuff, input.neighbors, input.prominence);
+    }
+    stuff
+        .into_par_iter()
+        .enumerate()
+        .map(|(i, [mirrored, light, width, weight])| {
+            let metallic = smoothstep(
+                METAL[0],
+                METAL[1],
+                mirrored / (input.white * light).max(1e-9),
+            );
+            if metallic == 0.0 {
+                return Gloss {
+                    reflectance: believed(&coated[i], i)
+                        .map(|k| k.min(MOST_REFLECTANCE * input.white)),
+                    width: WIDTHS[coated[i].width],
+                    rises: true,
+                };
+            }
+            let width = (width / weight.max(1e-9)).round() as usize;
+            let width = width.min(WIDTHS.len() - 1);
+            let k = believed(&metal[i], i);
+            Gloss {
+                reflectance: std::array::from_fn(|c| {
+                    let whole =
+                        MOST_GLOSS * input.means[i][0][c] / moments[i][0][width].mean[c].max(1e-6);
+                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE * input.white)
+                }),
+                width: WIDTHS[width],
+                rises: false,
+            }
+        })
+        .collect()
+}

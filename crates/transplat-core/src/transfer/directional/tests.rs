@@ -1,0 +1,386 @@
+use std::f32::consts::PI;
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::*;
+use crate::bake::directional::DirectionalBake;
+use crate::color::Encoding;
+use crate::environment::{EnvironmentMap, Illumination};
+use crate::progress::no_progress;
+use crate::scenes;
+use crate::settings::skips::Skips;
+use crate::surfels::SurfelCloud;
+
+fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
+    // By rays, also where a ball needs none.
+    let all = (&[1][..], &Skips::NONE);
+    let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
+    let bake = Arc::new(bake.expect("not cancelled"));
+    Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()))
+}
+
+fn prepared(asset: &Arc<DirectionalAsset>, source: &Illumination) -> DirectionalTransfer {
+    DirectionalTransfer::new(asset, source, &TransferSettings::default()).expect("with beams")
+}
+
+impl DirectionalTransfer {
+    fn relight_by(&self, target: &Illumination) -> Relit {
+        let light = self.light(target.for_directional().expect("with beams"));
+        self.relight(light, Part::Whole)
+    }
+}
+
+/// A gradient with a sun, and its colours.
+fn sky(sun: DVec3, tint: [f32; 3]) -> Illumination {
+    let plain = EnvironmentMap::new(256, 128, vec![[0.0; 3]; 256 * 128]);
+    let pixels = (0..256 * 128)
+        .map(|i| {
+            let d = DVec3::from_array(plain.direction(i % 256, i / 256));
+            let glare = if d.dot(sun.normalize()) > 0.9994 {
+                300.0
+            } else {
+                0.0
+            };
+            tint.map(|t| t * (0.6 + 0.5 * d.z as f32) + glare)
+        })
+        .collect();
+    Illumination::of(&EnvironmentMap::new(256, 128, pixels), 3)
+}
+
+/// A sphere over a plate whose colour varies with the place and the view.
+fn glossy() -> SurfelCloud {
+    let mut cloud = scenes::sphere_over_plate(500);
+    let k = coefficient_count(3);
+    cloud.sh = cloud
+        .sh
+        .iter()
+        .enumerate()
+        .flat_map(|(i, dc)| {
+            (0..k).map(move |j| match j {
+                0 => *dc,
+                _ => std::array::from_fn(|c| 0.1 * ((i * 13 + j * 7 + c) as f32).sin() / j as f32),
+            })
+        })
+        .collect();
+    cloud.sh_degree = 3;
+    cloud
+}
+
+fn farthest(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    assert!(a.iter().chain(b).flatten().all(|v| v.is_finite()));
+    a.iter()
+        .flatten()
+        .zip(b.iter().flatten())
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f32::max)
+}
+
+#[test]
+fn the_source_light_returns_the_asset() {
+    let cloud = glossy();
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let relit = prepared(&asset_of(&cloud), &source).relight_by(&source);
+    // The bounced light's fixed point starts at the source's own radiance, so nothing but rounding is left.
+    assert!(
+        farthest(&relit.sh, &cloud.sh) < 1e-3,
+        "{}",
+        farthest(&relit.sh, &cloud.sh)
+    );
+    assert!(relit.tau.iter().flatten().all(|t| (t - 1.0).abs() < 1e-3));
+}
+
+#[test]
+fn the_strength_of_both_lights_changes_nothing() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
+    let relit = prepared(&asset, &source).relight_by(&target);
+    for gain in [1e-6, 1e6] {
+        let same =
+            prepared(&asset, &source.tinted([gain; 3])).relight_by(&target.tinted([gain; 3]));
+        assert!(farthest(&relit.sh, &same.sh) < 1e-3, "gain {gain}");
+    }
+}
+
+#[test]
+fn a_matte_sphere_takes_its_analytic_irradiance() {
+    // Open all around: E of a gradient a + b z is pi a + 2 pi b n.z / 3, and the sphere was lit evenly.
+    let cloud = scenes::sphere(800);
+    let transfer = prepared(&asset_of(&cloud), &Illumination::even(3));
+    let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
+    let gradient = (0..128 * 64)
+        .map(|i| [0.5 + 0.4 * plain.direction(i % 128, i / 128)[2] as f32; 3])
+        .collect();
+    let relit = transfer.relight_by(&Illumination::of(
+        &EnvironmentMap::new(128, 64, gradient),
+        3,
+    ));
+    let mut worst = 0f32;
+    for (i, tau) in relit.tau.iter().enumerate() {
+        let z = cloud.positions[i].normalize().z;
+        let exact = 0.5 + 0.4 * 2.0 / 3.0 * z;
+        worst = worst.max((tau[0] / exact - 1.0).abs());
+    }
+    // 384 directions, of which those at the horizon are cut by the neighbours' discs in both lights.
+    assert!(worst < 0.03, "{worst}");
+}
+
+#[test]
+fn a_black_target_is_black_and_a_black_source_is_finite() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let black = Illumination::even(3).scaled(0.0);
+    let relit = prepared(&asset, &Illumination::even(3)).relight_by(&black);
+    // Bounced light falls from turn to turn, each a product of albedo and occlusion, and starts from nothing.
+    assert!(relit.tau.iter().flatten().all(|t| *t == 0.0));
+    let linear = crate::color::decode_sh(&relit.sh, cloud.sh_degree, cloud.encoding);
+    assert!(linear.iter().flatten().all(|v| v.abs() < 1e-4));
+    let relit = prepared(&asset, &black).relight_by(&Illumination::even(3));
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+}
+
+#[test]
+fn turning_asset_and_lights_turns_the_result() {
+    let cloud = glossy();
+    let turn = DMat3::from_axis_angle(DVec3::new(0.3, -0.2, 0.9).normalize(), 1.1);
+    let mut turned = cloud.clone();
+    let k = coefficient_count(cloud.sh_degree);
+    for p in &mut turned.positions {
+        *p = (turn * p.as_dvec3()).as_vec3();
+    }
+    for t in turned.tangents.iter_mut().flatten() {
+        *t = (turn * t.as_dvec3()).as_vec3();
+    }
+    for f in turned.sh.chunks_exact_mut(k) {
+        let r = crate::sh::rotate_coefficients(turn, cloud.sh_degree, f);
+        f.copy_from_slice(&r);
+    }
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
+    let here = prepared(&asset_of(&cloud), &source).relight_by(&target);
+    let there =
+        prepared(&asset_of(&turned), &source.rotated(turn)).relight_by(&target.rotated(turn));
+    // The lattice stays where it is, so the sums differ by its coarseness: in the mean, not surfel by surfel.
+    let mean = |tau: &[[f32; 3]]| tau.iter().map(|t| t[1]).sum::<f32>() / tau.len() as f32;
+    let (a, b) = (mean(&here.tau), mean(&there.tau));
+    assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
+    let typical: f32 = here
+        .tau
+        .iter()
+        .zip(&there.tau)
+        .map(|(a, b)| (a[1] - b[1]).abs())
+        .sum::<f32>()
+        / here.tau.len() as f32;
+    assert!(typical < 0.1 * a, "{typical} of {a}");
+}
+
+#[test]
+fn a_metal_is_found_and_a_matte_surface_is_not() {
+    // Each surfel of a sphere shows what it mirrors (a metal), or its irradiance (plaster), under a sky with a sun.
+    let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+    for metal in [true, false] {
+        let mut cloud = scenes::sphere(600);
+        cloud.sh_degree = 3;
+        cloud.encoding = Encoding::Linear;
+        // Something in each band, so that none is left out; replaced below.
+        cloud.sh = vec![[0.1; 3]; cloud.len() * 16];
+        let asset = asset_of(&cloud);
+        let settings = TransferSettings::default();
+        let beams = source.for_directional().expect("with beams");
+        let light = asset.light(beams, 1.0, &settings, [0.0; 3]);
+        let light = asset.incident(light, &settings);
+        let mut rays = Rays::default();
+        let mut values = vec![0f32; 3 * asset.nodes.count()];
+        for i in 0..cloud.len() {
+            asset.rays_of(i, &light, &asset.means, &mut rays);
+            let frame = Frame::new(asset.bake.normals[i]);
+            mirrored(&asset.nodes, frame, 4, &rays, &mut values);
+            let q = asset.nodes.count();
+            let shown: Vec<[f32; 3]> = (0..q)
+                .map(|s| {
+                    std::array::from_fn(|c| {
+                        if metal {
+                            0.8 * values[c * q + s]
+                        } else {
+                            0.5 / PI * light.irradiance[i][0][c]
+                        }
+                    })
+                })
+                .collect();
+            let mut f = asset.nodes.function(&asset.nodes.fit, &shown);
+            frame.apply_sh(3, &mut f);
+            cloud.sh[i * 16..][..16].copy_from_slice(&f);
+        }
+        let transfer = prepared(&asset_of(&cloud), &source);
+        let metals = transfer.gloss.iter().filter(|g| !g.rises).count();
+        if metal {
+            assert!(metals * 10 > 9 * cloud.len(), "{metals}");
+            // The colour was made under the light as it is, and is explained by the light that the transfer works in.
+            let sum: f32 = transfer.gloss.iter().map(|g| g.reflectance[1]).sum();
+            let mean = sum * transfer.light_gain / cloud.len() as f32;
+            assert!((mean - 0.8).abs() < 0.1, "{mean}");
+        } else {
+            assert_eq!(metals, 0);
+            let most = transfer
+                .gloss
+                .iter()
+                .map(|g| g.reflectance[1])
+                .fold(0f32, f32::max);
+            assert!(most < 0.02, "{most}");
+        }
+    }
+}
+
+#[test]
+fn extreme_lights_are_finite_and_what_the_source_lacks_stays_bounded() {
+    let cloud = glossy();
+    let asset = asset_of(&cloud);
+    let white = sky(DVec3::Z, [1.0; 3]);
+    let red = white.tinted([1.0, 0.0, 0.0]);
+    let relit = prepared(&asset, &red).relight_by(&white);
+    // White has three times red's mean; a surfel that faces its sun has four times that, over a twentieth: 240, and what bounces.
+    assert!(relit.tau.iter().flatten().all(|t| *t < 500.0));
+    assert!(farthest(&prepared(&asset, &red).relight_by(&red).sh, &cloud.sh) < 1e-3);
+    let (faint, glaring) = (white.scaled(1e-25), white.scaled(1e12));
+    let relit = prepared(&asset, &faint).relight_by(&glaring);
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+    assert!(relit.tau.iter().flatten().all(|v| v.is_finite()));
+}
+
+#[test]
+fn odd_assets_are_relit_to_numbers() {
+    let one = scenes::sphere(1);
+    let mut clear = scenes::sphere(50);
+    clear.opacities.fill(0.1);
+    let mut heap = scenes::sphere(300);
+    heap.positions.fill(Vec3::new(1.0, 2.0, 3.0));
+    let mut flat = scenes::sheet(20);
+    flat.scales[3] = glam::Vec2::ZERO;
+    flat.scales[4] = glam::Vec2::splat(1e6);
+    for (name, cloud) in [
+        ("one", one),
+        ("clear", clear),
+        ("heap", heap),
+        ("flat", flat),
+    ] {
+        let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
+        let relit = prepared(&asset_of(&cloud), &source).relight_by(&Illumination::even(3));
+        assert_eq!(relit.sh.len(), cloud.sh.len());
+        assert!(relit.sh.iter().flatten().all(|v| v.is_finite()), "{name}");
+    }
+}
+
+#[test]
+fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
+    let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
+    let mut cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    // Linear colour, so that the parts add up; what the model misses is of neither.
+    cloud.encoding = Encoding::Linear;
+    let source = sky(sun, [1.0, 0.9, 0.8]);
+    let mut settings = TransferSettings::default();
+    settings.terms.residual = false;
+    let transfer =
+        DirectionalTransfer::new(&asset_of(&cloud), &source, &settings).expect("with beams");
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
+    let light = transfer.light(target.for_directional().expect("with beams"));
+    let [whole, matte, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
+        .map(|part| transfer.relight(light.clone(), part).sh);
+    let size = |f: &[[f32; 3]]| f.iter().flatten().fold(0f32, |a, b| a.max(b.abs()));
+    assert!(size(&matte) > 0.1 && size(&mirrored) > 0.1);
+    for ((w, a), b) in whole.iter().zip(&matte).zip(&mirrored) {
+        for c in 0..3 {
+            assert!((w[c] - a[c] - b[c]).abs() < 1e-5 * size(&whole));
+        }
+    }
+    // A surface without gloss mirrors nothing.
+    let k = coefficient_count(cloud.sh_degree);
+    for (gloss, f) in transfer.gloss.iter().zip(mirrored.chunks_exact(k)) {
+        assert!(!gloss.is_matte() || size(f) < 1e-6);
+    }
+}
+
+#[test]
+fn production_follows_the_oracle() {
+    let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    let bake = Arc::new(DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled"));
+    assert!(bake.two_sided.iter().filter(|t| **t > 0.5).count() > 10);
+    let source = sky(sun, [1.0, 0.9, 0.8]);
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
+    let transfer = prepared(
+        &Arc::new(DirectionalAsset::new(
+            &cloud,
+            bake.clone(),
+            &Skips::default(),
+        )),
+        &source,
+    );
+    let glossy = transfer.glossy_surfels;
+    assert!(glossy > 100, "{glossy} of {}", cloud.len());
+    let relit = transfer.relight_by(&target);
+    let [source, target] = [&source, &target].map(|l| l.for_directional().expect("with beams").1);
+    let oracle = crate::oracle::OracleDirectional::new(&cloud, &bake, source, 0.006);
+    let exact = oracle.relight(target);
+    let k = coefficient_count(cloud.sh_degree);
+    let mut errors: Vec<f64> = relit
+        .sh
+        .chunks_exact(k)
+        .zip(exact.chunks_exact(k))
+        .map(|(got, exact)| {
+            let errors = got.iter().flatten().zip(exact.iter().flatten());
+            errors.fold(0f64, |most, (g, e)| most.max((f64::from(*g) - e).abs()))
+        })
+        .collect();
+    assert!(relit.sh.iter().flatten().all(|v| v.is_finite()));
+    errors.sort_by(f64::total_cmp);
+    // f32 sums of a few hundred terms. Where two lobes fit alike, or a ray grazes a rim, either may be taken: a few surfels.
+    let n = errors.len();
+    assert!(errors[n / 2] < 2e-5, "median {:.1e}", errors[n / 2]);
+    assert!(
+        errors[n * 97 / 100] < 1e-3,
+        "97 % {:.1e}",
+        errors[n * 97 / 100]
+    );
+}
+
+#[test]
+fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
+    let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
+    let mut cloud = scenes::sphere_over_slab(200);
+    cloud.encoding = Encoding::Linear;
+    let asset = asset_of(&cloud);
+    let even = Illumination::even(3);
+    let half = Illumination {
+        trust: 0.5,
+        ..even.clone()
+    };
+    let target = sky(sun, [0.3, 0.5, 0.9]);
+    let whole = prepared(&asset, &even).relight_by(&target);
+    let halfway = prepared(&asset, &half);
+    assert_eq!(halfway.glossy_surfels, 0);
+    let halfway = halfway.relight_by(&target);
+    for (w, h) in whole.tau.iter().zip(&halfway.tau) {
+        for c in 0..3 {
+            assert!((h[c] * h[c] / w[c] - 1.0).abs() < 1e-4, "{h:?} {w:?}");
+        }
+    }
+    let [from, to] = [&half, &target].map(|l| l.for_directional().expect("with beams").1);
+    let oracle = crate::oracle::OracleDirectional::new(&cloud, &asset.bake, from, 0.006);
+    for (i, (f, exact)) in (halfway.sh.iter().zip(oracle.trusting(0.5).relight(to))).enumerate() {
+        for c in 0..3 {
+            assert!(
+                (f64::from(f[c]) - exact[c]).abs() < 1e-4 * exact[c],
+                "surfel {i}"
+            );
+        }
+    }
+    // One colour from everywhere: where nothing of a back is seen, it changes as told.
+    for (i, (h, f)) in halfway.tau.iter().zip(&halfway.sh).enumerate() {
+        if asset.bake.two_sided[i] > 0.0 {
+            continue;
+        }
+        let expected = h[0] * cloud.sh_of(i)[0][0];
+        assert!((f[0] - expected).abs() < 0.02 * expected, "surfel {i}");
+    }
+}

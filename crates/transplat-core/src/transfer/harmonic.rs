@@ -1,0 +1,502 @@
+//! The harmonic method (paper 3.3 to 3.5): products of SH series of light and visibility, and a mirror for what shines.
+//!
+//! Everything that does not change with the target is prepared once; a new light is then one matrix-vector product,
+//! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks of lanes.
+
+mod lanes;
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use half::f16;
+use rayon::prelude::*;
+
+use super::relit::{Part, Relit, round_to_half};
+use crate::bake::harmonic::HarmonicBake;
+use crate::color::{Encoding, decode_sh};
+use crate::environment::IncidentRadiance;
+use crate::error::{Error, Result};
+use crate::settings::TransferSettings;
+use crate::sh::{
+    LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count, cosine_kernel,
+    evaluate_basis, light_operator,
+};
+use crate::surfels::SurfelCloud;
+
+pub use lanes::LANES;
+pub use lanes::MAX_RADIANCE;
+use lanes::{Block, Extent, Rows, relight_block};
+
+/// A target light stronger than the source by more than this is held to it, so that no result overflows.
+const MAX_RELATIVE_LIGHT: f32 = 1e12;
+
+/// The attenuation when that term is off: a mirror under a source of mean radiance 1, in units of its mean irradiance.
+pub const UNATTENUATED: f32 = std::f32::consts::PI;
+
+/// A light in units of the source's mean irradiance, as the operator that shadows it.
+///
+/// With `shadow` off, the visibility is the constant 1, whose only coefficient is the DC: the same operator serves.
+#[derive(Clone, Debug)]
+pub struct HarmonicLight {
+    /// `M_kq = sum_p G_kpq L_p`, per channel.
+    pub operator: LightOperator,
+}
+
+/// What the GPU pass and the CPU kernel share: everything of asset and source light that a change of target does not touch.
+#[derive(Clone, Debug)]
+pub struct HarmonicTransfer {
+    /// Settings it was prepared with.
+    pub settings: TransferSettings,
+    /// Number of surfels.
+    pub surfels: usize,
+    /// Degree of lights and visibility.
+    pub light_degree: usize,
+    /// Degree of the result: the asset's, or less where its upper bands would be empty.
+    pub asset_degree: usize,
+    /// The highest band that the specular term writes; 0 where there is none.
+    pub specular_degree: usize,
+    /// Unit normals, two-sided surfels turned to the side that the source lights more. `[n]`
+    pub normals: Vec<Vec3>,
+    /// Visibility coefficients `[n][K]`; empty where the shadow term is off.
+    pub visibility: Arc<Vec<f32>>,
+    /// Linear DC of the asset over `E_S + eps`, per channel. `[n][3]`
+    pub dc_over_irradiance: Vec<[f32; 3]>,
+    /// Attenuation `A_l` (paper eq. 9) of bands 1 to `specular_degree`, per channel. `[n][specular_degree][3]`
+    pub attenuation: Vec<[f32; 3]>,
+    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    pub light_gain: f32,
+    /// Whether the source was black, and even light was taken in its place.
+    pub source_was_black: bool,
+    /// Share of surfels whose source irradiance is below epsilon in some channel: their ratio is epsilon's, not the light's.
+    pub dark_share: f32,
+    /// Linear DC of the asset `[n][3]`, to tell the ratio tau.
+    pub dc: Vec<[f32; 3]>,
+    /// Whether the source on a surfel is darker than epsilon, `[n]`.
+    dark: Vec<bool>,
+    blocks: Vec<Block>,
+}
+
+/// What of an asset's preparation no light changes: kept between changes of the source and of the settings.
+#[derive(Clone, Debug)]
+pub struct HarmonicAsset {
+    /// Linear radiance SH `[n][K][3]`.
+    linear: Arc<Vec<[f32; 3]>>,
+    has_view_dependence: bool,
+    /// Visibility coefficients `[n][K]` of the degree last asked for, and of which bake.
+    visibility: Option<(usize, u64, Arc<Vec<f32>>)>,
+}
+
+impl HarmonicAsset {
+    /// Decodes the asset's colour.
+    pub fn new(cloud: &SurfelCloud) -> Self {
+        Self {
+            linear: Arc::new(decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding)),
+            has_view_dependence: cloud.has_view_dependence(),
+            visibility: None,
+        }
+    }
+
+    /// Prepares asset and source light; `bake` is any number that differs between bakes.
+    ///
+    /// # Errors
+    /// As [`HarmonicTransfer::new`].
+    pub fn prepare(
+        &mut self,
+        cloud: &SurfelCloud,
+        visibility: &HarmonicBake,
+        bake: u64,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<HarmonicTransfer> {
+        HarmonicTransfer::check(source, settings)?;
+        let degree = settings.sh_degree;
+        let coefficients = match &self.visibility {
+            _ if !settings.terms.shadow => Arc::default(),
+            Some((d, b, kept)) if (*d, *b) == (degree, bake) => kept.clone(),
+            _ => {
+                let new = Arc::new(visibility.coefficients(degree));
+                self.visibility = Some((degree, bake, new.clone()));
+                new
+            }
+        };
+        Ok(HarmonicTransfer::from_parts(
+            cloud,
+            visibility,
+            self,
+            coefficients,
+            source,
+            settings,
+        ))
+    }
+}
+
+impl HarmonicTransfer {
+    /// Prepares asset and source light.
+    ///
+    /// # Errors
+    /// The source's degree is not the settings'.
+    pub fn new(
+        cloud: &SurfelCloud,
+        visibility: &HarmonicBake,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<Self> {
+        HarmonicAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
+    }
+
+    fn check(source: &IncidentRadiance, settings: &TransferSettings) -> Result<()> {
+        if source.degree != settings.sh_degree {
+            return Err(Error::Mismatch(format!(
+                "the source light has SH degree {}, and the settings ask for {}",
+                source.degree, settings.sh_degree
+            )));
+        }
+        Ok(())
+    }
+
+    fn from_parts(
+        cloud: &SurfelCloud,
+        visibility: &HarmonicBake,
+        asset: &HarmonicAsset,
+        v: Arc<Vec<f32>>,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Self {
+        let light_degree = settings.sh_degree;
+        let source_was_black = source.is_black();
+        let source = if source_was_black {
+            IncidentRadiance::even(light_degree)
+        } else {
+            source.clone()
+        };
+        let mean = source.mean_irradiance();
+        let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
+        let source = source.scaled(light_gain);
+        let specular_degree = if settings.terms.specular && asset.has_view_dependence {
+            explained_degree(&source, settings).min(cloud.sh_degree)
+        } else {
+            0
+        };
+        let linear = &asset.linear;
+        let operator = light_operator(light_degree, &source.coefficients);
+        let per_surfel: Vec<(Vec3, [f32; 3])> = (0..cloud.len())
+            .into_par_iter()
+            .map(|i| {
+                let shadowed = shadowed_light(&operator, &v, i);
+                let (n, two_sided) = (visibility.normals[i], visibility.two_sided[i]);
+                let front = irradiance(&shadowed, light_degree, n);
+                if two_sided {
+                    let back = irradiance(&shadowed, light_degree, -n);
+                    if back.iter().sum::<f32>() > front.iter().sum() {
+                        return (-n, back);
+                    }
+                }
+                (n, front)
+            })
+            .collect();
+        let k = coefficient_count(cloud.sh_degree);
+        let dc: Vec<[f32; 3]> = linear.chunks_exact(k).map(|f| f[0]).collect();
+        let dark: Vec<bool> = per_surfel
+            .iter()
+            .map(|(_, e)| e.iter().any(|e| *e < settings.epsilon()))
+            .collect();
+        let dark_count = dark.iter().filter(|d| **d).count();
+        let mut prepared = Self {
+            settings: settings.clone(),
+            surfels: cloud.len(),
+            light_degree,
+            asset_degree: if settings.skips.empty_bands {
+                specular_degree
+            } else {
+                cloud.sh_degree
+            },
+            specular_degree,
+            normals: per_surfel.iter().map(|s| s.0).collect(),
+            visibility: v,
+            dc_over_irradiance: per_surfel
+                .iter()
+                .zip(&dc)
+                .map(|((_, e), dc)| {
+                    std::array::from_fn(|c| bounded(dc[c] / (e[c] + settings.epsilon())))
+                })
+                .collect(),
+            attenuation: attenuation(linear, k, specular_degree, &source, settings),
+            light_gain,
+            source_was_black,
+            dark_share: dark_count as f32 / cloud.len().max(1) as f32,
+            dc,
+            dark,
+            blocks: Vec::new(),
+        };
+        prepared.make_blocks();
+        prepared
+    }
+
+    /// Bytes that a change of light reads.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.normals[..])
+            + size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..])
+    }
+
+    /// Visibility, attenuation and colour in half precision.
+    pub(super) fn rounded_to_half(&self) -> Self {
+        let mut rounded = self.clone();
+        let round = |v: &f32| f16::from_f32(*v).to_f32();
+        rounded.visibility = Arc::new(self.visibility.iter().map(round).collect());
+        round_to_half(&mut rounded.dc_over_irradiance);
+        round_to_half(&mut rounded.attenuation);
+        rounded.make_blocks();
+        rounded
+    }
+
+    /// Of what [`Self::rounded_to_half`] rounds.
+    pub(super) fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..]);
+        rounded / 2
+    }
+
+    fn make_blocks(&mut self) {
+        let rows = Rows {
+            normals: &self.normals,
+            visibility: &self.visibility,
+            dc_over_irradiance: &self.dc_over_irradiance,
+            attenuation: &self.attenuation,
+        };
+        let extent = self.extent();
+        self.blocks = (0..self.surfels.div_ceil(LANES))
+            .into_par_iter()
+            .map(|b| Block::new(&rows, extent, b * LANES))
+            .collect();
+    }
+
+    fn extent(&self) -> Extent {
+        Extent {
+            light_degree: self.light_degree,
+            asset_degree: self.asset_degree,
+            specular_degree: self.specular_degree,
+            reflects: self.settings.terms.reflection,
+        }
+    }
+
+    /// Whether the source on surfel `i` is darker than epsilon in some channel.
+    pub fn is_dark(&self, i: usize) -> bool {
+        self.dark[i]
+    }
+
+    /// Coefficients of the result, per surfel.
+    pub fn coefficients(&self) -> usize {
+        coefficient_count(self.asset_degree)
+    }
+
+    /// The target light as the kernels want it. Bands that it lacks are dark, those beyond the transfer's degree are ignored.
+    pub fn light(&self, target: &IncidentRadiance) -> HarmonicLight {
+        let relative: Vec<[f32; 3]> = (0..coefficient_count(self.light_degree))
+            .map(|i| target.coefficients.get(i).copied().unwrap_or([0.0; 3]))
+            .map(|c| {
+                c.map(|v| (v * self.light_gain).clamp(-MAX_RELATIVE_LIGHT, MAX_RELATIVE_LIGHT))
+            })
+            .collect();
+        let mut operator = light_operator(self.light_degree, &relative);
+        operator.is_gray &= self.settings.skips.gray_light;
+        HarmonicLight { operator }
+    }
+
+    /// Relights: linear radiance SH `[n][K][3]` into `out`, which has that size.
+    ///
+    /// # Panics
+    /// If `out` is of another size.
+    pub fn relight_into(&self, light: &HarmonicLight, out: &mut [[f32; 3]]) {
+        let k = self.coefficients();
+        assert_eq!(out.len(), self.surfels * k);
+        let extent = self.extent();
+        out.par_chunks_mut(LANES * k)
+            .zip(&self.blocks)
+            .for_each(|(out, block)| relight_block(extent, &light.operator, block, out));
+    }
+
+    /// Relights surfel `i` alone: linear radiance SH `[K][3]`.
+    ///
+    /// # Panics
+    /// If there is no such surfel.
+    pub fn relight_one(&self, light: &HarmonicLight, i: usize) -> Vec<[f32; 3]> {
+        let k = self.coefficients();
+        let (block, lane) = (i / LANES, i % LANES);
+        let count = LANES.min(self.surfels - block * LANES);
+        let mut out = vec![[0f32; 3]; count * k];
+        relight_block(
+            self.extent(),
+            &light.operator,
+            &self.blocks[block],
+            &mut out,
+        );
+        out[lane * k..][..k].to_vec()
+    }
+
+    /// 1 over the source's irradiance and epsilon, in units of its mean; the worst channel.
+    pub(super) fn amplification(&self, i: usize) -> f32 {
+        let of = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                self.dc_over_irradiance[i][c] / dc
+            } else {
+                0.0
+            }
+        };
+        of(0).max(of(1)).max(of(2))
+    }
+
+    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    pub fn epsilon_share(&self, i: usize) -> f32 {
+        let share = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                (self.settings.epsilon() * self.dc_over_irradiance[i][c] / dc).clamp(0.0, 1.0)
+            } else {
+                0.0
+            }
+        };
+        (share(0) + share(1) + share(2)) / 3.0
+    }
+
+    /// Relights into a new vector.
+    pub fn relight(&self, target: &IncidentRadiance) -> Vec<[f32; 3]> {
+        let mut out = vec![[0f32; 3]; self.surfels * self.coefficients()];
+        self.relight_into(&self.light(target), &mut out);
+        out
+    }
+
+    /// A part of a result, with what belongs to it.
+    pub fn relit(&self, mut sh: Vec<[f32; 3]>, part: Part) -> Relit {
+        let tau = self.tau(&sh);
+        let k = self.coefficients();
+        let wanted = part.coefficients(k);
+        for function in sh.chunks_exact_mut(k) {
+            for (i, c) in function.iter_mut().enumerate() {
+                if !wanted.contains(&i) {
+                    *c = [0.0; 3];
+                }
+            }
+        }
+        Relit {
+            tau,
+            degree: self.asset_degree,
+            encoding: Encoding::Linear,
+            sh,
+        }
+    }
+
+    /// The transfer ratio tau (paper eq. 5) of each surfel, from a result of [`HarmonicTransfer::relight`]. `[n][3]`
+    pub fn tau(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        relit
+            .chunks_exact(self.coefficients())
+            .zip(&self.dc)
+            .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
+            .collect()
+    }
+}
+
+fn bounded(v: f32) -> f32 {
+    v.clamp(-MAX_RADIANCE, MAX_RADIANCE)
+}
+
+/// `L^shad_k = sum_pq G_kpq L_p V_q` (paper eq. 4) of surfel `i`, `[K][3]`; without visibility the light itself.
+fn shadowed_light(operator: &LightOperator, visibility: &[f32], i: usize) -> Vec<[f32; 3]> {
+    let k = coefficient_count(operator.degree);
+    let mut out = vec![[0f32; 3]; k];
+    for (c, matrix) in operator.matrices.iter().enumerate() {
+        for (row, out) in matrix.chunks_exact(k).zip(&mut out) {
+            out[c] = if visibility.is_empty() {
+                row[0] * crate::sh::SQRT_4PI as f32
+            } else {
+                row.iter()
+                    .zip(&visibility[i * k..])
+                    .map(|(m, v)| m * v)
+                    .sum()
+            };
+        }
+    }
+    out
+}
+
+/// `E(n) = sum_l A_l sum_m L_lm Y_lm(n)` (paper eq. 3), clamped below at 0: a truncated series may dip under it.
+fn irradiance(light: &[[f32; 3]], degree: usize, n: Vec3) -> [f32; 3] {
+    let mut y = [0f32; MAX_COEFFICIENTS];
+    evaluate_basis(n.to_array(), degree, &mut y);
+    let mut e = [0f32; 3];
+    for l in 0..=degree {
+        let a = cosine_kernel(l) as f32;
+        for i in band(l) {
+            for (e, light) in e.iter_mut().zip(light[i]) {
+                *e += a * y[i] * light;
+            }
+        }
+    }
+    e.map(|e| e.max(0.0))
+}
+
+/// `||f_l||` of one channel.
+fn band_norm(f: &[[f32; 3]], l: usize, c: usize) -> f32 {
+    f[band(l)].iter().map(|v| v[c] * v[c]).sum::<f32>().sqrt()
+}
+
+/// The highest band that the source explains in some channel.
+fn explained_degree(source: &IncidentRadiance, settings: &TransferSettings) -> usize {
+    let explained = |l: usize| {
+        (0..3).any(|c| explains(band_norm(&source.coefficients, l, c), settings.epsilon()))
+    };
+    (1..=source.degree)
+        .rev()
+        .find(|l| explained(*l))
+        .unwrap_or(0)
+}
+
+/// Whether a band of the source, with its norm in units of the source's mean irradiance, says anything of the asset's gloss.
+///
+/// Below epsilon it does not: eq. 9 would divide the asset's view dependence by epsilon alone, and turn it into chrome (an even
+/// light has no such band at all). The paper is silent on this; here such a band transfers nothing.
+pub fn explains(source_band_norm: f32, epsilon: f32) -> bool {
+    source_band_norm > epsilon
+}
+
+/// `A_l = ||c_l|| / (||L_S,l|| + eps)` (paper eq. 9), per channel. `[n][degree][3]`
+fn attenuation(
+    linear: &[[f32; 3]],
+    k: usize,
+    degree: usize,
+    source: &IncidentRadiance,
+    settings: &TransferSettings,
+) -> Vec<[f32; 3]> {
+    if degree == 0 {
+        return Vec::new();
+    }
+    let source_norms: [[f32; 3]; MAX_DEGREE + 1] = std::array::from_fn(|l| {
+        if (1..=degree).contains(&l) {
+            std::array::from_fn(|c| band_norm(&source.coefficients, l, c))
+        } else {
+            [0.0; 3]
+        }
+    });
+    linear
+        .par_chunks_exact(k)
+        .flat_map_iter(|f| {
+            (1..=degree).map(move |l| {
+                std::array::from_fn(|c| {
+                    if !explains(source_norms[l][c], settings.epsilon()) {
+                        0.0
+                    } else if settings.terms.attenuation {
+                        bounded(band_norm(f, l, c) / (source_norms[l][c] + settings.epsilon()))
+                    } else {
+                        UNATTENUATED
+                    }
+                })
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,371 @@
+use super::*;
+use crate::bake::harmonic::{BakeSettings, bake};
+use crate::environment::{EnvironmentMap, project_environment};
+use crate::oracle::{OracleHarmonic, relight_surfel};
+use crate::progress::no_progress;
+use crate::scenes;
+use crate::settings::Method;
+use crate::settings::skips::Skips;
+use crate::sh::rotate_coefficients;
+use glam::{DMat3, DVec3};
+
+fn sky(seed: usize) -> EnvironmentMap {
+    let (w, h) = (32, 16);
+    let pixels = (0..w * h)
+        .map(|i| {
+            let v = ((i * 7919 + seed * 104_729) % 1013) as f32 / 1013.0;
+            let sun = if i == 100 + 37 * seed { 40.0 } else { 0.0 };
+            [v + sun, 0.5 * v + 0.8 * sun, 0.2 + v * v + 0.5 * sun]
+        })
+        .collect();
+    EnvironmentMap::new(w, h, pixels)
+}
+
+fn light(seed: usize, degree: usize) -> IncidentRadiance {
+    project_environment(&sky(seed), degree)
+}
+
+fn glossy_scene(degree: usize) -> SurfelCloud {
+    scenes::glossy_sphere_over_plate(200, degree)
+}
+
+fn settings(sh_degree: usize) -> TransferSettings {
+    TransferSettings {
+        sh_degree,
+        // Bands are looked at one by one.
+        skips: Skips {
+            empty_bands: false,
+            ..Skips::default()
+        },
+        ..TransferSettings::of(Method::Harmonic)
+    }
+}
+
+fn baked(cloud: &SurfelCloud) -> HarmonicBake {
+    bake(cloud, &BakeSettings { directions: 128 }, &no_progress).expect("not cancelled")
+}
+
+fn largest(values: &[[f32; 3]]) -> f32 {
+    values.iter().flatten().fold(0f32, |a, v| a.max(v.abs()))
+}
+
+/// Largest difference over the largest value.
+fn relative_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    let difference: Vec<[f32; 3]> = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| std::array::from_fn(|c| a[c] - b[c]))
+        .collect();
+    largest(&difference) / largest(a).max(1e-30)
+}
+
+#[test]
+fn production_follows_the_oracle_with_every_term_on_and_off() {
+    for (light_degree, asset_degree) in [(3, 3), (0, 2), (5, 3), (2, 4)] {
+        let cloud = glossy_scene(asset_degree);
+        let visibility = baked(&cloud);
+        let (source, target) = (light(1, light_degree), light(2, light_degree));
+        for off in ["", "shadow", "specular", "reflection", "attenuation"] {
+            let mut settings = settings(light_degree);
+            if !off.is_empty() {
+                settings = settings.without(off).expect("a term of the preset");
+            }
+            let prepared =
+                HarmonicTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+            let got = prepared.relight(&target);
+            let oracle = OracleHarmonic::new(&source, &target, &settings);
+            let v = visibility.coefficients(light_degree);
+            let (ka, kl) = (
+                coefficient_count(asset_degree),
+                coefficient_count(light_degree),
+            );
+            let mut worst = 0f64;
+            for i in 0..cloud.len() {
+                let color: Vec<[f64; 3]> =
+                    cloud.sh_of(i).iter().map(|c| c.map(f64::from)).collect();
+                let v: Vec<f64> = v[i * kl..][..kl].iter().map(|v| f64::from(*v)).collect();
+                let exact = relight_surfel(
+                    &oracle,
+                    &color,
+                    prepared.normals[i].to_array().map(f64::from),
+                    &v,
+                );
+                for (e, g) in exact.iter().flatten().zip(got[i * ka..].iter().flatten()) {
+                    worst = worst.max((e - f64::from(*g)).abs() / (1.0 + e.abs()));
+                }
+            }
+            // K roundings of the light (2^-24 each), over a source irradiance that the clamp leaves as small as epsilon (5 %): 20 K 2^-24.
+            assert!(
+                worst < 1e-4,
+                "degree {light_degree}/{asset_degree} without {off:?}: {worst}"
+            );
+        }
+    }
+}
+
+#[test]
+fn scaling_both_lights_changes_nothing_and_the_target_scales_the_result() {
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let (source, target) = (light(1, 3), light(2, 3));
+    let relit = |source: &IncidentRadiance, target: &IncidentRadiance| {
+        HarmonicTransfer::new(&cloud, &visibility, source, &settings(3))
+            .expect("good input")
+            .relight(target)
+    };
+    let reference = relit(&source, &target);
+    for k in [1e-12, 0.37, 1e9] {
+        let both = relit(&source.scaled(k), &target.scaled(k));
+        // Only roundings of the scaled coefficients differ, amplified by small denominators.
+        assert!(relative_difference(&reference, &both) < 1e-4, "both by {k}");
+    }
+    let doubled = relit(&source, &target.scaled(2.0));
+    for (a, b) in reference.iter().flatten().zip(doubled.iter().flatten()) {
+        assert_eq!(2.0 * a, *b);
+    }
+}
+
+#[test]
+fn the_result_is_linear_in_the_target() {
+    // Irradiance is clamped at zero, so linearity holds where no clamp acts: an even light keeps it away.
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let prepared =
+        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    let (a, b) = (light(2, 3), IncidentRadiance::even(3).scaled(20.0));
+    let sum = IncidentRadiance {
+        degree: 3,
+        coefficients: a
+            .coefficients
+            .iter()
+            .zip(&b.coefficients)
+            .map(|(a, b)| std::array::from_fn(|c| a[c] + b[c]))
+            .collect(),
+    };
+    let a_even = IncidentRadiance {
+        degree: 3,
+        coefficients: sum
+            .coefficients
+            .iter()
+            .zip(&b.coefficients)
+            .map(|(s, b)| std::array::from_fn(|c| s[c] + b[c]))
+            .collect(),
+    };
+    // f(a + 2b) - f(a + b) = f(b).
+    let (one, two, even) = (
+        prepared.relight(&sum),
+        prepared.relight(&a_even),
+        prepared.relight(&b),
+    );
+    let difference: Vec<[f32; 3]> = two
+        .iter()
+        .zip(&one)
+        .map(|(t, o)| std::array::from_fn(|c| t[c] - o[c]))
+        .collect();
+    assert!(relative_difference(&even, &difference) < 1e-4);
+}
+
+#[test]
+fn turning_asset_and_lights_together_turns_the_result() {
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let (source, target) = (light(1, 3), light(2, 3));
+    let turn = DMat3::from_axis_angle(DVec3::new(0.6, -0.48, 0.64).normalize(), 1.1);
+    let mut turned = cloud.clone();
+    let single = turn.as_mat3();
+    for p in &mut turned.positions {
+        *p = single * *p;
+    }
+    for [u, v] in &mut turned.tangents {
+        (*u, *v) = (single * *u, single * *v);
+    }
+    turned.sh = cloud
+        .sh
+        .chunks_exact(16)
+        .flat_map(|f| rotate_coefficients(turn, 3, f))
+        .collect();
+    // The bake's lattice does not turn with the object, so the transfer is asked with visibility that sees everything.
+    let mut open = HarmonicBake::all_open(&cloud, 16);
+    open.normals.clone_from(&visibility.normals);
+    let mut open_turned = open.clone();
+    for n in &mut open_turned.normals {
+        *n = single * *n;
+    }
+    let mut without_shadow = settings(3);
+    without_shadow.terms.shadow = false;
+    let straight = HarmonicTransfer::new(&cloud, &open, &source, &without_shadow)
+        .expect("good input")
+        .relight(&target);
+    let around = HarmonicTransfer::new(
+        &turned,
+        &open_turned,
+        &source.rotated(turn),
+        &without_shadow,
+    )
+    .expect("good input")
+    .relight(&target.rotated(turn));
+    let expected: Vec<[f32; 3]> = straight
+        .chunks_exact(16)
+        .flat_map(|f| rotate_coefficients(turn, 3, f))
+        .collect();
+    assert!(relative_difference(&expected, &around) < 1e-3);
+    // With the bake: the mean changes by no more than what 128 directions resolve.
+    let mean = |cloud: &SurfelCloud, source: &IncidentRadiance, target: &IncidentRadiance| {
+        let relit = HarmonicTransfer::new(cloud, &baked(cloud), source, &settings(3))
+            .expect("good input")
+            .relight(target);
+        relit
+            .chunks_exact(16)
+            .map(|f| f64::from(f[0][0]))
+            .sum::<f64>()
+            / cloud.len() as f64
+    };
+    let a = mean(&cloud, &source, &target);
+    let b = mean(&turned, &source.rotated(turn), &target.rotated(turn));
+    assert!((a - b).abs() < 0.02 * a, "{a} {b}");
+}
+
+#[test]
+fn black_targets_give_black_and_black_sources_stay_finite() {
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let black = IncidentRadiance::even(3).scaled(0.0);
+    let prepared =
+        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    assert_eq!(largest(&prepared.relight(&black)), 0.0);
+    let dark =
+        HarmonicTransfer::new(&cloud, &visibility, &black, &settings(3)).expect("good input");
+    assert!(dark.source_was_black);
+    let relit = dark.relight(&light(2, 3));
+    assert!(relit.iter().flatten().all(|v| v.is_finite()) && largest(&relit) > 0.0);
+}
+
+#[test]
+fn full_visibility_and_no_shadow_agree() {
+    let cloud = glossy_scene(3);
+    let open = HarmonicBake::all_open(&cloud, 4096);
+    let (source, target) = (light(1, 3), light(2, 3));
+    let mut unshadowed = settings(3);
+    unshadowed.terms.shadow = false;
+    let a = HarmonicTransfer::new(&cloud, &open, &source, &settings(3)).expect("good input");
+    let b = HarmonicTransfer::new(&cloud, &open, &source, &unshadowed).expect("good input");
+    // The constant 1 on 4096 directions has other coefficients up to some 1/4096, which meet a light with a peak of 40 over a mean of 1.
+    let difference = relative_difference(&b.relight(&target), &a.relight(&target));
+    assert!(difference < 2e-2, "{difference}");
+}
+
+#[test]
+fn a_lambertian_sphere_takes_its_analytic_irradiance() {
+    // Source: even light of radiance 1, E = pi. Target: radiance 1 + z, of which E = pi + 2 pi/3 n.z exactly.
+    let cloud = scenes::sphere(300);
+    let mut no_shadow = settings(2);
+    no_shadow.terms.shadow = false;
+    no_shadow.epsilon = Some(1e-6);
+    let prepared = HarmonicTransfer::new(
+        &cloud,
+        &HarmonicBake::all_open(&cloud, 16),
+        &IncidentRadiance::even(2),
+        &no_shadow,
+    )
+    .expect("good input");
+    let mut target = IncidentRadiance::even(2);
+    target.coefficients[2] = [(4.0 * std::f32::consts::PI / 3.0).sqrt(); 3];
+    for (relit, p) in prepared.relight(&target).iter().zip(&cloud.positions) {
+        let y0 = 1.0 / crate::sh::SQRT_4PI as f32;
+        let expected = 0.5 * (1.0 + 2.0 / 3.0 * p.z);
+        assert!(
+            (relit[0] * y0 - expected).abs() < 2e-6,
+            "{} for {expected}",
+            relit[0] * y0
+        );
+    }
+}
+
+#[test]
+fn extreme_lights_and_assets_stay_finite() {
+    let mut cloud = glossy_scene(3);
+    for (i, c) in cloud.sh.iter_mut().enumerate() {
+        match i % 5 {
+            0 => *c = [1e6; 3],
+            1 => *c = [-1e6; 3],
+            2 => *c = [0.0; 3],
+            _ => {}
+        }
+    }
+    let visibility = baked(&cloud);
+    for encoding in [Encoding::Stored, Encoding::Linear] {
+        cloud.encoding = encoding;
+        for (a, b) in [(1e-30, 1e30), (1e30, 1e-30), (1.0, 1e20), (1e-20, 1.0)] {
+            for epsilon in [1e-6, 1.0] {
+                let mut settings = settings(3);
+                settings.epsilon = Some(epsilon);
+                let prepared =
+                    HarmonicTransfer::new(&cloud, &visibility, &light(1, 3).scaled(a), &settings)
+                        .expect("good input");
+                let relit = prepared.relight(&light(2, 3).scaled(b));
+                assert!(
+                    relit.iter().flatten().all(|v| v.is_finite()),
+                    "{a} {b} {epsilon}"
+                );
+                let stored = crate::color::encode_sh(relit, 3, Encoding::Stored);
+                assert!(
+                    stored.iter().flatten().all(|v| v.is_finite()),
+                    "{a} {b} {epsilon}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn what_a_scene_lacks_is_left_out() {
+    let cloud = scenes::sphere(100);
+    let visibility = HarmonicBake::all_open(&cloud, 16);
+    let mut no_shadow = settings(3);
+    no_shadow.terms.shadow = false;
+    let prepared =
+        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &no_shadow).expect("good input");
+    assert_eq!(prepared.specular_degree, 0);
+    assert!(prepared.visibility.is_empty() && prepared.attenuation.is_empty());
+}
+
+#[test]
+fn an_even_source_tells_nothing_of_gloss() {
+    let cloud = glossy_scene(3);
+    let prepared = HarmonicTransfer::new(
+        &cloud,
+        &baked(&cloud),
+        &IncidentRadiance::even(3),
+        &settings(3),
+    )
+    .expect("good input");
+    assert_eq!(prepared.specular_degree, 0);
+    let relit = prepared.relight(&light(2, 3));
+    assert!(
+        relit
+            .chunks_exact(16)
+            .all(|f| f[1..].iter().flatten().all(|v| *v == 0.0))
+    );
+}
+
+#[test]
+fn a_light_of_another_degree_is_refused_or_fitted() {
+    let cloud = glossy_scene(3);
+    let visibility = baked(&cloud);
+    let wrong = HarmonicTransfer::new(&cloud, &visibility, &light(1, 2), &settings(3));
+    assert!(wrong.is_err_and(|e| e.to_string().contains("degree 2")));
+    let prepared =
+        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    let (exact, longer) = (
+        prepared.relight(&light(2, 3)),
+        prepared.relight(&light(2, 5)),
+    );
+    assert!(relative_difference(&exact, &longer) < 1e-5);
+    assert!(
+        prepared
+            .relight(&light(2, 1))
+            .iter()
+            .flatten()
+            .all(|v| v.is_finite())
+    );
+}

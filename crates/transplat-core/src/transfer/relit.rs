@@ -1,0 +1,87 @@
+//! What a transfer yields.
+
+use half::f16;
+
+use crate::color::{Encoding, decode_sh, encode_sh};
+use crate::sh::with_degree;
+use crate::surfels::SurfelCloud;
+
+/// What of a relit colour is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// What is scattered: band 0 under the harmonic method, what is not gloss under the directional one.
+    Diffuse,
+    /// What is mirrored: the other bands under the harmonic method, the lobe under the directional one.
+    Specular,
+}
+
+impl Part {
+    /// Which of `k` coefficients the harmonic method has it in.
+    pub fn coefficients(self, k: usize) -> std::ops::Range<usize> {
+        match self {
+            Self::Whole => 0..k,
+            Self::Diffuse => 0..1,
+            Self::Specular => 1..k,
+        }
+    }
+}
+
+/// A relit asset.
+#[derive(Clone, Debug)]
+pub struct Relit {
+    /// Colour. `[n][K][3]`
+    pub sh: Vec<[f32; 3]>,
+    /// Degree of the colour: the asset's, or less where its upper bands would be empty.
+    pub degree: usize,
+    /// How that is to be read.
+    pub encoding: Encoding,
+    /// By how much what is not gloss has changed (paper eq. 5). `[n]`
+    pub tau: Vec<[f32; 3]>,
+}
+
+impl Relit {
+    /// The same in linear light.
+    pub fn linear(self) -> Self {
+        if self.encoding == Encoding::Linear {
+            return self;
+        }
+        Self {
+            sh: decode_sh(&self.sh, self.degree, self.encoding),
+            encoding: Encoding::Linear,
+            ..self
+        }
+    }
+
+    /// The same with all bands up to a degree.
+    pub fn of_degree(self, degree: usize) -> Self {
+        Self {
+            sh: with_degree(self.sh, self.degree, degree),
+            degree,
+            ..self
+        }
+    }
+
+    /// Colour as the asset's file stores it. `[n][K][3]`
+    pub fn stored(self, cloud: &SurfelCloud) -> Vec<[f32; 3]> {
+        if self.encoding == cloud.encoding {
+            return self.of_degree(cloud.sh_degree).sh;
+        }
+        // Encoded, a function of the view needs more bands than it had.
+        let degree = if self.degree == 0 { 0 } else { cloud.sh_degree };
+        let linear = self.linear().of_degree(degree);
+        let stored = encode_sh(linear.sh, degree, cloud.encoding);
+        with_degree(stored, degree, cloud.sh_degree)
+    }
+}
+
+/// Rounds to half precision, in place; beyond its range to its largest number.
+pub(super) fn round_to_half(values: &mut [[f32; 3]]) {
+    for v in values.iter_mut().flatten() {
+        *v = f16::from_f32(v.clamp(-HALF_MAX, HALF_MAX)).to_f32();
+    }
+}
+
+const HALF_MAX: f32 = 65504.0;

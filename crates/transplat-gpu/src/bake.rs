@@ -1,0 +1,4 @@
+//! Stage *bake* on the GPU. CPU twin: [`transplat_core::bake`].
+
+pub mod directional;
+pub mod harmonic;

@@ -1,0 +1,197 @@
+//! The rays of the directional method's bake. CPU twin: [`transplat_core::bake::directional`].
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use transplat_core::bake::patches::{Found, PATCHES, PER_PATCH, directions};
+use transplat_core::bake::trace::Tracer;
+use transplat_core::progress::Progress;
+use wgpu::BufferUsages;
+
+use crate::context::{ComputePass, Context, GpuError, Result};
+use crate::layout::gpu_struct;
+use crate::shader::{self, PATCH_BATCH};
+use crate::trace::ResidentTracer;
+use crate::{CHUNK, WORKGROUP};
+
+gpu_struct! {
+    /// Uniforms of the pass.
+    struct DirectionalParameters {
+        count: u32,
+        box_count: u32,
+        unused_a: u32,
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// A surfel that rays start from.
+    struct DirectionalBakeSurfel {
+        position: [f32; 3],
+        minor: f32,
+        normal: [f32; 3],
+        major: f32,
+    }
+}
+
+struct Chunk {
+    /// Where its surfels are in the tracer's order.
+    range: Range<usize>,
+    parameters: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+}
+
+/// An asset's rays on the GPU.
+pub struct GpuTracer {
+    context: Arc<Context>,
+    pass: Arc<ComputePass>,
+    order: Vec<u32>,
+    chunks: Vec<Chunk>,
+    resident: ResidentTracer,
+    found: wgpu::Buffer,
+}
+
+impl GpuTracer {
+    /// Uploads the boxes, the discs, and the surfels in an order in which neighbours' rays go the same way.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, tracer: &Tracer) -> Result<Self> {
+        ResidentTracer::check_fits(context, tracer)?;
+        let resident = ResidentTracer::upload(context, tracer);
+        let n = tracer.order.len();
+        let chunks = (0..n).step_by(CHUNK).map(|first| {
+            let range = first..n.min(first + CHUNK);
+            let surfels: Vec<DirectionalBakeSurfel> = tracer.order[range.clone()]
+                .iter()
+                .map(|i| {
+                    let s = &tracer.surfels[*i as usize];
+                    DirectionalBakeSurfel {
+                        position: s.position.to_array(),
+                        minor: s.minor,
+                        normal: s.normal.to_array(),
+                        major: s.major,
+                    }
+                })
+                .collect();
+            let parameters = DirectionalParameters {
+                count: range.len() as u32,
+                box_count: resident.box_count as u32,
+                ..Default::default()
+            };
+            Chunk {
+                range,
+                parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
+                surfels: context.upload(&surfels, BufferUsages::STORAGE),
+            }
+        });
+        let chunks = chunks.collect();
+        context.wait()?;
+        Ok(Self {
+            pass: context.compute_pass(&shader::bake_directional(), "trace_patches"),
+            order: tracer.order.clone(),
+            chunks,
+            resident,
+            found: context.storage(4 * PATCH_BATCH * CHUNK.min(n)),
+            context: context.clone(),
+        })
+    }
+
+    /// Traces the rays of some patches from all surfels, and adds what they find, `[n]`.
+    ///
+    /// # Errors
+    /// The driver failed, or `progress` asked to stop.
+    pub fn trace(
+        &self,
+        patches: &[usize],
+        found: &mut [Found],
+        progress: Progress<'_>,
+    ) -> Result<()> {
+        let all = directions();
+        let closed: Vec<wgpu::Buffer> = (self.chunks.iter())
+            .map(|chunk| {
+                let of = self.order[chunk.range.clone()].iter();
+                let closed = of.map(|i| u32::from(found[*i as usize].back_is_closed));
+                let closed: Vec<u32> = closed.collect();
+                self.context.upload(&closed, BufferUsages::STORAGE)
+            })
+            .collect();
+        for (batch, of_batch) in patches.chunks(PATCH_BATCH).enumerate() {
+            let done = (batch * PATCH_BATCH) as f64 / patches.len() as f64;
+            if progress(done).is_break() {
+                return Err(GpuError::Cancelled);
+            }
+            let mut rays = vec![[0f32; 4]; PATCH_BATCH * PER_PATCH];
+            for (i, ray) in rays.iter_mut().enumerate().take(of_batch.len() * PER_PATCH) {
+                let (patch, place) = (of_batch[i / PER_PATCH], i % PER_PATCH);
+                *ray = all[place * PATCHES + patch].extend(0.0).to_array();
+            }
+            let rays = self.context.upload(&rays, BufferUsages::UNIFORM);
+            for (chunk, closed) in self.chunks.iter().zip(&closed) {
+                self.trace_chunk(chunk, of_batch, (&rays, closed), found)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn trace_chunk(
+        &self,
+        chunk: &Chunk,
+        patches: &[usize],
+        (rays, closed): (&wgpu::Buffer, &wgpu::Buffer),
+        found: &mut [Found],
+    ) -> Result<()> {
+        let context = &self.context;
+        let count = chunk.range.len();
+        let bindings = [
+            (0, &chunk.parameters),
+            (1, rays),
+            (2, &chunk.surfels),
+            (3, &self.resident.boxes),
+            (4, &self.resident.discs),
+            (5, &self.found),
+            (6, closed),
+        ];
+        let group = context.bind(&self.pass, &bindings);
+        let mut encoder = context.encoder();
+        self.pass.dispatch(
+            &mut encoder,
+            &group,
+            [count.div_ceil(WORKGROUP), patches.len(), 1],
+        );
+        context.submit(encoder);
+        let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
+        for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
+            for (i, packed) in self.order[chunk.range.clone()].iter().zip(row) {
+                let open = std::array::from_fn(|place| packed >> (24 + place) & 1 == 1);
+                let met = (packed >> 31 == 1).then_some(packed & 0xff_ffff);
+                found[*i as usize].add(*patch, met, open);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn structs_match_the_shader() {
+        let source = shader::bake_directional();
+        for (name, fields, size) in [
+            (
+                "DirectionalParameters",
+                DirectionalParameters::FIELDS,
+                size_of::<DirectionalParameters>(),
+            ),
+            (
+                "DirectionalBakeSurfel",
+                DirectionalBakeSurfel::FIELDS,
+                size_of::<DirectionalBakeSurfel>(),
+            ),
+        ] {
+            crate::layout::check(&source, name, fields, size);
+        }
+    }
+}

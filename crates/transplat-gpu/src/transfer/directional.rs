@@ -1,0 +1,608 @@
+//! The directional method. CPU twin: [`DirectionalTransfer::relight`].
+
+use std::sync::{Arc, OnceLock};
+
+use transplat_core::bake::patches::{DIRECTIONS, WORDS, directions};
+use transplat_core::color::Encoding;
+use transplat_core::environment::{Beam, MAX_SUNS};
+use transplat_core::sh::coefficient_count;
+use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
+use transplat_core::transfer::{Part, Relit};
+use wgpu::BufferUsages;
+
+use crate::context::{ComputePass, Context, Result};
+use crate::layout::gpu_struct;
+use crate::shader;
+use crate::trace::ResidentTracer;
+use crate::{CHUNK, WORKGROUP};
+
+gpu_struct! {
+    /// Which surfels a chunk has.
+    struct DirectionalChunk {
+        count: u32,
+        first: u32,
+        unused_a: u32,
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// What changes with the light.
+    struct DirectionalSettings {
+        least: [f32; 3],
+        suns: u32,
+        start: [f32; 3],
+        box_count: u32,
+        matte: f32,
+        mirrored: f32,
+        residual: f32,
+        near: f32,
+        shadow: u32,
+        two_sided: u32,
+        trust: f32,
+        unused: u32,
+    }
+}
+
+gpu_struct! {
+    /// Light from one direction.
+    struct DirectionalBeam {
+        direction: [f32; 3],
+        unused_a: u32,
+        energy: [f32; 3],
+        unused_b: u32,
+    }
+}
+
+gpu_struct! {
+    /// What the transfer needs of a surfel besides its colours.
+    struct DirectionalSurfel {
+        normal: [f32; 3],
+        two_sided: f32,
+        position: [f32; 3],
+        minor: f32,
+        own_normal: [f32; 3],
+        major: f32,
+        front_divisor: [f32; 3],
+        first_hit: u32,
+        back_divisor: [f32; 3],
+        end_hit: u32,
+        front_mean: [f32; 3],
+        width: u32,
+        back_mean: [f32; 3],
+        rises: u32,
+        reflectance: [f32; 3],
+        unused_a: u32,
+        encoded_mean: [f32; 3],
+        unused_b: u32,
+        open: [u32; 2 * WORDS],
+    }
+}
+
+impl From<&Beam> for DirectionalBeam {
+    fn from(beam: &Beam) -> Self {
+        Self {
+            direction: beam.direction.to_array(),
+            energy: beam.energy,
+            ..Default::default()
+        }
+    }
+}
+
+struct Chunk {
+    count: usize,
+    parameters: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+    irradiance: wgpu::Buffer,
+    unseen: wgpu::Buffer,
+    gather: wgpu::BindGroup,
+    /// From the first radiance to the second, and back.
+    bounce: [wgpu::BindGroup; 2],
+    finish: wgpu::BindGroup,
+    /// Where a surfel has two sides.
+    add_back: Option<wgpu::BindGroup>,
+    tau: wgpu::Buffer,
+    relit: wgpu::Buffer,
+}
+
+struct Passes {
+    gather: Arc<ComputePass>,
+    bounce: Arc<ComputePass>,
+    finish: Arc<ComputePass>,
+    /// Where any surfel has two sides.
+    add_back: Option<Arc<ComputePass>>,
+}
+
+/// What only a light with suns needs.
+struct Suns {
+    pass: Arc<ComputePass>,
+    box_count: usize,
+    /// One a chunk.
+    groups: Vec<wgpu::BindGroup>,
+}
+
+/// Bytes that every adapter binds.
+const EVERY_BINDING: usize = 128 << 20;
+
+/// Storage buffers of the pass that has the most of them.
+const MOST_BUFFERS: u32 = 8;
+
+/// What all chunks share.
+struct Shared {
+    settings: wgpu::Buffer,
+    beams: wgpu::Buffer,
+    directions: wgpu::Buffer,
+    tables: wgpu::Buffer,
+    /// What each surfel radiates on its two sides, before a bounce and after it.
+    radiance: [wgpu::Buffer; 2],
+}
+
+/// A prepared transfer on the GPU: a new light is one small upload and a few dispatches a chunk.
+pub struct GpuDirectional {
+    context: Arc<Context>,
+    prepared: Arc<DirectionalTransfer>,
+    passes: Passes,
+    shared: Shared,
+    chunks: Vec<Chunk>,
+    /// Compiled and uploaded with the first sun.
+    suns: OnceLock<Suns>,
+}
+
+impl GpuDirectional {
+    /// Uploads what does not change with the light.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, prepared: &Arc<DirectionalTransfer>) -> Result<Self> {
+        Self::in_chunks(context, prepared, CHUNK)
+    }
+
+    /// The same in chunks of that many surfels at most.
+    ///
+    /// # Errors
+    /// As [`GpuDirectional::new`].
+    pub fn in_chunks(
+        context: &Arc<Context>,
+        prepared: &Arc<DirectionalTransfer>,
+        chunk: usize,
+    ) -> Result<Self> {
+        let asset = &prepared.asset;
+        let n = asset.len();
+        context.check_bindings("preset best", MOST_BUFFERS)?;
+        // Of high degrees, the colours at the nodes would outgrow what every adapter binds.
+        let chunk = chunk
+            .min(CHUNK)
+            .min(EVERY_BINDING / (12 * asset.nodes.count()));
+        context.check_fits("what the surfels radiate", 32 * n)?;
+        ResidentTracer::check_fits(context, &asset.bake.tracer)?;
+        let source = shader::transfer_directional(&asset.nodes, asset.encoding);
+        let pass = |entry| context.compute_pass(&source, entry);
+        let has_two_sides = asset.bake.two_sided.iter().any(|t| *t > 0.0);
+        let passes = Passes {
+            gather: pass("gather"),
+            bounce: pass("bounce"),
+            finish: pass("finish"),
+            add_back: (has_two_sides && prepared.settings.terms.two_sided)
+                .then(|| pass("add_back")),
+        };
+        let directions: Vec<[f32; 4]> = directions()
+            .iter()
+            .map(|d| d.extend(0.0).to_array())
+            .collect();
+        let tables = shader::tables(&asset.nodes).0;
+        let no_beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
+        let shared = Shared {
+            settings: context.upload(&[DirectionalSettings::default()], BufferUsages::UNIFORM),
+            beams: context.upload(&no_beams, BufferUsages::UNIFORM),
+            directions: context.upload(&directions, BufferUsages::UNIFORM),
+            tables: context.upload(&tables, BufferUsages::STORAGE),
+            radiance: [0, 1].map(|_| context.storage(32 * n)),
+        };
+        let chunks = (0..n)
+            .step_by(chunk)
+            .map(|first| {
+                let count = chunk.min(n - first);
+                upload_chunk(context, prepared, &passes, &shared, first, count)
+            })
+            .collect();
+        context.wait()?;
+        Ok(Self {
+            context: context.clone(),
+            prepared: prepared.clone(),
+            passes,
+            shared,
+            chunks,
+            suns: OnceLock::new(),
+        })
+    }
+
+    /// Says which surfels nobody sees, `[n]` or empty: their colour is not worked out from then on.
+    pub fn set_unseen(&self, unseen: &[bool]) {
+        let mut first = 0;
+        for chunk in &self.chunks {
+            let mut bits = vec![0u32; CHUNK / 32];
+            for i in 0..chunk.count {
+                let is_unseen = unseen.get(first + i).is_some_and(|u| *u);
+                bits[i / 32] |= u32::from(is_unseen) << (i % 32);
+            }
+            let queue = &self.context.queue;
+            queue.write_buffer(&chunk.unseen, 0, bytemuck::cast_slice(&bits));
+            first += chunk.count;
+        }
+    }
+
+    /// Makes what suns need, before there is one.
+    pub fn prepare_suns(&self) {
+        self.suns();
+    }
+
+    fn suns(&self) -> &Suns {
+        self.suns.get_or_init(|| {
+            let (context, asset) = (&self.context, &self.prepared.asset);
+            let tracer = ResidentTracer::upload(context, &asset.bake.tracer);
+            let source = shader::transfer_directional(&asset.nodes, asset.encoding);
+            let pass = context.compute_pass(&source, "see_suns");
+            let group = |chunk: &Chunk| {
+                let bindings = [
+                    (0, &chunk.parameters),
+                    (1, &self.shared.settings),
+                    (2, &self.shared.beams),
+                    (4, &chunk.surfels),
+                    (6, &tracer.boxes),
+                    (7, &tracer.discs),
+                    (8, &chunk.irradiance),
+                ];
+                context.bind(&pass, &bindings)
+            };
+            Suns {
+                groups: self.chunks.iter().map(group).collect(),
+                box_count: tracer.box_count,
+                pass,
+            }
+        })
+    }
+
+    /// Relights by another light, and waits until it is done; the result stays on the GPU.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn relight(&self, light: &DirectionalLight, part: Part) -> Result<()> {
+        self.submit(light, part);
+        self.context.wait()
+    }
+
+    /// Relights without waiting: what is submitted afterwards sees the result.
+    pub fn submit(&self, light: &DirectionalLight, part: Part) {
+        let terms = self.prepared.settings.terms;
+        let see_suns = (!light.suns.is_empty()).then(|| self.suns());
+        let settings = DirectionalSettings {
+            least: light.least,
+            suns: light.suns.len() as u32,
+            start: self.prepared.mean_ratio(light),
+            box_count: see_suns.map_or(0, |s| s.box_count as u32),
+            matte: f32::from(part != Part::Specular),
+            mirrored: f32::from(part != Part::Diffuse),
+            residual: f32::from(part == Part::Whole && terms.residual),
+            near: f32::from(terms.bounce),
+            shadow: u32::from(terms.shadow),
+            two_sided: u32::from(terms.two_sided),
+            trust: self.prepared.trust,
+            ..Default::default()
+        };
+        let mut beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
+        let (suns, sky) = beams.split_at_mut(MAX_SUNS);
+        for (to, from) in suns.iter_mut().zip(&light.suns) {
+            *to = from.into();
+        }
+        for (to, from) in sky.iter_mut().zip(&light.sky) {
+            *to = from.into();
+        }
+        let queue = &self.context.queue;
+        queue.write_buffer(&self.shared.settings, 0, bytemuck::bytes_of(&settings));
+        queue.write_buffer(&self.shared.beams, 0, bytemuck::cast_slice(&beams));
+        if let Some(suns) = see_suns {
+            self.run(&suns.pass, |i| Some(&suns.groups[i]));
+        }
+        self.run(&self.passes.gather, |i| Some(&self.chunks[i].gather));
+        // One turn or TURNS: both are odd, and end in the same buffer.
+        for turn in 0..self.prepared.turns() {
+            self.run(&self.passes.bounce, |i| {
+                Some(&self.chunks[i].bounce[turn % 2])
+            });
+        }
+        self.run(&self.passes.finish, |i| Some(&self.chunks[i].finish));
+        if let (Some(add_back), true) = (&self.passes.add_back, part != Part::Specular) {
+            self.run(add_back, |i| self.chunks[i].add_back.as_ref());
+        }
+    }
+
+    /// A submission a chunk: drivers stop work that takes seconds.
+    fn run<'a>(&'a self, pass: &ComputePass, group: impl Fn(usize) -> Option<&'a wgpu::BindGroup>) {
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            if let Some(group) = group(i) {
+                let mut encoder = self.context.encoder();
+                pass.dispatch(&mut encoder, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
+                self.context.submit(encoder);
+            }
+        }
+    }
+
+    /// How the result is to be read.
+    pub fn encoding(&self) -> Encoding {
+        self.prepared.asset.encoding
+    }
+
+    /// The last result where it is: SH `[count][K][3]` of each chunk.
+    pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
+        self.chunks.iter().map(|c| c.relit.clone()).collect()
+    }
+
+    /// How much the matte light of each surfel's two sides changed: a vector a side, `[count][2]` of each chunk.
+    pub(crate) fn tau(&self) -> Vec<wgpu::Buffer> {
+        self.chunks.iter().map(|c| c.tau.clone()).collect()
+    }
+
+    /// The last result; of surfels that nobody sees it holds nothing in particular.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn read(&self) -> Result<Relit> {
+        let k = coefficient_count(self.prepared.asset.nodes.degree);
+        let (mut sh, mut tau) = (Vec::new(), Vec::new());
+        for chunk in &self.chunks {
+            let read: Vec<[f32; 3]> = self.context.read(&chunk.relit, chunk.count * k)?;
+            sh.extend(read);
+            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.tau, chunk.count)?;
+            tau.extend(read.iter().map(|[[r, g, b, _], _]| [*r, *g, *b]));
+        }
+        Ok(Relit {
+            sh,
+            degree: self.prepared.asset.nodes.degree,
+            encoding: self.encoding(),
+            tau,
+        })
+    }
+}
+
+/// Surfels of a chunk, and what they meet.
+fn surfels_of(
+    p: &DirectionalTransfer,
+    first: usize,
+    count: usize,
+) -> (Vec<DirectionalSurfel>, Vec<u32>) {
+    let bake = &p.asset.bake;
+    let terms = p.settings.terms;
+    let mut hits = Vec::new();
+    let surfels = (first..first + count)
+        .map(|i| {
+            let first_hit = hits.len() as u32;
+            if terms.shadow && terms.bounce {
+                hits.extend(bake.hits_of(i).iter().map(|h| h.0));
+            }
+            let surfel = &bake.tracer.surfels[i];
+            let ([front_divisor, back_divisor], [front_mean, back_mean]) =
+                (p.divisor[i], p.asset.means[i]);
+            let gloss = &p.gloss[i];
+            DirectionalSurfel {
+                normal: bake.normals[i].to_array(),
+                two_sided: bake.two_sided[i],
+                position: surfel.position.to_array(),
+                minor: surfel.minor,
+                own_normal: surfel.normal.to_array(),
+                major: surfel.major,
+                front_divisor,
+                first_hit,
+                back_divisor,
+                end_hit: hits.len() as u32,
+                front_mean,
+                width: match gloss.is_matte() {
+                    true if p.settings.skips.matte => 0,
+                    true => WIDTHS[0],
+                    false => gloss.width,
+                },
+                back_mean,
+                rises: u32::from(gloss.rises),
+                reflectance: gloss.reflectance,
+                encoded_mean: p.encoded_mean[i],
+                open: if terms.shadow {
+                    bytemuck::cast(bake.open[i])
+                } else {
+                    [u32::MAX; 2 * WORDS]
+                },
+                ..Default::default()
+            }
+        })
+        .collect();
+    (surfels, hits)
+}
+
+fn upload_chunk(
+    context: &Context,
+    p: &DirectionalTransfer,
+    passes: &Passes,
+    shared: &Shared,
+    first: usize,
+    count: usize,
+) -> Chunk {
+    let (k, q) = (
+        coefficient_count(p.asset.nodes.degree),
+        p.asset.nodes.count(),
+    );
+    let (surfels, hits) = surfels_of(p, first, count);
+    let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
+    let parameters = DirectionalChunk {
+        count: count as u32,
+        first: first as u32,
+        ..Default::default()
+    };
+    let storage = BufferUsages::STORAGE;
+    let buffers = Buffers {
+        chunk: context.upload(&[parameters], BufferUsages::UNIFORM),
+        surfels: context.upload(&surfels, storage),
+        hits: context.upload(&hits, storage),
+        matte: context.upload(&p.matte[first * q..][..count * q], storage),
+        residual: context.upload(&p.residual[first * k..][..count * k], storage),
+        stored: has_two_sides
+            .then(|| context.upload(&p.asset.sh[first * k..][..count * k], storage)),
+        irradiance: context.storage(32 * count),
+        tau: context.storage(32 * count),
+        unseen: context.upload(&[0u32; CHUNK / 32], BufferUsages::UNIFORM),
+        relit: context.storage(12 * count * k),
+    };
+    bind(
+        context,
+        passes,
+        shared,
+        buffers,
+        count,
+        shader::fits_by_tables(k),
+    )
+}
+
+/// A chunk's own buffers.
+struct Buffers {
+    chunk: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+    hits: wgpu::Buffer,
+    matte: wgpu::Buffer,
+    residual: wgpu::Buffer,
+    /// What the asset stores, where a surfel has two sides.
+    stored: Option<wgpu::Buffer>,
+    irradiance: wgpu::Buffer,
+    tau: wgpu::Buffer,
+    unseen: wgpu::Buffer,
+    relit: wgpu::Buffer,
+}
+
+/// The passes' bindings for a chunk.
+fn bind(
+    context: &Context,
+    passes: &Passes,
+    shared: &Shared,
+    buffers: Buffers,
+    count: usize,
+    fits_by_tables: bool,
+) -> Chunk {
+    let Shared {
+        settings,
+        beams,
+        directions,
+        tables,
+        radiance,
+    } = shared;
+    let Buffers {
+        chunk,
+        surfels,
+        hits,
+        matte,
+        residual,
+        stored,
+        irradiance,
+        tau,
+        unseen,
+        relit,
+    } = buffers;
+    let bounce = |from: usize| {
+        let bindings = [
+            (0, &chunk),
+            (1, settings),
+            (3, directions),
+            (4, &surfels),
+            (5, &hits),
+            (8, &irradiance),
+            (9, &radiance[from]),
+            (10, &radiance[1 - from]),
+            (11, &tau),
+        ];
+        context.bind(&passes.bounce, &bindings)
+    };
+    let mut finish = vec![
+        (0, &chunk),
+        (1, settings),
+        (2, beams),
+        (3, directions),
+        (4, &surfels),
+        (5, &hits),
+        (9, &radiance[TURNS % 2]),
+        (11, &tau),
+        (12, &matte),
+        (13, &residual),
+        (14, &relit),
+        (17, &unseen),
+    ];
+    if fits_by_tables {
+        finish.push((16, tables));
+    }
+    Chunk {
+        count,
+        gather: context.bind(
+            &passes.gather,
+            &[
+                (0, &chunk),
+                (1, settings),
+                (2, beams),
+                (4, &surfels),
+                (8, &irradiance),
+                (10, &radiance[0]),
+            ],
+        ),
+        bounce: [bounce(0), bounce(1)],
+        finish: context.bind(&passes.finish, &finish),
+        add_back: stored.zip(passes.add_back.as_ref()).map(|(stored, pass)| {
+            context.bind(
+                pass,
+                &[
+                    (0, &chunk),
+                    (1, settings),
+                    (4, &surfels),
+                    (11, &tau),
+                    (14, &relit),
+                    (15, &stored),
+                    (16, tables),
+                    (17, &unseen),
+                ],
+            )
+        }),
+        parameters: chunk,
+        surfels,
+        irradiance,
+        unseen,
+        tau,
+        relit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use transplat_core::transfer::directional::Nodes;
+
+    #[test]
+    fn structs_match_the_shader() {
+        let source = shader::transfer_directional(&Nodes::new(3), Encoding::Stored);
+        for (name, fields, size) in [
+            (
+                "DirectionalChunk",
+                DirectionalChunk::FIELDS,
+                size_of::<DirectionalChunk>(),
+            ),
+            (
+                "DirectionalSettings",
+                DirectionalSettings::FIELDS,
+                size_of::<DirectionalSettings>(),
+            ),
+            (
+                "DirectionalBeam",
+                DirectionalBeam::FIELDS,
+                size_of::<DirectionalBeam>(),
+            ),
+            (
+                "DirectionalSurfel",
+                DirectionalSurfel::FIELDS,
+                size_of::<DirectionalSurfel>(),
+            ),
+        ] {
+            crate::layout::check(&source, name, fields, size);
+        }
+    }
+}

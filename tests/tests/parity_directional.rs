@@ -1,0 +1,268 @@
+//! The directional method on the GPU against its CPU twin; that is held against the f64 oracle next to it.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::patches::{DIRECTIONS, Found};
+use transplat_core::color::Encoding;
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::progress::no_progress;
+use transplat_core::scenes;
+use transplat_core::settings::skips::Skips;
+use transplat_core::settings::{Method, Terms, TransferSettings};
+use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::directional::{
+    DirectionalAsset, DirectionalLight, DirectionalTransfer,
+};
+use transplat_core::transfer::{Part, Relit};
+use transplat_gpu::bake::directional::GpuTracer;
+use transplat_gpu::transfer::directional::GpuDirectional;
+use transplat_gpu::{Context, GpuError};
+use transplat_tests::gpu;
+
+/// A gradient with a sun, and its colours.
+fn sky(toward_sun: DVec3, tint: [f32; 3]) -> Illumination {
+    let plain = EnvironmentMap::new(256, 128, vec![[0.0; 3]; 256 * 128]);
+    let pixels = (0..256 * 128)
+        .map(|i| {
+            let d = DVec3::from_array(plain.direction(i % 256, i / 256));
+            let sun = if d.dot(toward_sun) > 0.9994 {
+                300.0
+            } else {
+                0.0
+            };
+            tint.map(|t| t * ((1.2 + d.z) as f32 + sun))
+        })
+        .collect();
+    Illumination::of(&EnvironmentMap::new(256, 128, pixels), 8)
+}
+
+fn sun() -> DVec3 {
+    DVec3::new(0.4, 0.2, 0.9).normalize()
+}
+
+fn prepare(cloud: &SurfelCloud, settings: &TransferSettings) -> Arc<DirectionalTransfer> {
+    let bake = DirectionalBake::bake(cloud, &no_progress).expect("not cancelled");
+    let asset = Arc::new(DirectionalAsset::new(
+        cloud,
+        Arc::new(bake),
+        &Skips::default(),
+    ));
+    let source = sky(sun(), [1.0, 0.9, 0.8]);
+    Arc::new(DirectionalTransfer::new(&asset, &source, settings).expect("with beams"))
+}
+
+fn relit_on_both(
+    gpu: &Arc<Context>,
+    prepared: &Arc<DirectionalTransfer>,
+    target: &DirectionalLight,
+) -> (Relit, Relit) {
+    let on_gpu = GpuDirectional::new(gpu, prepared).expect("the driver works");
+    on_gpu
+        .relight(target, Part::Whole)
+        .expect("the driver works");
+    let got = on_gpu.read().expect("the driver works");
+    (prepared.relight(target.clone(), Part::Whole), got)
+}
+
+/// Median, and what 99 % of the surfels stay below, of the largest difference of a surfel relative to the brightest colour.
+fn differences(cpu: &Relit, gpu: &Relit, k: usize) -> [f32; 2] {
+    assert_eq!(cpu.sh.len(), gpu.sh.len());
+    let size = cpu.sh.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
+    let mut all: Vec<f32> = cpu
+        .sh
+        .chunks_exact(k)
+        .zip(gpu.sh.chunks_exact(k))
+        .map(|(c, g)| {
+            let pairs = c.iter().flatten().zip(g.iter().flatten());
+            pairs.fold(0f32, |a, (c, g)| a.max((c - g).abs())) / size.max(1e-9)
+        })
+        .collect();
+    all.sort_by(f32::total_cmp);
+    [all[all.len() / 2], all[all.len() * 99 / 100]]
+}
+
+#[test]
+fn transfer() {
+    let gpu = gpu();
+    let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
+    for (degree, encoding) in [
+        (3, Encoding::Stored),
+        (0, Encoding::Stored),
+        (2, Encoding::Linear),
+        (4, Encoding::StoredLinear),
+        (5, Encoding::Stored),
+    ] {
+        let mut cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), degree);
+        cloud.encoding = encoding;
+        let k = coefficient_count(degree);
+        let whole = TransferSettings::default();
+        let prepared = prepare(&cloud, &whole);
+        assert!(prepared.glossy_surfels > 100 || degree == 0);
+        let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
+        let target = prepared.light(light.for_directional().expect("with beams"));
+        // Parts before the whole, to see that nothing is left of the light before.
+        for part in [Part::Diffuse, Part::Specular, Part::Whole] {
+            let cpu = prepared.relight(target.clone(), part);
+            on_gpu.relight(&target, part).expect("the driver works");
+            let got = on_gpu.read().expect("the driver works");
+            assert_eq!(got.encoding, cpu.encoding);
+            let [median, most] = differences(&cpu, &got, k);
+            println!("best {degree} {encoding:?} {part:?}: median {median:.1e}, 99 % {most:.1e}");
+            // f32 sums of a few hundred terms in another order; a sun's ray that grazes a rim may fall on either side.
+            assert!(median < 1e-5 && most < 1e-4, "{median} {most}");
+            let tau = got.tau.iter().flatten().zip(cpu.tau.iter().flatten());
+            let off = tau.filter(|(g, c)| (*g - *c).abs() > 1e-4 * (1.0 + c.abs()));
+            assert!(off.count() * 100 < got.tau.len());
+        }
+    }
+}
+
+#[test]
+fn transfer_without_each_term() {
+    let gpu = gpu();
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 1);
+    let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
+    let mut seen = Vec::new();
+    let terms = Terms::of_method(Method::Directional).map(|t| t.name);
+    for off in terms.chain([""]) {
+        let mut settings = TransferSettings::default();
+        if !off.is_empty() {
+            settings = settings.without(off).expect("a term of the preset");
+        }
+        let prepared = prepare(&cloud, &settings);
+        let target = prepared.light(light.for_directional().expect("with beams"));
+        let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
+        let [median, most] = differences(&cpu, &got, 4);
+        println!("best without {off:?}: median {median:.1e}, 99 % {most:.1e}");
+        assert!(
+            median < 1e-5 && most < 1e-4,
+            "without {off}: {median} {most}"
+        );
+        // Each term changes the picture.
+        assert!(seen.iter().all(|other| other != &got.sh));
+        seen.push(got.sh);
+    }
+}
+
+#[test]
+fn chunks_see_each_other() {
+    let gpu = gpu();
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
+    let prepared = prepare(&cloud, &TransferSettings::default());
+    let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
+    let target = prepared.light(light.for_directional().expect("with beams"));
+    let cpu = prepared.relight(target.clone(), Part::Whole);
+    // The last chunk is a short one.
+    let on_gpu = GpuDirectional::in_chunks(&gpu, &prepared, 192).expect("the driver works");
+    on_gpu
+        .relight(&target, Part::Whole)
+        .expect("the driver works");
+    let [median, most] = differences(&cpu, &on_gpu.read().expect("the driver works"), 9);
+    assert!(median < 1e-5 && most < 1e-4, "{median} {most}");
+}
+
+#[test]
+fn no_surfel_at_all_and_a_single_one() {
+    let gpu = gpu();
+    let light = sky(sun(), [1.0; 3]);
+    for n in [0, 1] {
+        let mut cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::Z], 0.1);
+        if n == 0 {
+            cloud = scenes::from_points(&[], &[], 0.1);
+        }
+        let prepared = prepare(&cloud, &TransferSettings::default());
+        let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
+        let target = prepared.light(light.for_directional().expect("with beams"));
+        on_gpu
+            .relight(&target, Part::Whole)
+            .expect("the driver works");
+        let got = on_gpu.read().expect("the driver works");
+        assert_eq!(got.tau.len(), n);
+        let cpu = prepared.relight(target, Part::Whole);
+        for (g, c) in got.sh.iter().flatten().zip(cpu.sh.iter().flatten()) {
+            assert!((g - c).abs() < 1e-5 * (1.0 + c.abs()), "{g} {c}");
+        }
+    }
+}
+
+#[test]
+fn bake() {
+    let gpu = gpu();
+    let mut cloud = scenes::mirroring_ball_plate_and_sheet(Vec3::Z, 0);
+    // One that casts no shadow, and one that covers all.
+    cloud.opacities[3] = 0.1;
+    cloud.scales[5] = glam::Vec2::splat(0.8);
+    let cpu = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
+    let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("not cancelled");
+    let on_gpu = GpuTracer::new(&gpu, &tracer).expect("the driver works");
+    let by = |patches: &[usize],
+              found: &mut [Found],
+              progress: transplat_core::progress::Progress<'_>| {
+        on_gpu
+            .trace(patches, found, progress)
+            .expect("the driver works");
+        Ok::<(), transplat_core::Error>(())
+    };
+    let previews = std::cell::Cell::new(0);
+    let got = DirectionalBake::bake_by(
+        &cloud,
+        &tracer,
+        (&[8, 2, 1], &Skips::default()),
+        by,
+        &no_progress,
+        |_, _| previews.set(previews.get() + 1),
+    )
+    .expect("not cancelled");
+    assert_eq!(previews.get(), 2);
+    let (mut rays, mut hits) = (0, 0);
+    for i in 0..cloud.len() {
+        rays += (0..DIRECTIONS)
+            .filter(|j| cpu.is_open(i, *j) != got.is_open(i, *j))
+            .count();
+        for (c, g) in cpu.hits_of(i).iter().zip(got.hits_of(i)) {
+            // Of discs in one plane either may be met first.
+            let [a, b] = [c, g].map(|h| h.surfel());
+            let apart = cloud.positions[a] - cloud.positions[b];
+            let plane = apart.dot(cloud.stored_normal(a)).abs() < 1e-4
+                && cloud.stored_normal(a).dot(cloud.stored_normal(b)).abs() > 0.9999;
+            hits += usize::from(c.patch() != g.patch() || !plane);
+        }
+        hits += cpu.hits_of(i).len().abs_diff(got.hits_of(i).len());
+    }
+    println!(
+        "bake for best: {rays} of {} rays and {hits} of {} hits differ from the CPU",
+        cloud.len() * DIRECTIONS,
+        cpu.hits.len()
+    );
+    // A ray that grazes a rim may round to either side of it.
+    assert!(rays * 2000 < cloud.len() * DIRECTIONS);
+    assert!(hits * 1000 < cpu.hits.len());
+    let stop = |_| ControlFlow::Break(());
+    let mut found = vec![Found::default(); cloud.len()];
+    let stopped = on_gpu.trace(&[0, 1], &mut found, &stop);
+    assert!(matches!(stopped, Err(GpuError::Cancelled)));
+}
+
+#[test]
+fn transfer_of_which_half_is_believed() {
+    let gpu = gpu();
+    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
+    let whole = prepare(&cloud, &TransferSettings::default());
+    let source = Illumination {
+        trust: 0.5,
+        ..sky(sun(), [1.0, 0.9, 0.8])
+    };
+    let half =
+        DirectionalTransfer::new(&whole.asset, &source, &whole.settings).expect("with beams");
+    let half = Arc::new(half);
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
+    let target = half.light(target.for_directional().expect("with beams"));
+    let (cpu, got) = relit_on_both(&gpu, &half, &target);
+    let [median, most] = differences(&cpu, &got, 9);
+    // Powers are exact to a few units in the last place; the rest as for the other transfers.
+    assert!(median < 1e-5 && most < 1e-4, "{median} {most}");
+}
