@@ -121,7 +121,8 @@ pub struct LightArgs {
     /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
     #[arg(long, value_name = "ENV|even|estimate")]
     pub target: Vec<PathBuf>,
-    /// Which mathematics [default: best]
+    /// Which mathematics: best sums over directions (the directional method), paper takes products of spherical harmonics (the harmonic
+    /// method) [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_method)]
     pub preset: Option<Method>,
     /// Degree of the light used, 0 to 8, where that is an SH series (preset paper) [default: 3]

@@ -12,6 +12,7 @@ mod scene;
 mod sweep;
 mod truth;
 pub mod viewer;
+mod words;
 
 use std::process::ExitCode;
 

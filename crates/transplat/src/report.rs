@@ -9,6 +9,7 @@ use transplat_core::settings::skips::{Skipped, Stage};
 
 use crate::cli::OutputArgs;
 use crate::savings::Saved;
+use crate::words::milliseconds;
 
 /// Gathers what is told at the end.
 pub struct Report {
@@ -200,17 +201,6 @@ fn compared(stops: f32) -> String {
     }
     let word = if stops < 0.0 { "darker" } else { "brighter" };
     format!("{:.1} stops {word} than", stops.abs())
-}
-
-/// A time for people.
-pub fn milliseconds(ms: f64) -> String {
-    if ms >= 1000.0 {
-        format!("{:.1} s", ms / 1000.0)
-    } else if ms >= 10.0 {
-        format!("{ms:.0} ms")
-    } else {
-        format!("{ms:.1} ms")
-    }
 }
 
 /// The most memory this process ever held, where the system tells (Linux).

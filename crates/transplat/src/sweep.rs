@@ -5,8 +5,8 @@
 
 mod reference;
 mod settings;
+mod subject;
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -22,22 +22,9 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::device::Device;
-use crate::truth::views::Views;
 use reference::Reference;
 pub use settings::{MapBake, Setting};
-
-/// What is measured.
-pub struct Subject {
-    pub cloud: Arc<SurfelCloud>,
-    /// The target light as its file has it, where reading it is to be measured.
-    pub map: Option<EnvironmentMap>,
-    /// Source and target as the asset sees them.
-    pub lights: [Illumination; 2],
-    /// Truth, where there is any.
-    pub views: Option<Views>,
-    /// Bakes of the whole asset that are there already.
-    pub bakes: Vec<Bake>,
-}
+pub use subject::{Effort, Numeric, Subject};
 
 /// One setting of one stage on one device.
 #[derive(Clone, Debug)]
@@ -52,16 +39,6 @@ pub struct Point {
     pub psnr_truth: Option<f64>,
     /// Whether nothing that was measured is both quicker and nearer.
     pub on_front: bool,
-}
-
-/// How far a result is from the f64 oracle's.
-#[derive(Clone, Copy, Debug)]
-pub struct Numeric {
-    /// L2 norm of the difference over that of the oracle's.
-    pub rel_l2: f64,
-    pub max_abs: f64,
-    /// Of the picture, in dB; none where there is none.
-    pub psnr: Option<f64>,
 }
 
 /// The stages that are measured.
@@ -103,15 +80,6 @@ fn timed<T>(mut work: impl FnMut() -> Result<T>) -> Result<(T, Timing)> {
             spread_ms: (times.len() > 2).then_some(spread),
         },
     ))
-}
-
-/// How much is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effort {
-    /// What the viewer offers to change.
-    Offered,
-    Quick,
-    Full,
 }
 
 /// Measures, and tells how far it is; a `Break` ends it.

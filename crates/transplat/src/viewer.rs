@@ -4,6 +4,7 @@ mod actions;
 mod adapter;
 mod annotations;
 mod app;
+mod asset;
 mod baking;
 mod estimating;
 mod export;
@@ -28,6 +29,7 @@ mod shortcuts;
 mod stages;
 mod viewport;
 mod widgets;
+mod window;
 
 use std::sync::Arc;
 

@@ -9,14 +9,12 @@ mod truth;
 mod unknown;
 mod variants;
 
-use std::io::Write as _;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use transplat_core::files::load_environment;
-use transplat_core::files::write_atomically;
 use transplat_core::look::{Look, is_file};
 use transplat_core::settings::Method;
 use transplat_gpu::Context as GpuContext;
@@ -31,7 +29,7 @@ use crate::sweep::{self, Effort, Subject, Sweep};
 use crate::truth::TruthObject;
 use crate::truth::views::{Views, light};
 
-use page::Page;
+use page::{Page, write};
 
 /// What the page is called, beside the tables.
 const PAGE: &str = "report.html";
@@ -250,10 +248,4 @@ fn error_against_time(
     let words = sweep::in_words(&points);
     time::onto(page, &points, &words)?;
     Ok(time::summary(&points, &words))
-}
-
-fn write(path: &Path, text: &str) -> Result<()> {
-    Ok(write_atomically(path, |out| {
-        out.write_all(text.as_bytes())
-    })?)
 }

@@ -14,7 +14,7 @@ use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;
 
-use super::{Effort, Subject};
+use super::subject::{Effort, Subject};
 use crate::device::Device;
 
 /// Samples that the paper projects a reflection by.

@@ -1,9 +1,9 @@
-//! The window: menus, panels, shelf, viewport, status; keys and drops.
+//! What the window works on, and what is done to it: files and drops.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use eframe::egui::{self, Key, Ui};
+use eframe::egui::{self};
 use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::left_out;
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
@@ -11,23 +11,20 @@ use transplat_core::settings::skips::{Skipped, Stage};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
+use super::asset::{Capture, Reading, Settings};
 use super::export::{self, Task};
-use super::files::{Dialog, ask};
-use super::jobs::Kind;
-use super::opening::{Capture, Reading, Settings};
-use super::overlays::PathField;
-use super::panels;
+use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::probes::Probe;
 use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
-use super::shelf::{self, Shelf};
+use super::shelf::Shelf;
 use super::viewport::Viewport;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::savings::Saved;
 use crate::scene;
 
 /// Where the preferences are kept.
-const STORAGE_KEY: &str = "preferences";
+pub(super) const STORAGE_KEY: &str = "preferences";
 
 /// How long a drop waits for the pointer to tell where it was let go, in seconds.
 const DROP_WAIT_S: f64 = 0.15;
@@ -245,7 +242,7 @@ impl Viewer {
         self.session.open(&path);
     }
 
-    fn open_dropped(&mut self, context: &egui::Context) {
+    pub(super) fn open_dropped(&mut self, context: &egui::Context) {
         let now = context.input(|i| i.time);
         let dropped = context.input(|i| i.raw.dropped_files.clone());
         if !dropped.is_empty() {
@@ -349,7 +346,7 @@ impl Viewer {
         &mut self.preferences.export
     }
 
-    fn deal_with(&mut self, event: Event) {
+    pub(super) fn deal_with(&mut self, event: Event) {
         match event {
             Event::Files(paths) => {
                 for path in paths {
@@ -395,7 +392,7 @@ impl Viewer {
     }
 
     /// What the user opened is recent once it has proven good.
-    fn remember_opened(&mut self) {
+    pub(super) fn remember_opened(&mut self) {
         for path in std::mem::take(&mut self.session.opened) {
             if self.unproven.contains(&path) {
                 self.unproven.retain(|p| *p != path);
@@ -405,7 +402,7 @@ impl Viewer {
     }
 
     /// What lights a side is on the shelf too, wherever it came from.
-    fn shelve_lights(&mut self) {
+    pub(super) fn shelve_lights(&mut self) {
         for side in [SOURCE, TARGET] {
             let light = &self.session.sides[side];
             if light.is_file() && self.last_lights[side] != light.id {
@@ -490,12 +487,10 @@ impl Viewer {
         }
     }
 
-    // ---- keys ----
-
     // ---- parts of the window ----
 
     /// A device that is gone takes the window with it; the look is kept.
-    fn check_device(&mut self, context: &egui::Context) {
+    pub(super) fn check_device(&mut self, context: &egui::Context) {
         if self.lost || !self.session.context.is_lost() {
             return;
         }
@@ -515,72 +510,5 @@ impl Viewer {
         }
         *self.fatal.lock().unwrap_or_else(|p| p.into_inner()) = Some(text);
         context.send_viewport_cmd(egui::ViewportCommand::Close);
-    }
-}
-
-impl eframe::App for Viewer {
-    fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
-        self.check_device(context);
-        self.open_dropped(context);
-        self.keys(context);
-        for event in self.session.update() {
-            self.deal_with(event);
-        }
-        if std::mem::take(&mut self.shelf.wants_files) {
-            ask(&mut self.session, Dialog::Open);
-        }
-        let time = context.input(|i| i.time);
-        // While a splat is loading, its look is still to come.
-        if !self.session.jobs.is_running(Kind::Load) {
-            self.undoer.feed_state(time, &self.session.look);
-        }
-        self.shelve_lights();
-        self.remember_opened();
-        let title = match &self.session.asset {
-            Some(asset) => format!("{} – transplat", asset.name()),
-            None => "transplat".into(),
-        };
-        if self.title != title {
-            context.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
-            self.title = title;
-        }
-    }
-
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        egui::Panel::top("menus").show(ui, |ui| self.menus(ui));
-        egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
-        egui::Panel::bottom("shelf")
-            .exact_size(shelf::HEIGHT)
-            .show(ui, |ui| self.shelf.show(ui, &mut self.session));
-        if self.show_panels {
-            egui::Panel::right("panels")
-                .default_size(300.0)
-                .size_range(240.0..=460.0)
-                .show(ui, |ui| panels::show(ui, self));
-        }
-        let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
-        egui::CentralPanel::no_frame().show(ui, |ui| {
-            self.viewport.show(ui, &mut self.session, hold_before);
-        });
-        let context = ui.ctx().clone();
-        self.light_probes(&context);
-        self.jobs_and_messages(&context);
-        self.path_window(&context);
-        self.replace_window(&context);
-        self.sheet_of_shortcuts(&context);
-        self.drop_hint(&context);
-    }
-
-    fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        // Settings of one command line are for once.
-        if !self.settings_for_once {
-            self.preferences.keep(&self.session.look);
-        }
-        self.preferences.grid = self.session.grid;
-        let absent = self.shelf.absent.iter();
-        self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());
-        if let Ok(text) = serde_json::to_string(&self.preferences) {
-            storage.set_string(STORAGE_KEY, text);
-        }
     }
 }

@@ -5,6 +5,25 @@ use std::time::Instant;
 use super::jobs::{Handle, Kind};
 use super::session::{Event, SaveKind, Session};
 
+/// What the window "By path" asks for.
+pub struct PathField {
+    pub text: String,
+    /// Whether it gets the keyboard.
+    pub is_new: bool,
+    /// Why it was opened, if not by the user.
+    pub note: Option<&'static str>,
+}
+
+impl PathField {
+    pub fn new(note: Option<&'static str>) -> Self {
+        Self {
+            text: String::new(),
+            is_new: true,
+            note,
+        }
+    }
+}
+
 /// What a file dialog is for.
 #[derive(Clone, Debug)]
 pub enum Dialog {

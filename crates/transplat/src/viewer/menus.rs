@@ -7,10 +7,9 @@ use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::View;
 
 use super::app::Viewer;
+use super::asset::Settings;
 use super::export::Task;
-use super::files::{Dialog, ask};
-use super::opening::Settings;
-use super::overlays::PathField;
+use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};

@@ -4,150 +4,24 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use glam::Vec3;
-use transplat_core::camera::CameraPose;
-use transplat_core::color::Encoding;
-use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::ground::ground_plane;
 use transplat_core::look::{ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
-use transplat_core::surfels::{Hide, SurfelCloud, UpAxis, is_faint};
+use transplat_core::surfels::{SurfelCloud, is_faint};
 use transplat_core::transfer::TransferAsset;
 use transplat_gpu::live::LiveAsset;
 
+use super::asset::{Asset, LoadedAsset, Settings};
 use super::estimating::{DROP_IT, kept_estimate};
 use super::jobs::{Handle, Kind};
 use super::lights::{Light, light_name};
 use super::navigation;
-use super::session::{Asset, Event, SOURCE, Session, TARGET};
+use super::session::{Event, SOURCE, Session, TARGET};
 use crate::scene::asset_warnings;
 
 /// Environments that are read at the same time.
 const LIGHTS_AT_ONCE: usize = 2;
-
-/// A loaded asset on its way to the screen.
-pub struct LoadedAsset {
-    pub asset: Asset,
-    pub live: LiveAsset,
-    pub transfer: TransferAsset,
-    /// What was kept of an estimate of its light.
-    pub estimate: Option<Estimate>,
-    pub settings: Settings,
-    /// The settings as they were when it was asked for.
-    pub asked: Look,
-}
-
-/// What a splat is opened with.
-#[derive(Clone, Debug)]
-pub enum Settings {
-    /// What is told of its capture; everything else stays as it is when the splat is there, and so does what was changed meanwhile.
-    Capture(Box<Capture>),
-    /// The open splat again, read otherwise.
-    Again(Reading),
-    /// All settings.
-    Look(Box<Look>),
-}
-
-/// What of the settings the splat itself is: another one, and it is loaded again.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reading {
-    /// Whether its colour is linear.
-    pub linear: bool,
-    /// Places that see its outside.
-    pub outside_from: Vec<Vec3>,
-}
-
-impl Reading {
-    /// As a look has it.
-    pub fn of(look: &Look) -> Self {
-        Self {
-            linear: look.linear,
-            outside_from: look.outside_from.clone(),
-        }
-    }
-
-    /// As an open splat has it.
-    pub fn of_cloud(cloud: &SurfelCloud) -> Self {
-        Self {
-            linear: cloud.encoding == Encoding::StoredLinear,
-            outside_from: cloud.outside_from.clone(),
-        }
-    }
-
-    /// That look, the splat read so.
-    pub fn over(self, look: Look) -> Look {
-        Look {
-            linear: self.linear,
-            outside_from: self.outside_from,
-            ..look
-        }
-    }
-}
-
-/// What is told of a splat's capture.
-#[derive(Clone, Debug)]
-pub struct Capture {
-    /// Its light; estimated from the splat where nobody knows it.
-    pub source: LightSettings,
-    /// Its up axis, where the file is not to be believed.
-    pub up: Option<UpAxis>,
-    /// How it is read.
-    pub reading: Reading,
-    /// What of it is hidden.
-    pub hide: Hide,
-    /// Where it is looked at from; all of it otherwise.
-    pub camera: Option<CameraPose>,
-}
-
-impl Default for Capture {
-    fn default() -> Self {
-        Self {
-            source: LightSettings::of(ESTIMATE),
-            up: None,
-            reading: Reading::default(),
-            hide: Hide::default(),
-            camera: None,
-        }
-    }
-}
-
-impl Settings {
-    fn reading(&self) -> Reading {
-        match self {
-            Self::Capture(capture) => capture.reading.clone(),
-            Self::Again(reading) => reading.clone(),
-            Self::Look(look) => Reading::of(look),
-        }
-    }
-
-    /// The look that the splat is shown with, given that of when it was asked for and that of now.
-    pub fn over(self, asked: &Look, now: &Look, pose: CameraPose) -> Look {
-        /// What the user changed while the splat was loading wins.
-        fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
-            if *asked == now { new } else { now }
-        }
-        let now = now.clone();
-        match self {
-            Self::Capture(capture) => {
-                let [before, after] = [asked, &now].map(Reading::of);
-                kept(capture.reading, &before, after).over(Look {
-                    source: kept(capture.source, &asked.source, now.source),
-                    up: kept(capture.up, &asked.up, now.up),
-                    hide: kept(capture.hide, &asked.hide, now.hide),
-                    camera: capture.camera,
-                    ..now
-                })
-            }
-            // What was asked for meanwhile is loaded next.
-            Self::Again(_) => Look {
-                camera: Some(pose),
-                ..now
-            },
-            Self::Look(look) => *look,
-        }
-    }
-}
 
 fn never_seen(cloud: &SurfelCloud) -> usize {
     let opacities = cloud.opacities.iter();

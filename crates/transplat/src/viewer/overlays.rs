@@ -13,7 +13,7 @@ use super::probes::{Key as ProbeKey, Probe};
 use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::thousands;
-use crate::report::milliseconds;
+use crate::words::milliseconds;
 
 /// How long a message stays that is no error, in seconds.
 const MESSAGE_S: f32 = 7.0;
@@ -352,25 +352,6 @@ impl Viewer {
             egui::FontId::proportional(20.0),
             Color32::WHITE,
         );
-    }
-}
-
-/// What the window "By path" asks for.
-pub struct PathField {
-    pub text: String,
-    /// Whether it gets the keyboard.
-    pub is_new: bool,
-    /// Why it was opened, if not by the user.
-    pub note: Option<&'static str>,
-}
-
-impl PathField {
-    pub fn new(note: Option<&'static str>) -> Self {
-        Self {
-            text: String::new(),
-            is_new: true,
-            note,
-        }
     }
 }
 

@@ -11,14 +11,13 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
-use transplat_core::files::AssetFile;
 use transplat_core::ground::Ground;
 use transplat_core::left_out;
 use transplat_core::look::{EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
 use transplat_core::settings::skips::Skipped;
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
+use transplat_core::surfels::{Hide, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 use transplat_gpu::Context;
 use transplat_gpu::live::{Live, LiveTransfer, Passes};
@@ -26,41 +25,13 @@ use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
+use super::asset::{Asset, LoadedAsset, Reading};
 use super::baking::Baked;
 use super::jobs::Jobs;
 use super::lights::Light;
-use super::opening::{LoadedAsset, Reading};
 use super::oriented::{OrientedLight, OrientedLights};
 use crate::savings::{Saved, Savings};
 use crate::sweep::{Point, in_words};
-
-/// An asset as it is open.
-pub struct Asset {
-    pub path: PathBuf,
-    pub cloud: Arc<SurfelCloud>,
-    pub file: Arc<AssetFile>,
-    pub bounds: Bounds,
-    pub warnings: Vec<String>,
-    pub load_ms: f64,
-    /// Surfels that are too faint to be seen, or broken.
-    pub never_seen: usize,
-    /// Up axis as the file says it.
-    pub file_up: UpAxis,
-    /// Up axis that the ground is made for.
-    pub up: UpAxis,
-    pub ground: (glam::Vec3, [glam::Vec3; 2]),
-}
-
-impl Asset {
-    /// For the user.
-    pub fn name(&self) -> String {
-        self.path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    }
-}
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = ["captured under", "relit by"];

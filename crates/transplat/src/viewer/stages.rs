@@ -16,10 +16,10 @@ use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
 use transplat_gpu::{Context, GpuError};
 
+use super::asset::{Reading, Settings};
 use super::baking::{self, Baked};
 use super::jobs::{Handle, Kind, beside_the_rest};
 use super::lights::load_map;
-use super::opening::{Reading, Settings};
 use super::session::{
     BackdropKey, Event, PrepareKey, Prepared, RelitBy, RelitKey, SOURCE, Session, TARGET,
 };

@@ -12,9 +12,8 @@ use transplat_core::progress::no_progress;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use super::page::{Dot, Page, Plot};
+use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
-use super::write;
 use crate::cli::ReportArgs;
 use crate::device::Device;
 use crate::report::Report;

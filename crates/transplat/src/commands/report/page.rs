@@ -1,12 +1,15 @@
 //! The report as one self-contained page: HTML with its plots in SVG.
 
 use std::fmt::Write;
+use std::io::Write as _;
+use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use transplat_core::files::write_atomically;
 
 /// A page that grows from top to bottom.
 pub struct Page {
@@ -316,6 +319,12 @@ fn number(v: f64) -> String {
         write!(out, "{v:.0}")
     };
     out
+}
+
+/// Writes a file of the report.
+pub fn write(path: &Path, text: &str) -> Result<()> {
+    let text = text.as_bytes();
+    Ok(write_atomically(path, |out| out.write_all(text))?)
 }
 
 #[cfg(test)]

@@ -5,9 +5,8 @@ use std::ops::ControlFlow;
 
 use anyhow::Result;
 
-use super::page::Page;
+use super::page::{Page, write};
 use super::tables::quoted;
-use super::write;
 use crate::cli::ReportArgs;
 use crate::report::Report;
 use crate::savings::{self, Saved, Savings};

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::variants::Variant;
-use crate::report::milliseconds;
+use crate::words::milliseconds;
 
 /// One pair of source and target, relit by one variant.
 #[derive(Clone, Debug)]

@@ -16,10 +16,10 @@ use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
+use super::page::write;
 use super::tables::{RoundTrip, Row, ToldOfLight, csv, markdown};
 use super::unknown::Unknown;
 use super::variants::Variant;
-use super::write;
 use crate::cli::ReportArgs;
 use crate::commands::make_folder;
 use crate::device::Device;

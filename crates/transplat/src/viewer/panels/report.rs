@@ -2,11 +2,11 @@
 
 use eframe::egui::{self, Align, Button, Ui};
 
-use crate::report::milliseconds;
 use crate::sweep::{Point, Stage};
 use crate::viewer::app::Viewer;
 use crate::viewer::jobs::Kind;
 use crate::viewer::widgets::{fact, thousands};
+use crate::words::milliseconds;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &viewer.session;

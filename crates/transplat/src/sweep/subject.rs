@@ -1,0 +1,41 @@
+//! What is measured, and how much.
+
+use std::sync::Arc;
+
+use transplat_core::bake::Bake;
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::surfels::SurfelCloud;
+
+use crate::truth::views::Views;
+
+/// What is measured.
+pub struct Subject {
+    pub cloud: Arc<SurfelCloud>,
+    /// The target light as its file has it, where reading it is to be measured.
+    pub map: Option<EnvironmentMap>,
+    /// Source and target as the asset sees them.
+    pub lights: [Illumination; 2],
+    /// Truth, where there is any.
+    pub views: Option<Views>,
+    /// Bakes of the whole asset that are there already.
+    pub bakes: Vec<Bake>,
+}
+
+/// How far a result is from the f64 oracle's.
+#[derive(Clone, Copy, Debug)]
+pub struct Numeric {
+    /// L2 norm of the difference over that of the oracle's.
+    pub rel_l2: f64,
+    pub max_abs: f64,
+    /// Of the picture, in dB; none where there is none.
+    pub psnr: Option<f64>,
+}
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// What the viewer offers to change.
+    Offered,
+    Quick,
+    Full,
+}

@@ -1,0 +1,76 @@
+//! The window: menus, panels, shelf, viewport, status.
+
+use eframe::egui::{self, Key, Ui};
+
+use super::app::{STORAGE_KEY, Viewer};
+use super::files::{Dialog, ask};
+use super::jobs::Kind;
+use super::panels;
+use super::shelf;
+
+impl eframe::App for Viewer {
+    fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
+        self.check_device(context);
+        self.open_dropped(context);
+        self.keys(context);
+        for event in self.session.update() {
+            self.deal_with(event);
+        }
+        if std::mem::take(&mut self.shelf.wants_files) {
+            ask(&mut self.session, Dialog::Open);
+        }
+        let time = context.input(|i| i.time);
+        // While a splat is loading, its look is still to come.
+        if !self.session.jobs.is_running(Kind::Load) {
+            self.undoer.feed_state(time, &self.session.look);
+        }
+        self.shelve_lights();
+        self.remember_opened();
+        let title = match &self.session.asset {
+            Some(asset) => format!("{} – transplat", asset.name()),
+            None => "transplat".into(),
+        };
+        if self.title != title {
+            context.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
+    }
+
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        egui::Panel::top("menus").show(ui, |ui| self.menus(ui));
+        egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
+        egui::Panel::bottom("shelf")
+            .exact_size(shelf::HEIGHT)
+            .show(ui, |ui| self.shelf.show(ui, &mut self.session));
+        if self.show_panels {
+            egui::Panel::right("panels")
+                .default_size(300.0)
+                .size_range(240.0..=460.0)
+                .show(ui, |ui| panels::show(ui, self));
+        }
+        let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
+        egui::CentralPanel::no_frame().show(ui, |ui| {
+            self.viewport.show(ui, &mut self.session, hold_before);
+        });
+        let context = ui.ctx().clone();
+        self.light_probes(&context);
+        self.jobs_and_messages(&context);
+        self.path_window(&context);
+        self.replace_window(&context);
+        self.sheet_of_shortcuts(&context);
+        self.drop_hint(&context);
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        // Settings of one command line are for once.
+        if !self.settings_for_once {
+            self.preferences.keep(&self.session.look);
+        }
+        self.preferences.grid = self.session.grid;
+        let absent = self.shelf.absent.iter();
+        self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());
+        if let Ok(text) = serde_json::to_string(&self.preferences) {
+            storage.set_string(STORAGE_KEY, text);
+        }
+    }
+}
