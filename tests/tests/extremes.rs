@@ -4,31 +4,17 @@ use transplat_core::environment::Illumination;
 use transplat_core::extremes::{all, run};
 use transplat_core::settings::Method;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
-use transplat_gpu::transfer::directional::GpuDirectional;
-use transplat_gpu::transfer::harmonic::GpuHarmonic;
+use transplat_gpu::transfer::GpuTransfer;
 use transplat_tests::gpu;
 
 #[test]
 fn every_case_holds_on_the_gpu() {
     let gpu = gpu();
     let relight = |prepared: &PreparedTransfer, light: &Illumination| -> Result<Relit, String> {
-        Ok(match prepared {
-            PreparedTransfer::Harmonic(paper) => {
-                let on_gpu = GpuHarmonic::new(&gpu, paper).expect("the driver works");
-                on_gpu
-                    .relight(&paper.light(&light.radiance))
-                    .expect("the driver works");
-                paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
-            }
-            PreparedTransfer::Directional(best) => {
-                let on_gpu = GpuDirectional::new(&gpu, best).expect("the driver works");
-                let light = best.light(light.for_directional().map_err(|e| e.to_string())?);
-                on_gpu
-                    .relight(&light, Part::Whole)
-                    .expect("the driver works");
-                on_gpu.read().expect("the driver works")
-            }
-        })
+        let mut on_gpu = GpuTransfer::new(&gpu, prepared).expect("the driver works");
+        let submitted = on_gpu.submit(light, Part::Whole, &[]);
+        submitted.map_err(|e| e.to_string())?;
+        Ok(on_gpu.read().expect("the driver works"))
     };
     let mut failures = Vec::new();
     for case in all() {

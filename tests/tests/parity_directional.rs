@@ -65,7 +65,7 @@ fn relit_on_both(
         .relight(target, Part::Whole)
         .expect("the driver works");
     let got = on_gpu.read().expect("the driver works");
-    (prepared.relight(target.clone(), Part::Whole), got)
+    (prepared.relight(target.clone(), Part::Whole, &[]), got)
 }
 
 /// Median, and what 99 % of the surfels stay below, of the largest difference of a surfel relative to the brightest colour.
@@ -106,7 +106,7 @@ fn transfer() {
         let target = prepared.light(light.for_directional().expect("with beams"));
         // Parts before the whole, to see that nothing is left of the light before.
         for part in [Part::Diffuse, Part::Specular, Part::Whole] {
-            let cpu = prepared.relight(target.clone(), part);
+            let cpu = prepared.relight(target.clone(), part, &[]);
             on_gpu.relight(&target, part).expect("the driver works");
             let got = on_gpu.read().expect("the driver works");
             assert_eq!(got.encoding, cpu.encoding);
@@ -155,7 +155,7 @@ fn chunks_see_each_other() {
     let prepared = prepare(&cloud, &TransferSettings::default());
     let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
     let target = prepared.light(light.for_directional().expect("with beams"));
-    let cpu = prepared.relight(target.clone(), Part::Whole);
+    let cpu = prepared.relight(target.clone(), Part::Whole, &[]);
     // The last chunk is a short one.
     let on_gpu = GpuDirectional::in_chunks(&gpu, &prepared, 192).expect("the driver works");
     on_gpu
@@ -182,7 +182,7 @@ fn no_surfel_at_all_and_a_single_one() {
             .expect("the driver works");
         let got = on_gpu.read().expect("the driver works");
         assert_eq!(got.tau.len(), n);
-        let cpu = prepared.relight(target, Part::Whole);
+        let cpu = prepared.relight(target, Part::Whole, &[]);
         for (g, c) in got.sh.iter().flatten().zip(cpu.sh.iter().flatten()) {
             assert!((g - c).abs() < 1e-5 * (1.0 + c.abs()), "{g} {c}");
         }

@@ -20,8 +20,7 @@ use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::Context;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
-use transplat_gpu::transfer::directional::GpuDirectional;
-use transplat_gpu::transfer::harmonic::GpuHarmonic;
+use transplat_gpu::transfer::GpuTransfer;
 use transplat_tests::{gpu, psnr};
 
 /// A sky that is brighter on one side, in one colour; with a sun or without.
@@ -118,26 +117,14 @@ fn relit(
     unseen: &[bool],
     gpu: Option<&Arc<Context>>,
 ) -> Relit {
-    match (prepared, gpu) {
-        (_, None) => prepared
-            .relight_seen(target, Part::Whole, unseen)
-            .expect("a light for both"),
-        (PreparedTransfer::Harmonic(paper), Some(gpu)) => {
-            let on_gpu = GpuHarmonic::new(gpu, paper).expect("room for it");
-            let light = paper.light(&target.radiance);
-            on_gpu.relight(&light).expect("the driver works");
-            paper.relit(on_gpu.read().expect("the driver works"), Part::Whole)
-        }
-        (PreparedTransfer::Directional(best), Some(gpu)) => {
-            let on_gpu = GpuDirectional::new(gpu, best).expect("room for it");
-            let light = best.light(target.for_directional().expect("with beams"));
-            on_gpu.set_unseen(unseen);
-            on_gpu
-                .relight(&light, Part::Whole)
-                .expect("the driver works");
-            on_gpu.read().expect("the driver works")
-        }
-    }
+    let Some(gpu) = gpu else {
+        let relit = prepared.relight_seen(target, Part::Whole, unseen);
+        return relit.expect("a light for both");
+    };
+    let mut on_gpu = GpuTransfer::new(gpu, prepared).expect("room for it");
+    let submitted = on_gpu.submit(target, Part::Whole, unseen);
+    submitted.expect("a light for both");
+    on_gpu.read().expect("the driver works")
 }
 
 /// A picture of the case, and what was left out on the way.

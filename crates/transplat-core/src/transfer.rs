@@ -19,7 +19,7 @@ use crate::surfels::SurfelCloud;
 
 use directional::{DirectionalAsset, DirectionalTransfer};
 use harmonic::{HarmonicAsset, HarmonicTransfer};
-pub use relit::{Part, Relit};
+pub use relit::{Part, Relight, Relit};
 
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
@@ -28,6 +28,17 @@ pub enum PreparedTransfer {
     Harmonic(Arc<HarmonicTransfer>),
     /// By the directional method.
     Directional(Arc<DirectionalTransfer>),
+}
+
+impl std::ops::Deref for PreparedTransfer {
+    type Target = dyn Relight;
+
+    fn deref(&self) -> &Self::Target {
+        match self {
+            Self::Harmonic(harmonic) => &**harmonic,
+            Self::Directional(directional) => &**directional,
+        }
+    }
 }
 
 impl PreparedTransfer {
@@ -52,53 +63,6 @@ impl PreparedTransfer {
         self.relight_seen(target, part, &[])
     }
 
-    /// The same; surfels that are not seen (`[n]` or empty) may stay as captured.
-    ///
-    /// # Errors
-    /// The light was not read for the method.
-    pub fn relight_seen(
-        &self,
-        target: &Illumination,
-        part: Part,
-        unseen: &[bool],
-    ) -> Result<Relit> {
-        Ok(match self {
-            Self::Harmonic(harmonic) => harmonic.relit(harmonic.relight(&target.radiance), part),
-            Self::Directional(directional) => {
-                directional.relight_seen(directional.light(target.for_directional()?), part, unseen)
-            }
-        })
-    }
-
-    /// By how much each surfel's colour changes under a light, gloss apart. `[n]`
-    ///
-    /// # Errors
-    /// The light was not read for the method.
-    pub fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
-        Ok(match self {
-            Self::Harmonic(harmonic) => harmonic.tau(&harmonic.relight(&target.radiance)),
-            Self::Directional(directional) => {
-                directional.tau(directional.light(target.for_directional()?))
-            }
-        })
-    }
-
-    /// What target lights are multiplied by: 1 over the source's mean irradiance.
-    pub fn light_gain(&self) -> f32 {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.light_gain,
-            Self::Directional(directional) => directional.light_gain,
-        }
-    }
-
-    /// Bytes that a change of light reads, beside the asset's own colour.
-    pub fn bytes(&self) -> usize {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.bytes(),
-            Self::Directional(directional) => directional.bytes(),
-        }
-    }
-
     /// The same with all that it holds rounded to half precision: what storing it so would do to the result.
     pub fn rounded_to_half(&self) -> Self {
         match self {
@@ -106,55 +70,6 @@ impl PreparedTransfer {
             Self::Directional(directional) => {
                 Self::Directional(Arc::new(directional.rounded_to_half()))
             }
-        }
-    }
-
-    /// How many of its [`Self::bytes`] that saves.
-    pub fn bytes_saved_by_half(&self) -> usize {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.bytes_saved_by_half(),
-            Self::Directional(directional) => directional.bytes_saved_by_half(),
-        }
-    }
-
-    /// Whether the source was black, and even light was taken in its place.
-    pub fn source_was_black(&self) -> bool {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.source_was_black,
-            Self::Directional(directional) => directional.source_was_black,
-        }
-    }
-
-    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
-    pub fn epsilon_share(&self, i: usize) -> f32 {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.epsilon_share(i),
-            Self::Directional(directional) => directional.epsilon_share(i),
-        }
-    }
-
-    /// How many times surfel `i`'s colour is multiplied under a target of the source's strength that shines on it with its mean irradiance,
-    /// the worst channel: noise and error in the capture grow as much.
-    pub fn amplification(&self, i: usize) -> f32 {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.amplification(i),
-            Self::Directional(directional) => directional.amplification(i),
-        }
-    }
-
-    /// Whether the source on surfel `i` is darker than epsilon in some channel: its change is epsilon's, not the light's.
-    pub fn is_dark(&self, i: usize) -> bool {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.is_dark(i),
-            Self::Directional(directional) => directional.is_dark(i),
-        }
-    }
-
-    /// Share of surfels that are dark.
-    pub fn dark_share(&self) -> f32 {
-        match self {
-            Self::Harmonic(harmonic) => harmonic.dark_share,
-            Self::Directional(directional) => directional.dark_share(),
         }
     }
 }

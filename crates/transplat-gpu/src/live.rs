@@ -8,23 +8,20 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use transplat_core::camera::Camera;
-use transplat_core::color::{Display, Encoding};
+use transplat_core::color::Display;
 use transplat_core::environment::Illumination;
 use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
 use transplat_core::sh::with_degree;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::directional::DirectionalTransfer;
-use transplat_core::transfer::harmonic::HarmonicTransfer;
-use transplat_core::transfer::{Part, PreparedTransfer};
+use transplat_core::transfer::Part;
 
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
 use crate::rasterize::{
     GpuRasterizer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent, read_texture,
 };
-use crate::transfer::directional::GpuDirectional;
-use crate::transfer::harmonic::GpuHarmonic;
+use crate::transfer::GpuTransfer;
 
 /// How often each stage ran.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -75,116 +72,10 @@ impl LiveAsset {
     }
 }
 
-/// A prepared transfer on the GPU; made on any thread.
-pub struct LiveTransfer {
-    stage: TransferStage,
-    relit: ResidentSh,
-}
-
-enum TransferStage {
-    Harmonic {
-        transfer: Box<GpuHarmonic>,
-        prepared: Arc<HarmonicTransfer>,
-        /// Of the asset, in linear light.
-        source_dc: ResidentVectors,
-    },
-    Directional {
-        transfer: Box<GpuDirectional>,
-        prepared: Arc<DirectionalTransfer>,
-        tau: ResidentVectors,
-    },
-}
-
-impl LiveTransfer {
-    /// Uploads a prepared transfer.
-    ///
-    /// # Errors
-    /// It is too large for the adapter, or the driver failed.
-    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
-        Ok(match prepared {
-            PreparedTransfer::Harmonic(harmonic) => {
-                let transfer = Box::new(GpuHarmonic::new(context, harmonic)?);
-                let dc = harmonic.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
-                Self {
-                    relit: ResidentSh {
-                        chunks: transfer.relit(),
-                        degree: harmonic.asset_degree,
-                        encoding: Encoding::Linear,
-                    },
-                    stage: TransferStage::Harmonic {
-                        source_dc: ResidentVectors::upload(context, dc),
-                        prepared: harmonic.clone(),
-                        transfer,
-                    },
-                }
-            }
-            PreparedTransfer::Directional(directional) => {
-                let transfer = Box::new(GpuDirectional::new(context, directional)?);
-                Self {
-                    relit: ResidentSh {
-                        chunks: transfer.relit(),
-                        degree: directional.asset.nodes.degree,
-                        encoding: transfer.encoding(),
-                    },
-                    stage: TransferStage::Directional {
-                        tau: ResidentVectors(transfer.tau()),
-                        prepared: directional.clone(),
-                        transfer,
-                    },
-                }
-            }
-        })
-    }
-
-    /// Makes what a light needs that no other did, so that it does not have to be made when it comes.
-    pub fn warm_up(&self, target: &Illumination) {
-        let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
-        if let (TransferStage::Directional { transfer, .. }, true) = (&self.stage, has_suns) {
-            transfer.prepare_suns();
-        }
-    }
-
-    /// The harmonic method has all parts in one result, in bands of their own; the directional one makes the part that is wanted.
-    fn submit(
-        &self,
-        target: &Illumination,
-        part: Part,
-        unseen: &[bool],
-    ) -> transplat_core::Result<()> {
-        match &self.stage {
-            TransferStage::Harmonic {
-                transfer, prepared, ..
-            } => transfer.submit(&prepared.light(&target.radiance)),
-            TransferStage::Directional {
-                transfer, prepared, ..
-            } => {
-                transfer.set_unseen(unseen);
-                transfer.submit(&prepared.light(target.for_directional()?), part);
-            }
-        }
-        Ok(())
-    }
-
-    fn paint(&self, part: Part) -> ResidentPaint<'_> {
-        let part = match self.stage {
-            TransferStage::Harmonic { .. } => part,
-            TransferStage::Directional { .. } => Part::Whole,
-        };
-        ResidentPaint::Sh(&self.relit, part)
-    }
-
-    fn tau_paint(&self) -> ResidentPaint<'_> {
-        match &self.stage {
-            TransferStage::Harmonic { source_dc, .. } => ResidentPaint::Tau(&self.relit, source_dc),
-            TransferStage::Directional { tau, .. } => ResidentPaint::Ratio(tau),
-        }
-    }
-}
-
 /// Where what is shown relit comes from.
 enum Relit {
     /// From the GPU's own transfer.
-    Live(Box<LiveTransfer>),
+    Live(Box<GpuTransfer>),
     /// From the CPU, with the colours of the channel *tau*.
     Uploaded(ResidentSh, Vec<[f32; 3]>),
 }
@@ -192,7 +83,7 @@ enum Relit {
 impl Relit {
     fn sh(&self) -> &ResidentSh {
         match self {
-            Self::Live(transfer) => &transfer.relit,
+            Self::Live(transfer) => transfer.resident(),
             Self::Uploaded(sh, _) => sh,
         }
     }
@@ -369,7 +260,7 @@ impl Live {
     }
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
-    pub fn set_transfer(&mut self, transfer: LiveTransfer) {
+    pub fn set_transfer(&mut self, transfer: GpuTransfer) {
         self.relit = Some(Relit::Live(Box::new(transfer)));
     }
 
@@ -390,7 +281,7 @@ impl Live {
         part: Part,
         unseen: &[bool],
     ) -> transplat_core::Result<()> {
-        if let Some(Relit::Live(transfer)) = &self.relit {
+        if let Some(Relit::Live(transfer)) = &mut self.relit {
             transfer.submit(target, part, unseen)?;
             self.relit_version += 1;
             self.passes.transfer += 1;
@@ -557,7 +448,7 @@ impl Live {
         let rasterizer = &asset.rasterizer;
         let resident = match (paint, &self.relit) {
             (SidePaint::Relit(part), Some(relit)) => Some(relit.paint(part)),
-            (SidePaint::Tau, Some(Relit::Live(transfer))) => Some(transfer.tau_paint()),
+            (SidePaint::Tau, Some(Relit::Live(transfer))) => Some(transfer.ratio_paint()),
             (SidePaint::Pinned, _) => pinned.map(|(sh, _)| ResidentPaint::Sh(sh, Part::Whole)),
             (SidePaint::Stored, _) => Some(ResidentPaint::Sh(&asset.stored, Part::Whole)),
             (SidePaint::Normals, _) => Some(ResidentPaint::Normals(&asset.normals)),

@@ -2,3 +2,172 @@
 
 pub mod directional;
 pub mod harmonic;
+
+use std::sync::{Arc, OnceLock};
+
+use transplat_core::color::Encoding;
+use transplat_core::environment::Illumination;
+use transplat_core::transfer::directional::DirectionalTransfer;
+use transplat_core::transfer::harmonic::HarmonicTransfer;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+
+use crate::context::{Context, Result};
+use crate::rasterize::{ResidentPaint, ResidentSh, ResidentVectors};
+use directional::GpuDirectional;
+use harmonic::GpuHarmonic;
+
+/// A prepared transfer on the GPU, whatever the method; made on any thread.
+pub struct GpuTransfer {
+    context: Arc<Context>,
+    by: By,
+    relit: ResidentSh,
+    /// What of the colour was asked for last.
+    part: Part,
+}
+
+enum By {
+    Harmonic {
+        transfer: Box<GpuHarmonic>,
+        prepared: Arc<HarmonicTransfer>,
+        /// Of the asset, in linear light; once it is to be seen.
+        source_dc: OnceLock<ResidentVectors>,
+    },
+    Directional {
+        transfer: Box<GpuDirectional>,
+        prepared: Arc<DirectionalTransfer>,
+        tau: ResidentVectors,
+    },
+}
+
+impl GpuTransfer {
+    /// Uploads a prepared transfer.
+    ///
+    /// # Errors
+    /// It is too large for the adapter, or the driver failed.
+    pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
+        let (relit, by) = match prepared {
+            PreparedTransfer::Harmonic(harmonic) => {
+                let transfer = Box::new(GpuHarmonic::new(context, harmonic)?);
+                let relit = ResidentSh {
+                    chunks: transfer.relit(),
+                    degree: harmonic.asset_degree,
+                    encoding: Encoding::Linear,
+                };
+                let by = By::Harmonic {
+                    source_dc: OnceLock::new(),
+                    prepared: harmonic.clone(),
+                    transfer,
+                };
+                (relit, by)
+            }
+            PreparedTransfer::Directional(directional) => {
+                let transfer = Box::new(GpuDirectional::new(context, directional)?);
+                let relit = ResidentSh {
+                    chunks: transfer.relit(),
+                    degree: directional.asset.nodes.degree,
+                    encoding: transfer.encoding(),
+                };
+                let by = By::Directional {
+                    tau: ResidentVectors(transfer.tau()),
+                    prepared: directional.clone(),
+                    transfer,
+                };
+                (relit, by)
+            }
+        };
+        Ok(Self {
+            context: context.clone(),
+            by,
+            relit,
+            part: Part::Whole,
+        })
+    }
+
+    /// Makes what a light needs that no other did, so that it does not have to be made when it comes.
+    pub fn warm_up(&self, target: &Illumination) {
+        let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
+        if let (By::Directional { transfer, .. }, true) = (&self.by, has_suns) {
+            transfer.prepare_suns();
+        }
+    }
+
+    /// Begins to relight by another light; `part` says what of the colour is wanted, and what of surfels that nobody sees (`[n]` or empty) is
+    /// not said. The harmonic method has all parts in one result, in bands of their own; the directional one makes the part that is wanted.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    pub fn submit(
+        &mut self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> transplat_core::Result<()> {
+        match &self.by {
+            By::Harmonic {
+                transfer, prepared, ..
+            } => transfer.submit(&prepared.light(&target.radiance)),
+            By::Directional {
+                transfer, prepared, ..
+            } => {
+                let light = prepared.light(target.for_directional()?);
+                transfer.set_unseen(unseen);
+                transfer.submit(&light, part);
+            }
+        }
+        self.part = part;
+        Ok(())
+    }
+
+    /// Waits until what was submitted is done.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn finish(&self) -> Result<()> {
+        self.context.wait()
+    }
+
+    /// The last result.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn read(&self) -> Result<Relit> {
+        Ok(match &self.by {
+            By::Harmonic {
+                transfer, prepared, ..
+            } => prepared.relit(transfer.read()?, self.part),
+            By::Directional { transfer, .. } => transfer.read()?,
+        })
+    }
+
+    /// The last result where it lies.
+    pub(crate) fn resident(&self) -> &ResidentSh {
+        &self.relit
+    }
+
+    /// A part of the last result as a colour.
+    pub(crate) fn paint(&self, part: Part) -> ResidentPaint<'_> {
+        let part = match self.by {
+            By::Harmonic { .. } => part,
+            By::Directional { .. } => Part::Whole,
+        };
+        ResidentPaint::Sh(&self.relit, part)
+    }
+
+    /// The transfer ratio of the last result as a colour.
+    pub(crate) fn ratio_paint(&self) -> ResidentPaint<'_> {
+        match &self.by {
+            By::Harmonic {
+                prepared,
+                source_dc,
+                ..
+            } => {
+                let upload = || {
+                    let dc = prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
+                    ResidentVectors::upload(&self.context, dc)
+                };
+                ResidentPaint::Tau(&self.relit, source_dc.get_or_init(upload))
+            }
+            By::Directional { tau, .. } => ResidentPaint::Ratio(tau),
+        }
+    }
+}

@@ -16,13 +16,10 @@ use transplat_core::settings::Method;
 use transplat_core::settings::skips::Skips;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::directional::DirectionalTransfer;
-use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::bake::directional::GpuTracer;
 use transplat_gpu::rasterize::GpuRasterizer;
-use transplat_gpu::transfer::directional::GpuDirectional;
-use transplat_gpu::transfer::harmonic::GpuHarmonic;
+use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
 pub use transplat_gpu::rasterize::Paint;
@@ -118,32 +115,16 @@ impl Device {
 
     /// Ready to relight; what the adapter has no room for is relit on the CPU, and the message says so.
     pub fn transfer(&self, prepared: &PreparedTransfer) -> Result<(Transfer, Option<String>)> {
-        let part = Part::Whole;
-        let transfer = match (self, prepared.clone()) {
-            (Self::Cpu, PreparedTransfer::Harmonic(harmonic)) => Transfer::HarmonicOnCpu {
-                relit: vec![[0.0; 3]; harmonic.surfels * harmonic.coefficients()],
-                harmonic,
-                part,
-            },
-            (Self::Gpu(context), PreparedTransfer::Harmonic(harmonic)) => Transfer::HarmonicOnGpu {
-                transfer: Box::new(GpuHarmonic::new(context, &harmonic)?),
-                harmonic,
-                part,
-            },
-            (Self::Cpu, PreparedTransfer::Directional(directional)) => {
-                Transfer::DirectionalOnCpu(directional, None)
-            }
-            (Self::Gpu(context), PreparedTransfer::Directional(directional)) => {
-                match GpuDirectional::new(context, &directional) {
-                    Err(error) if !context.is_lost() => {
-                        let why = format!("relighting on the CPU: {error}");
-                        return Ok((Transfer::DirectionalOnCpu(directional, None), Some(why)));
-                    }
-                    made => Transfer::DirectionalOnGpu(directional, Box::new(made?)),
-                }
-            }
+        let on_cpu = Transfer::Cpu(prepared.clone(), None);
+        let Self::Gpu(context) = self else {
+            return Ok((on_cpu, None));
         };
-        Ok((transfer, None))
+        match GpuTransfer::new(context, prepared) {
+            Err(error) if !context.is_lost() => {
+                Ok((on_cpu, Some(format!("relighting on the CPU: {error}"))))
+            }
+            made => Ok((Transfer::Gpu(Box::new(made?)), None)),
+        }
     }
 
     /// Ready to draw an asset; one too large for the GPU is drawn on the CPU, and the message says so.
@@ -162,20 +143,10 @@ impl Device {
     }
 }
 
-/// A prepared transfer on its device, and its last result where it was computed.
+/// A prepared transfer on its device, and its last result.
 pub enum Transfer {
-    HarmonicOnCpu {
-        harmonic: Arc<HarmonicTransfer>,
-        relit: Vec<[f32; 3]>,
-        part: Part,
-    },
-    HarmonicOnGpu {
-        harmonic: Arc<HarmonicTransfer>,
-        transfer: Box<GpuHarmonic>,
-        part: Part,
-    },
-    DirectionalOnCpu(Arc<DirectionalTransfer>, Option<Relit>),
-    DirectionalOnGpu(Arc<DirectionalTransfer>, Box<GpuDirectional>),
+    Cpu(PreparedTransfer, Option<Relit>),
+    Gpu(Box<GpuTransfer>),
 }
 
 impl Transfer {
@@ -187,29 +158,12 @@ impl Transfer {
         unseen: &[bool],
     ) -> Result<()> {
         match self {
-            Self::HarmonicOnCpu {
-                harmonic,
-                relit,
-                part,
-            } => {
-                harmonic.relight_into(&harmonic.light(&light.radiance), relit);
-                *part = wanted;
+            Self::Cpu(prepared, relit) => {
+                *relit = Some(prepared.relight_after(relit.take(), light, wanted, unseen)?);
             }
-            Self::HarmonicOnGpu {
-                harmonic,
-                transfer,
-                part,
-            } => {
-                transfer.relight(&harmonic.light(&light.radiance))?;
-                *part = wanted;
-            }
-            Self::DirectionalOnCpu(directional, relit) => {
-                let light = directional.light(light.for_directional()?);
-                *relit = Some(directional.relight_seen(light, wanted, unseen));
-            }
-            Self::DirectionalOnGpu(directional, transfer) => {
-                transfer.set_unseen(unseen);
-                transfer.relight(&directional.light(light.for_directional()?), wanted)?;
+            Self::Gpu(transfer) => {
+                transfer.submit(light, wanted, unseen)?;
+                transfer.finish()?;
             }
         }
         Ok(())
@@ -218,18 +172,8 @@ impl Transfer {
     /// The last result; there is one for each light.
     pub fn result(&mut self) -> Result<Relit> {
         match self {
-            Self::HarmonicOnCpu {
-                harmonic,
-                relit,
-                part,
-            } => Ok(harmonic.relit(relit.clone(), *part)),
-            Self::HarmonicOnGpu {
-                harmonic,
-                transfer,
-                part,
-            } => Ok(harmonic.relit(transfer.read()?, *part)),
-            Self::DirectionalOnCpu(_, relit) => relit.take().context("no light was given yet"),
-            Self::DirectionalOnGpu(_, transfer) => Ok(transfer.read()?),
+            Self::Cpu(_, relit) => relit.take().context("no light was given yet"),
+            Self::Gpu(transfer) => Ok(transfer.read()?),
         }
     }
 }

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use eframe::wgpu::TextureFormat;
 use transplat_core::present::{Background, View};
-use transplat_gpu::live::{Live, LiveAsset, LiveTransfer};
+use transplat_gpu::live::{Live, LiveAsset};
+use transplat_gpu::transfer::GpuTransfer;
 
 use transplat_tests::driver::Driver;
 use transplat_tests::psnr;
@@ -20,7 +21,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
     let prepared = session.prepared.clone().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
     live.set_asset(LiveAsset::new(&context, &cloud).expect("the driver works"));
-    live.set_transfer(LiveTransfer::new(&context, &prepared).expect("the driver works"));
+    live.set_transfer(GpuTransfer::new(&context, &prepared).expect("the driver works"));
     let mut pictures = Vec::new();
     for view in [View::After, View::Diffuse, View::Specular, View::Tau] {
         d.viewer().session.look.view = view;

@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::relit::{Part, Relit, round_to_half};
+use super::relit::{Part, Relight, Relit, round_to_half};
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
 use crate::numeric::smoothstep;
@@ -256,28 +256,6 @@ impl DirectionalTransfer {
         })
     }
 
-    /// Bytes that a change of light reads: of the bake, of the colour and of what was prepared.
-    pub fn bytes(&self) -> usize {
-        let bake = &self.asset.bake;
-        size_of_val(&bake.open[..])
-            + size_of_val(&bake.normals[..])
-            + size_of_val(&bake.hits[..])
-            + size_of_val(&self.asset.means[..])
-            + size_of_val(&self.gloss[..])
-            + size_of_val(&self.divisor[..])
-            + size_of_val(&self.matte[..])
-            + size_of_val(&self.residual[..])
-            + size_of_val(&self.encoded_mean[..])
-    }
-
-    /// Of what [`Self::rounded_to_half`] rounds.
-    pub(super) fn bytes_saved_by_half(&self) -> usize {
-        let rounded = size_of_val(&self.divisor[..])
-            + size_of_val(&self.matte[..])
-            + size_of_val(&self.residual[..]);
-        rounded / 2
-    }
-
     /// Divisor and colours in half precision.
     pub(super) fn rounded_to_half(&self) -> Self {
         let mut rounded = self.clone();
@@ -302,7 +280,7 @@ impl DirectionalTransfer {
     }
 
     /// By how much each surfel's front changes in matte light. `[n]`
-    pub fn tau(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
+    pub fn ratio(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
         let start = self.mean_ratio(&light);
         let light = self.asset.incident(light, &self.settings);
         self.bounce(&light, start)
@@ -311,13 +289,9 @@ impl DirectionalTransfer {
             .collect()
     }
 
-    /// Relights; `part` says what of the colour is wanted.
-    pub fn relight(&self, light: DirectionalLight, part: Part) -> Relit {
-        self.relight_seen(light, part, &[])
-    }
-
-    /// The same but for surfels that are not seen (`[n]` or empty), which stay as captured: they still give light to the others.
-    pub fn relight_seen(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
+    /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
+    /// to the others.
+    pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
         let start = self.mean_ratio(&light);
         let light = asset.incident(light, &self.settings);
@@ -341,29 +315,6 @@ impl DirectionalTransfer {
             encoding: asset.encoding,
             tau: tau.into_iter().map(|t| t[0]).collect(),
         }
-    }
-
-    /// 1 over what surfel `i`'s front is divided by, in units of the source's mean irradiance; the worst channel.
-    pub(super) fn amplification(&self, i: usize) -> f32 {
-        let least = self.divisor[i][0].into_iter().fold(f32::INFINITY, f32::min);
-        1.0 / least.max(LEAST_IRRADIANCE)
-    }
-
-    /// How much of what surfel `i`'s front is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
-    pub fn epsilon_share(&self, i: usize) -> f32 {
-        let shares = self.epsilon_shares(i);
-        (shares[0] + shares[1] + shares[2]) / 3.0
-    }
-
-    /// Whether the source on surfel `i` is darker than epsilon in some channel.
-    pub fn is_dark(&self, i: usize) -> bool {
-        self.epsilon_shares(i).iter().any(|s| *s > 0.5)
-    }
-
-    /// Share of the surfels that are dark.
-    pub fn dark_share(&self) -> f32 {
-        let dark = (0..self.asset.len()).filter(|i| self.is_dark(*i)).count();
-        dark as f32 / self.asset.len().max(1) as f32
     }
 
     fn epsilon_shares(&self, i: usize) -> [f32; 3] {
@@ -498,6 +449,73 @@ impl DirectionalTransfer {
                 }
             }
         }
+    }
+}
+
+impl Relight for DirectionalTransfer {
+    fn relight_after(
+        &self,
+        _: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Relit> {
+        Ok(self.relight(self.light(target.for_directional()?), part, unseen))
+    }
+
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        Ok(self.ratio(self.light(target.for_directional()?)))
+    }
+
+    fn computed_part(&self, shown: Part) -> Part {
+        shown
+    }
+
+    fn light_gain(&self) -> f32 {
+        self.light_gain
+    }
+
+    fn source_was_black(&self) -> bool {
+        self.source_was_black
+    }
+
+    fn bytes(&self) -> usize {
+        let bake = &self.asset.bake;
+        size_of_val(&bake.open[..])
+            + size_of_val(&bake.normals[..])
+            + size_of_val(&bake.hits[..])
+            + size_of_val(&self.asset.means[..])
+            + size_of_val(&self.gloss[..])
+            + size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..])
+            + size_of_val(&self.encoded_mean[..])
+    }
+
+    fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..]);
+        rounded / 2
+    }
+
+    fn amplification(&self, i: usize) -> f32 {
+        let least = self.divisor[i][0].into_iter().fold(f32::INFINITY, f32::min);
+        1.0 / least.max(LEAST_IRRADIANCE)
+    }
+
+    fn epsilon_share(&self, i: usize) -> f32 {
+        let shares = self.epsilon_shares(i);
+        (shares[0] + shares[1] + shares[2]) / 3.0
+    }
+
+    fn is_dark(&self, i: usize) -> bool {
+        self.epsilon_shares(i).iter().any(|s| *s > 0.5)
+    }
+
+    fn dark_share(&self) -> f32 {
+        let dark = (0..self.asset.len()).filter(|i| self.is_dark(*i)).count();
+        dark as f32 / self.asset.len().max(1) as f32
     }
 }
 

@@ -11,10 +11,10 @@ use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
 
-use super::relit::{Part, Relit, round_to_half};
+use super::relit::{Part, Relight, Relit, round_to_half};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
-use crate::environment::IncidentRadiance;
+use crate::environment::{Illumination, IncidentRadiance};
 use crate::error::{Error, Result};
 use crate::settings::TransferSettings;
 use crate::sh::{
@@ -232,14 +232,6 @@ impl HarmonicTransfer {
         prepared
     }
 
-    /// Bytes that a change of light reads.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.normals[..])
-            + size_of_val(&self.visibility[..])
-            + size_of_val(&self.dc_over_irradiance[..])
-            + size_of_val(&self.attenuation[..])
-    }
-
     /// Visibility, attenuation and colour in half precision.
     pub(super) fn rounded_to_half(&self) -> Self {
         let mut rounded = self.clone();
@@ -249,14 +241,6 @@ impl HarmonicTransfer {
         round_to_half(&mut rounded.attenuation);
         rounded.make_blocks();
         rounded
-    }
-
-    /// Of what [`Self::rounded_to_half`] rounds.
-    pub(super) fn bytes_saved_by_half(&self) -> usize {
-        let rounded = size_of_val(&self.visibility[..])
-            + size_of_val(&self.dc_over_irradiance[..])
-            + size_of_val(&self.attenuation[..]);
-        rounded / 2
     }
 
     fn make_blocks(&mut self) {
@@ -280,11 +264,6 @@ impl HarmonicTransfer {
             specular_degree: self.specular_degree,
             reflects: self.settings.terms.reflection,
         }
-    }
-
-    /// Whether the source on surfel `i` is darker than epsilon in some channel.
-    pub fn is_dark(&self, i: usize) -> bool {
-        self.dark[i]
     }
 
     /// Coefficients of the result, per surfel.
@@ -336,32 +315,6 @@ impl HarmonicTransfer {
         out[lane * k..][..k].to_vec()
     }
 
-    /// 1 over the source's irradiance and epsilon, in units of its mean; the worst channel.
-    pub(super) fn amplification(&self, i: usize) -> f32 {
-        let of = |c: usize| {
-            let dc = self.dc[i][c];
-            if dc > 0.0 {
-                self.dc_over_irradiance[i][c] / dc
-            } else {
-                0.0
-            }
-        };
-        of(0).max(of(1)).max(of(2))
-    }
-
-    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
-    pub fn epsilon_share(&self, i: usize) -> f32 {
-        let share = |c: usize| {
-            let dc = self.dc[i][c];
-            if dc > 0.0 {
-                (self.settings.epsilon() * self.dc_over_irradiance[i][c] / dc).clamp(0.0, 1.0)
-            } else {
-                0.0
-            }
-        };
-        (share(0) + share(1) + share(2)) / 3.0
-    }
-
     /// Relights into a new vector.
     pub fn relight(&self, target: &IncidentRadiance) -> Vec<[f32; 3]> {
         let mut out = vec![[0f32; 3]; self.surfels * self.coefficients()];
@@ -371,14 +324,13 @@ impl HarmonicTransfer {
 
     /// A part of a result, with what belongs to it.
     pub fn relit(&self, mut sh: Vec<[f32; 3]>, part: Part) -> Relit {
-        let tau = self.tau(&sh);
+        let tau = self.ratio(&sh);
         let k = self.coefficients();
         let wanted = part.coefficients(k);
-        for function in sh.chunks_exact_mut(k) {
-            for (i, c) in function.iter_mut().enumerate() {
-                if !wanted.contains(&i) {
-                    *c = [0.0; 3];
-                }
+        if wanted != (0..k) {
+            for function in sh.chunks_exact_mut(k) {
+                function[..wanted.start].fill([0.0; 3]);
+                function[wanted.end..].fill([0.0; 3]);
             }
         }
         Relit {
@@ -390,12 +342,90 @@ impl HarmonicTransfer {
     }
 
     /// The transfer ratio tau (paper eq. 5) of each surfel, from a result of [`HarmonicTransfer::relight`]. `[n][3]`
-    pub fn tau(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    pub fn ratio(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
         relit
             .chunks_exact(self.coefficients())
             .zip(&self.dc)
             .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
             .collect()
+    }
+}
+
+impl Relight for HarmonicTransfer {
+    fn relight_after(
+        &self,
+        last: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        _: &[bool],
+    ) -> Result<Relit> {
+        let mut sh = last.map_or_else(Vec::new, |last| last.sh);
+        sh.resize(self.surfels * self.coefficients(), [0.0; 3]);
+        self.relight_into(&self.light(&target.radiance), &mut sh);
+        Ok(self.relit(sh, part))
+    }
+
+    /// All of it: the parts are bands of one result.
+    fn computed_part(&self, _: Part) -> Part {
+        Part::Whole
+    }
+
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        Ok(self.ratio(&self.relight(&target.radiance)))
+    }
+
+    fn light_gain(&self) -> f32 {
+        self.light_gain
+    }
+
+    fn source_was_black(&self) -> bool {
+        self.source_was_black
+    }
+
+    fn dark_share(&self) -> f32 {
+        self.dark_share
+    }
+
+    fn is_dark(&self, i: usize) -> bool {
+        self.dark[i]
+    }
+
+    fn amplification(&self, i: usize) -> f32 {
+        let of = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                self.dc_over_irradiance[i][c] / dc
+            } else {
+                0.0
+            }
+        };
+        of(0).max(of(1)).max(of(2))
+    }
+
+    fn epsilon_share(&self, i: usize) -> f32 {
+        let share = |c: usize| {
+            let dc = self.dc[i][c];
+            if dc > 0.0 {
+                (self.settings.epsilon() * self.dc_over_irradiance[i][c] / dc).clamp(0.0, 1.0)
+            } else {
+                0.0
+            }
+        };
+        (share(0) + share(1) + share(2)) / 3.0
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(&self.normals[..])
+            + size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..])
+    }
+
+    fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.visibility[..])
+            + size_of_val(&self.dc_over_irradiance[..])
+            + size_of_val(&self.attenuation[..]);
+        rounded / 2
     }
 }
 

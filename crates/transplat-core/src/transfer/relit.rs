@@ -1,10 +1,69 @@
-//! What a transfer yields.
+//! What a transfer is asked, and what it yields.
 
 use half::f16;
 
 use crate::color::{Encoding, decode_sh, encode_sh};
+use crate::environment::Illumination;
+use crate::error::Result;
 use crate::sh::with_degree;
 use crate::surfels::SurfelCloud;
+
+/// An asset under its source light, ready for any other, whatever the method.
+pub trait Relight: std::fmt::Debug + Send + Sync {
+    /// Relights; `part` says what of the colour is wanted, and surfels that are not seen (`[n]` or empty) may stay as captured.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn relight_seen(&self, target: &Illumination, part: Part, unseen: &[bool]) -> Result<Relit> {
+        self.relight_after(None, target, part, unseen)
+    }
+
+    /// The same into the memory of a result that is not needed any more.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn relight_after(
+        &self,
+        last: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Relit>;
+
+    /// What of the colour a transfer computes where a part of it is to be shown.
+    fn computed_part(&self, shown: Part) -> Part;
+
+    /// By how much each surfel's colour changes under a light, gloss apart. `[n]`
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>>;
+
+    /// What target lights are multiplied by: 1 over the source's mean irradiance.
+    fn light_gain(&self) -> f32;
+
+    /// Whether the source was black, and even light was taken in its place.
+    fn source_was_black(&self) -> bool;
+
+    /// Bytes that a change of light reads, beside the asset's own colour.
+    fn bytes(&self) -> usize;
+
+    /// How many of its [`Self::bytes`] half precision saves.
+    fn bytes_saved_by_half(&self) -> usize;
+
+    /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
+    fn epsilon_share(&self, i: usize) -> f32;
+
+    /// How many times surfel `i`'s colour is multiplied under a target of the source's strength that shines on it with its mean irradiance,
+    /// the worst channel: noise and error in the capture grow as much.
+    fn amplification(&self, i: usize) -> f32;
+
+    /// Whether the source on surfel `i` is darker than epsilon in some channel: its change is epsilon's, not the light's.
+    fn is_dark(&self, i: usize) -> bool;
+
+    /// Share of surfels that are dark.
+    fn dark_share(&self) -> f32;
+}
 
 /// What of a relit colour is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

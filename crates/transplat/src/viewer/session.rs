@@ -20,9 +20,10 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Hide, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 use transplat_gpu::Context;
-use transplat_gpu::live::{Live, LiveTransfer, Passes};
+use transplat_gpu::live::{Live, Passes};
 use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
+use transplat_gpu::transfer::GpuTransfer;
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::{Asset, LoadedAsset, Reading};
@@ -113,7 +114,7 @@ pub struct Prepared {
     pub(super) key: PrepareKey,
     pub prepared: PreparedTransfer,
     /// On the GPU. A driver that computes on the CPU does not get the directional method, which is many times faster there without it.
-    pub live: Option<LiveTransfer>,
+    pub live: Option<GpuTransfer>,
     pub ms: f64,
 }
 

@@ -11,9 +11,9 @@ use transplat_core::ground::{Ground, ground_plane};
 use transplat_core::present::{self, Background, Doubt, View};
 use transplat_core::settings::Method;
 use transplat_core::transfer::{Part, PreparedTransfer};
-use transplat_gpu::live::LiveTransfer;
 use transplat_gpu::present::Backdrop;
 use transplat_gpu::rasterize::ResidentSh;
+use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
 use super::asset::{Reading, Settings};
@@ -243,11 +243,7 @@ impl Session {
             return;
         };
         let [_, target] = self.oriented_lights();
-        let part = match &prepared {
-            // All parts are in one result.
-            PreparedTransfer::Harmonic(_) => Part::Whole,
-            PreparedTransfer::Directional(_) => self.look.view.part(),
-        };
+        let part = prepared.computed_part(self.look.view.part());
         let mut key = RelitKey {
             prepared: self.prepared_version,
             target,
@@ -306,10 +302,7 @@ impl Session {
 
     /// Notes what is shown relit from now on.
     pub(super) fn relit_is(&mut self, key: RelitKey) {
-        let gain = self
-            .prepared
-            .as_ref()
-            .map_or(1.0, PreparedTransfer::light_gain);
+        let gain = self.prepared.as_ref().map_or(1.0, |p| p.light_gain());
         let stops = (key.target.light.mean_irradiance() * gain).log2();
         let named = [&self.look.source.file, &self.look.target.file];
         let known = named
@@ -533,11 +526,11 @@ impl Session {
 fn on_gpu(
     context: &Arc<Context>,
     prepared: &PreparedTransfer,
-) -> Result<Option<LiveTransfer>, GpuError> {
+) -> Result<Option<GpuTransfer>, GpuError> {
     if context.is_software() && matches!(prepared, PreparedTransfer::Directional(_)) {
         return Ok(None);
     }
-    match LiveTransfer::new(context, prepared) {
+    match GpuTransfer::new(context, prepared) {
         Err(_) if !context.is_lost() => Ok(None),
         made => made.map(Some),
     }

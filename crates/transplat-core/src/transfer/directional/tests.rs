@@ -26,7 +26,7 @@ fn prepared(asset: &Arc<DirectionalAsset>, source: &Illumination) -> Directional
 impl DirectionalTransfer {
     fn relight_by(&self, target: &Illumination) -> Relit {
         let light = self.light(target.for_directional().expect("with beams"));
-        self.relight(light, Part::Whole)
+        self.relight(light, Part::Whole, &[])
     }
 }
 
@@ -285,7 +285,7 @@ fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
     let light = transfer.light(target.for_directional().expect("with beams"));
     let [whole, matte, mirrored] = [Part::Whole, Part::Diffuse, Part::Specular]
-        .map(|part| transfer.relight(light.clone(), part).sh);
+        .map(|part| transfer.relight(light.clone(), part, &[]).sh);
     let size = |f: &[[f32; 3]]| f.iter().flatten().fold(0f32, |a, b| a.max(b.abs()));
     assert!(size(&matte) > 0.1 && size(&mirrored) > 0.1);
     for ((w, a), b) in whole.iter().zip(&matte).zip(&mirrored) {
