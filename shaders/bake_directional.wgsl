@@ -1,5 +1,7 @@
 // Stage bake, directional method: what the rays of a patch of directions meet. CPU twin: transplat_core::bake::directional.
-// One thread a surfel and patch. The constants in capitals and shared/trace.wgsl are written in front of this file.
+// One thread a surfel and patch. The constants in capitals are written in front of this file.
+
+#import shared/trace
 
 struct DirectionalParameters {
     // Surfels of this dispatch.

@@ -1,5 +1,7 @@
 // Stage present: from pictures of surfels to the picture on the screen. CPU twins: transplat_core::present and transplat_core::ground.
-// The constants in capitals, srgb_decode, display and FALSE_COLORS come from in front of this file.
+// The constants in capitals are written in front of this file.
+
+#import shared/color
 
 struct PresentParameters {
     // Rows of the rotation from the asset to the view. In w: focal length, backdrop's focal length, depth unit.

@@ -1,5 +1,7 @@
 // Stage rasterize: blends surfels back to front. CPU twin: transplat_core::rasterize::hit.
-// View and ProjectedSurfel come from rasterize_project.wgsl; MIN_ALPHA, MAX_ALPHA and MAX_COLOR (what the target holds) are written in front of this file.
+// MIN_ALPHA, MAX_ALPHA and MAX_COLOR (what the target holds) are written in front of this file.
+
+#import shared/surfel
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> projected: array<ProjectedSurfel>;

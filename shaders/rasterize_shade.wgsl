@@ -1,5 +1,7 @@
 // Stage rasterize: the colour of each surfel. CPU twins: transplat_core::rasterize::shade, and present::normal_colors, tau_colors.
-// K, sh_basis and the display curves come from in front of this file.
+// K and sh_basis are written in front of this file.
+
+#import shared/color
 
 struct ShadeParameters {
     // In w the exposure as a factor.

@@ -4,6 +4,9 @@
 // In front of this file the host writes the constants in capitals and, straight out for the asset's degree: mirror_all, which mirrors
 // the SH function in `s`; clear_lobes and add_ray, which keep the mirrored light at the nodes in private variables; fit_nodes and write.
 
+#import shared/color
+#import shared/trace
+
 struct DirectionalChunk {
     count: u32,
     // Which of all surfels is the first one.

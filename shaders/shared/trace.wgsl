@@ -1,5 +1,5 @@
 // Rays against discs in a hierarchy of boxes. CPU twin: transplat_core::bake::trace.
-// The boxes come in an order that needs no stack. BOX_BINDING and DISC_BINDING are written in front of this file.
+// The boxes come in an order that needs no stack. *_SCALES are written in front of this file. Its bindings have numbers that no shader takes for its own.
 
 struct TraceBox {
     low: vec3f,
@@ -24,8 +24,8 @@ struct TraceDisc {
     unused_c: u32,
 }
 
-@group(0) @binding(BOX_BINDING) var<storage, read> boxes: array<TraceBox>;
-@group(0) @binding(DISC_BINDING) var<storage, read> discs: array<TraceDisc>;
+@group(0) @binding(20) var<storage, read> boxes: array<TraceBox>;
+@group(0) @binding(21) var<storage, read> discs: array<TraceDisc>;
 
 const MISS = 0xffffffffu;
 

@@ -1,8 +1,9 @@
-//! The order of the house: each module can be explained by those below it.
+//! The order of the house: each module can be explained by those below it, and what is built with is free.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use syn::visit::{self, Visit};
 use transplat_tests::root;
@@ -180,4 +181,42 @@ fn a_ring_is_found() {
     assert_eq!(left_in_rings(ring.into_iter().collect()).len(), 2);
     let line = [of("a", &["b"]), of("b", &["c"]), of("c", &[])];
     assert!(left_in_rings(line.into_iter().collect()).is_empty());
+}
+
+/// What `cargo deny check licenses sources` asks, which is not there everywhere.
+#[test]
+fn all_that_the_program_is_built_with_is_free_and_from_the_registry() {
+    let rules = fs::read_to_string(root().join("deny.toml")).expect("the rules");
+    let allowed: BTreeSet<&str> = (rules.lines())
+        .filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix("\","))
+        .collect();
+    assert!(allowed.contains("MIT"), "{allowed:?}");
+    let mut metadata = Command::new(env!("CARGO"));
+    metadata.current_dir(root()).args([
+        "metadata",
+        "--format-version",
+        "1",
+        "--locked",
+        "--offline",
+    ]);
+    let told = metadata.output().expect("cargo");
+    let told: serde_json::Value = serde_json::from_slice(&told.stdout).expect("JSON");
+    let packages = told["packages"].as_array().expect("packages");
+    assert!(packages.len() > 100);
+    for package in packages {
+        let name = package["name"].as_str().expect("a name");
+        let license = package["license"].as_str().unwrap_or_default();
+        // One of each group.
+        let is_free = license.split(" AND ").all(|group| {
+            let group = group.trim_matches(['(', ')']);
+            let mut either = group.split(" OR ").flat_map(|l| l.split('/'));
+            either.any(|l| allowed.contains(l.trim()))
+        });
+        assert!(is_free, "{name}: {license}");
+        let source = package["source"].as_str();
+        assert!(
+            source.is_none_or(|s| s == "registry+https://github.com/rust-lang/crates.io-index"),
+            "{name}: {source:?}"
+        );
+    }
 }

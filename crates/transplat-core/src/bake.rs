@@ -4,7 +4,7 @@ pub mod directional;
 pub mod front;
 pub mod harmonic;
 mod hierarchy;
-mod open_object;
+pub mod open_object;
 pub mod patches;
 pub mod scaled;
 pub mod trace;

@@ -1,9 +1,13 @@
 //! The adapter, its limits, and what every pass does with it: pipelines, buffers, submission, readback, errors.
 
-use std::collections::HashMap;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use std::panic::Location;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::ThreadId;
+
+use wgpu::naga;
 
 /// What can go wrong on the GPU.
 #[derive(Debug, thiserror::Error)]
@@ -37,10 +41,37 @@ pub enum GpuError {
 /// `Result` with [`GpuError`].
 pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 
+/// Binding numbers by the names that WGSL gives them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bindings(BTreeMap<String, u32>);
+
+impl Bindings {
+    fn of(module: &naga::Module) -> Self {
+        let each = module.global_variables.iter().filter_map(|(_, global)| {
+            let binding = global.binding.as_ref()?.binding;
+            Some((global.name.clone()?, binding))
+        });
+        Self(each.collect())
+    }
+
+    /// The number of a name. One that the shader does not have is refused by the driver.
+    pub fn number(&self, name: &str) -> u32 {
+        self.0.get(name).copied().unwrap_or(u32::MAX)
+    }
+}
+
+/// WGSL for the driver, with its bindings.
+pub(crate) struct Shader {
+    pub module: wgpu::ShaderModule,
+    pub bindings: Bindings,
+}
+
 /// A compute pipeline of one entry point.
 #[derive(Debug)]
 pub(crate) struct ComputePass {
     pipeline: wgpu::ComputePipeline,
+    bindings: Bindings,
+    label: String,
 }
 
 /// Something that was submitted.
@@ -298,29 +329,45 @@ impl Context {
     }
 
     fn compile(&self, source: &str, entry: &str) -> ComputePass {
-        let module = self.shader(source);
+        let shader = self.shader(source, entry);
         let pipeline = self
             .device
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: None,
-                module: &module,
+                module: &shader.module,
                 entry_point: Some(entry),
                 compilation_options: Default::default(),
                 cache: None,
             });
-        ComputePass { pipeline }
+        ComputePass {
+            pipeline,
+            bindings: shader.bindings,
+            label: entry.to_owned(),
+        }
     }
 
-    pub(crate) fn shader(&self, source: &str) -> wgpu::ShaderModule {
-        self.device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: None,
-                source: wgpu::ShaderSource::Wgsl(source.into()),
-            })
+    pub(crate) fn shader(&self, source: &str, label: &str) -> Shader {
+        // Parsed once, for the driver and for the names. What does not parse is told by wgpu, in its own words.
+        let (bindings, source) = match naga::front::wgsl::parse_str(source) {
+            Ok(module) => (
+                Bindings::of(&module),
+                wgpu::ShaderSource::Naga(Cow::Owned(module)),
+            ),
+            Err(_) => (Bindings::default(), wgpu::ShaderSource::Wgsl(source.into())),
+        };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source,
+        };
+        Shader {
+            module: self.device.create_shader_module(descriptor),
+            bindings,
+        }
     }
 
-    /// A buffer with data; an empty slice makes a small buffer, since none may be empty.
+    /// A buffer with data, called by where it is made; an empty slice makes a small buffer, since none may be empty.
+    #[track_caller]
     pub(crate) fn upload<T: bytemuck::NoUninit>(
         &self,
         data: &[T],
@@ -329,7 +376,7 @@ impl Context {
         let bytes = bytemuck::cast_slice(data);
         // Not mapped at creation: that panics where there is no memory, instead of telling it at the next wait.
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
+            label: Some(&label(Location::caller())),
             size: bytes.len().max(16).next_multiple_of(4) as u64,
             usage: usage | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
@@ -339,9 +386,10 @@ impl Context {
     }
 
     /// A storage buffer to be written by a pass and read back.
+    #[track_caller]
     pub(crate) fn storage(&self, bytes: usize) -> wgpu::Buffer {
         self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
+            label: Some(&label(Location::caller())),
             size: bytes.max(16).next_multiple_of(4) as u64,
             usage: wgpu::BufferUsages::STORAGE
                 | wgpu::BufferUsages::COPY_SRC
@@ -350,49 +398,52 @@ impl Context {
         })
     }
 
-    /// Anything bound to a layout, in any order of binding numbers.
+    /// Anything bound to a layout by the names in WGSL.
+    #[track_caller]
     pub(crate) fn bind_resources(
         &self,
         layout: &wgpu::BindGroupLayout,
-        resources: Vec<(u32, wgpu::BindingResource<'_>)>,
+        bindings: &Bindings,
+        resources: &[(&str, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
         let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
-            .into_iter()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
-        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout,
-            entries: &entries,
-        })
-    }
-
-    /// Buffers bound to a pass, in any order of binding numbers.
-    pub(crate) fn bind(
-        &self,
-        pass: &ComputePass,
-        buffers: &[(u32, &wgpu::Buffer)],
-    ) -> wgpu::BindGroup {
-        self.bind_layout(&pass.pipeline.get_bind_group_layout(0), buffers)
-    }
-
-    pub(crate) fn bind_layout(
-        &self,
-        layout: &wgpu::BindGroupLayout,
-        buffers: &[(u32, &wgpu::Buffer)],
-    ) -> wgpu::BindGroup {
-        let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
             .iter()
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding: *binding,
-                resource: buffer.as_entire_binding(),
+            .map(|(name, resource)| wgpu::BindGroupEntry {
+                binding: bindings.number(name),
+                resource: resource.clone(),
             })
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
+            label: Some(&label(Location::caller())),
             layout,
             entries: &entries,
         })
+    }
+
+    /// Buffers bound to a pass by the names in WGSL.
+    #[track_caller]
+    pub(crate) fn bind(
+        &self,
+        pass: &ComputePass,
+        buffers: &[(&str, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        let layout = pass.pipeline.get_bind_group_layout(0);
+        self.bind_buffers(&layout, &pass.bindings, buffers)
+    }
+
+    /// The same for any layout.
+    #[track_caller]
+    pub(crate) fn bind_buffers(
+        &self,
+        layout: &wgpu::BindGroupLayout,
+        bindings: &Bindings,
+        buffers: &[(&str, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        let resources: Vec<(&str, wgpu::BindingResource<'_>)> = buffers
+            .iter()
+            .map(|(name, buffer)| (*name, buffer.as_entire_binding()))
+            .collect();
+        self.bind_resources(layout, bindings, &resources)
     }
 
     pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
@@ -422,7 +473,7 @@ impl Context {
     ) -> Result<Vec<T>> {
         let bytes = (count * size_of::<T>()) as u64;
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
+            label: Some("read back"),
             size: bytes.next_multiple_of(4),
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
@@ -458,11 +509,20 @@ impl ComputePass {
         bind_group: &wgpu::BindGroup,
         groups: [usize; 3],
     ) {
-        let mut pass = encoder.begin_compute_pass(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(&self.label),
+            timestamp_writes: None,
+        });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, bind_group, &[]);
         pass.dispatch_workgroups(groups[0] as u32, groups[1] as u32, groups[2] as u32);
     }
+}
+
+/// The name of a resource in a debugger: file and line that made it.
+fn label(made: &Location<'_>) -> String {
+    let file = made.file().rsplit(['/', '\\']).next().unwrap_or_default();
+    format!("{file}:{}", made.line())
 }
 
 /// Compute shaders, enough bindings, and float targets that blend.

@@ -55,11 +55,11 @@ pub fn project_environment(
         let bind_group = context.bind(
             &pass,
             &[
-                (0, &parameters),
-                (1, &pixels_on_gpu),
-                (2, &azimuths),
-                (3, &weights),
-                (4, &row_sums),
+                ("parameters", &parameters),
+                ("pixels", &pixels_on_gpu),
+                ("azimuths", &azimuths),
+                ("row_weights", &weights),
+                ("row_sums", &row_sums),
             ],
         );
         let mut encoder = context.encoder();

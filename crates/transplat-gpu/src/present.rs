@@ -10,7 +10,7 @@ use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
 
-use crate::context::Context;
+use crate::context::{Bindings, Context, Shader};
 use crate::layout::gpu_struct;
 use crate::rasterize::{Target, extent};
 use crate::shader;
@@ -209,7 +209,7 @@ fn texture(
     texel_bytes: usize,
 ) -> wgpu::TextureView {
     let texture = context.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
+        label: Some("map"),
         size: extent(size),
         mip_level_count: 1,
         sample_count: 1,
@@ -235,6 +235,7 @@ fn texture(
 pub struct PresentPass {
     pipeline: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
+    bindings: Bindings,
     map_sampler: wgpu::Sampler,
     ground_sampler: wgpu::Sampler,
     /// Stands for a map or ground that is not there.
@@ -245,8 +246,9 @@ impl PresentPass {
     /// Compiles the pass.
     pub fn new(context: &Context) -> Self {
         let fragment = wgpu::ShaderStages::FRAGMENT;
-        let texture_entry = |binding, filterable| wgpu::BindGroupLayoutEntry {
-            binding,
+        let shader = context.shader(&shader::present(), "present");
+        let texture_entry = |name, filterable| wgpu::BindGroupLayoutEntry {
+            binding: shader.bindings.number(name),
             visibility: fragment,
             ty: wgpu::BindingType::Texture {
                 sample_type: wgpu::TextureSampleType::Float { filterable },
@@ -255,8 +257,8 @@ impl PresentPass {
             },
             count: None,
         };
-        let sampler_entry = |binding| wgpu::BindGroupLayoutEntry {
-            binding,
+        let sampler_entry = |name| wgpu::BindGroupLayoutEntry {
+            binding: shader.bindings.number(name),
             visibility: fragment,
             ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             count: None,
@@ -267,7 +269,7 @@ impl PresentPass {
                 label: Some("present"),
                 entries: &[
                     wgpu::BindGroupLayoutEntry {
-                        binding: 0,
+                        binding: shader.bindings.number("parameters"),
                         visibility: fragment,
                         ty: wgpu::BindingType::Buffer {
                             ty: wgpu::BufferBindingType::Storage { read_only: true },
@@ -276,15 +278,15 @@ impl PresentPass {
                         },
                         count: None,
                     },
-                    texture_entry(1, false),
-                    texture_entry(2, false),
-                    texture_entry(3, false),
-                    texture_entry(4, true),
-                    texture_entry(5, true),
-                    texture_entry(6, true),
-                    sampler_entry(7),
-                    sampler_entry(8),
-                    texture_entry(9, true),
+                    texture_entry("before_color", false),
+                    texture_entry("after_color", false),
+                    texture_entry("after_depth", false),
+                    texture_entry("before_map", true),
+                    texture_entry("after_map", true),
+                    texture_entry("ground_before", true),
+                    sampler_entry("map_sampler"),
+                    sampler_entry("ground_sampler"),
+                    texture_entry("ground_after", true),
                 ],
             });
         let sampler = |across| {
@@ -296,14 +298,9 @@ impl PresentPass {
             })
         };
         Self {
-            pipeline: fullscreen_pipeline(
-                context,
-                &shader::present(),
-                "present",
-                &layout,
-                SCREEN_FORMAT,
-            ),
+            pipeline: fullscreen_pipeline(context, &shader, "present", &layout, SCREEN_FORMAT),
             layout,
+            bindings: shader.bindings,
             map_sampler: sampler(wgpu::AddressMode::Repeat),
             ground_sampler: sampler(wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
@@ -331,22 +328,36 @@ impl PresentPass {
         let texture = wgpu::BindingResource::TextureView;
         let group = context.bind_resources(
             &self.layout,
-            vec![
-                (0, parameters.as_entire_binding()),
-                (1, texture(&views[0])),
-                (2, texture(&views[1])),
-                (3, texture(&views[2])),
-                (4, texture(backdrop(0))),
-                (5, texture(backdrop(1))),
-                (6, texture(ground[0].map_or(&self.nothing, |g| &g.0))),
-                (9, texture(ground[1].map_or(&self.nothing, |g| &g.0))),
-                (7, wgpu::BindingResource::Sampler(&self.map_sampler)),
-                (8, wgpu::BindingResource::Sampler(&self.ground_sampler)),
+            &self.bindings,
+            &[
+                ("parameters", parameters.as_entire_binding()),
+                ("before_color", texture(&views[0])),
+                ("after_color", texture(&views[1])),
+                ("after_depth", texture(&views[2])),
+                ("before_map", texture(backdrop(0))),
+                ("after_map", texture(backdrop(1))),
+                (
+                    "ground_before",
+                    texture(ground[0].map_or(&self.nothing, |g| &g.0)),
+                ),
+                (
+                    "ground_after",
+                    texture(ground[1].map_or(&self.nothing, |g| &g.0)),
+                ),
+                (
+                    "map_sampler",
+                    wgpu::BindingResource::Sampler(&self.map_sampler),
+                ),
+                (
+                    "ground_sampler",
+                    wgpu::BindingResource::Sampler(&self.ground_sampler),
+                ),
             ],
         );
         let mut encoder = context.encoder();
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("present"),
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: screen,
                     depth_slice: None,
@@ -370,6 +381,7 @@ impl PresentPass {
 pub struct Blit {
     pipeline: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
+    bindings: Bindings,
     sampler: wgpu::Sampler,
 }
 
@@ -377,13 +389,14 @@ impl Blit {
     /// Compiles the pass for a window of a format.
     pub fn new(context: &Context, window: wgpu::TextureFormat) -> Self {
         let fragment = wgpu::ShaderStages::FRAGMENT;
+        let shader = context.shader(&shader::blit(), "blit");
         let layout = context
             .device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
                 label: Some("blit"),
                 entries: &[
                     wgpu::BindGroupLayoutEntry {
-                        binding: 0,
+                        binding: shader.bindings.number("picture"),
                         visibility: fragment,
                         ty: wgpu::BindingType::Texture {
                             sample_type: wgpu::TextureSampleType::Float { filterable: true },
@@ -393,7 +406,7 @@ impl Blit {
                         count: None,
                     },
                     wgpu::BindGroupLayoutEntry {
-                        binding: 1,
+                        binding: shader.bindings.number("picture_sampler"),
                         visibility: fragment,
                         ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
                         count: None,
@@ -401,8 +414,9 @@ impl Blit {
                 ],
             });
         Self {
-            pipeline: fullscreen_pipeline(context, &shader::blit(), "blit", &layout, window),
+            pipeline: fullscreen_pipeline(context, &shader, "blit", &layout, window),
             layout,
+            bindings: shader.bindings,
             sampler: context.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
@@ -414,9 +428,13 @@ impl Blit {
     pub(crate) fn bind(&self, context: &Context, screen: &wgpu::TextureView) -> wgpu::BindGroup {
         context.bind_resources(
             &self.layout,
-            vec![
-                (0, wgpu::BindingResource::TextureView(screen)),
-                (1, wgpu::BindingResource::Sampler(&self.sampler)),
+            &self.bindings,
+            &[
+                ("picture", wgpu::BindingResource::TextureView(screen)),
+                (
+                    "picture_sampler",
+                    wgpu::BindingResource::Sampler(&self.sampler),
+                ),
             ],
         )
     }
@@ -430,12 +448,11 @@ impl Blit {
 
 fn fullscreen_pipeline(
     context: &Context,
-    source: &str,
+    shader: &Shader,
     entry: &str,
     layout: &wgpu::BindGroupLayout,
     format: wgpu::TextureFormat,
 ) -> wgpu::RenderPipeline {
-    let module = context.shader(source);
     let layout = context
         .device
         .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -449,7 +466,7 @@ fn fullscreen_pipeline(
             label: Some(entry),
             layout: Some(&layout),
             vertex: wgpu::VertexState {
-                module: &module,
+                module: &shader.module,
                 entry_point: Some("corner"),
                 compilation_options: Default::default(),
                 buffers: &[],
@@ -458,7 +475,7 @@ fn fullscreen_pipeline(
             depth_stencil: None,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
-                module: &module,
+                module: &shader.module,
                 entry_point: Some(entry),
                 compilation_options: Default::default(),
                 targets: &[Some(format.into())],

@@ -14,7 +14,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::Part;
 use wgpu::BufferUsages;
 
-use crate::context::{ComputePass, Context, Result};
+use crate::context::{Bindings, ComputePass, Context, Result};
 use crate::layout::gpu_struct;
 use crate::shader;
 use crate::{CHUNK, WORKGROUP};
@@ -187,9 +187,9 @@ pub struct Target {
 impl Target {
     /// A target of `size` pixels, which an adapter must be able to hold.
     pub fn new(context: &Context, size: [usize; 2]) -> Self {
-        let texture = |format| {
+        let texture = |label, format| {
             context.device.create_texture(&wgpu::TextureDescriptor {
-                label: None,
+                label: Some(label),
                 size: extent(size),
                 mip_level_count: 1,
                 sample_count: 1,
@@ -202,8 +202,8 @@ impl Target {
             })
         };
         Self {
-            color: texture(context.color_format),
-            depth: texture(context.depth_format),
+            color: texture("color", context.color_format),
+            depth: texture("depth", context.depth_format),
             size,
         }
     }
@@ -222,6 +222,7 @@ pub struct GpuRasterizer {
     bounds: Bounds,
     project: Arc<ComputePass>,
     draw: wgpu::RenderPipeline,
+    draw_bindings: Bindings,
     chunks: Vec<SurfelChunk>,
     projected: wgpu::Buffer,
     colors: wgpu::Buffer,
@@ -256,12 +257,14 @@ impl GpuRasterizer {
                 }
             })
             .collect();
+        let (draw, draw_bindings) = draw_pipeline(context);
         let rasterizer = Self {
             context: context.clone(),
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
             project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
-            draw: draw_pipeline(context),
+            draw,
+            draw_bindings,
             chunks,
             projected: context.storage(n * size_of::<ProjectedSurfel>()),
             colors: context.storage(n * 16),
@@ -381,7 +384,11 @@ impl GpuRasterizer {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let tile = [camera.width, camera.height];
             let view = self.view(camera, [0, 0], tile, i * CHUNK, chunk.count);
-            let bindings = [(0, &view), (1, &chunk.surfels), (2, &self.projected)];
+            let bindings = [
+                ("view", &view),
+                ("surfels", &chunk.surfels),
+                ("projected", &self.projected),
+            ];
             let group = self.context.bind(&self.project, &bindings);
             self.dispatch(&self.project, &group, chunk.count);
         }
@@ -412,18 +419,18 @@ impl GpuRasterizer {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters =
                 self.shade_parameters(camera, i, coefficients.clone(), encoding, space);
-            let mut bindings = vec![(0, &parameters), (3, &self.colors)];
+            let mut bindings = vec![("parameters", &parameters), ("colors", &self.colors)];
             match paint {
                 ResidentPaint::Sh(sh, _) => {
-                    bindings.extend([(1, &chunk.positions), (2, &sh.chunks[i])]);
+                    bindings.extend([("positions", &chunk.positions), ("sh", &sh.chunks[i])]);
                 }
                 ResidentPaint::Normals(normals) => {
-                    bindings.extend([(1, &chunk.positions), (4, &normals.0[i])]);
+                    bindings.extend([("positions", &chunk.positions), ("normals", &normals.0[i])]);
                 }
                 ResidentPaint::Tau(sh, dc) => {
-                    bindings.extend([(2, &sh.chunks[i]), (5, &dc.0[i])]);
+                    bindings.extend([("sh", &sh.chunks[i]), ("source_dc", &dc.0[i])]);
                 }
-                ResidentPaint::Ratio(ratio) => bindings.push((7, &ratio.0[i])),
+                ResidentPaint::Ratio(ratio) => bindings.push(("ratio", &ratio.0[i])),
             }
             let group = self.context.bind(&pass, &bindings);
             self.dispatch(&pass, &group, chunk.count);
@@ -437,7 +444,11 @@ impl GpuRasterizer {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters =
                 self.shade_parameters(camera, i, 0..1, Encoding::Linear, ColorSpace::Linear);
-            let bindings = [(0, &parameters), (3, &self.colors), (6, &marks.0[i])];
+            let bindings = [
+                ("parameters", &parameters),
+                ("colors", &self.colors),
+                ("marks", &marks.0[i]),
+            ];
             let group = self.context.bind(&pass, &bindings);
             self.dispatch(&pass, &group, chunk.count);
         }
@@ -477,13 +488,14 @@ impl GpuRasterizer {
     /// Blends the surfels of a part of the picture, which begins at `origin` and is of the target's size.
     pub fn draw_tile(&self, camera: &Camera, origin: [usize; 2], order: &Order, target: &Target) {
         let view = self.view(camera, origin, target.size, 0, 0);
-        let group = self.context.bind_layout(
+        let group = self.context.bind_buffers(
             &self.draw.get_bind_group_layout(0),
+            &self.draw_bindings,
             &[
-                (0, &view),
-                (1, &self.projected),
-                (2, &self.colors),
-                (3, &order.buffer),
+                ("view", &view),
+                ("projected", &self.projected),
+                ("colors", &self.colors),
+                ("order", &order.buffer),
             ],
         );
         for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
@@ -508,6 +520,7 @@ impl GpuRasterizer {
             let mut encoder = self.context.encoder();
             {
                 let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                    label: Some("rasterize_draw"),
                     color_attachments: &[attachment(&color_view), attachment(&depth_view)],
                     ..Default::default()
                 });
@@ -570,7 +583,7 @@ pub(crate) fn read_texture(
         };
     let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
     let staging = context.device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
+        label: Some("picture read back"),
         size: (padded * size[1]) as u64,
         usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
         mapped_at_creation: false,
@@ -618,10 +631,10 @@ pub(crate) fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
     }
 }
 
-fn draw_pipeline(context: &Context) -> wgpu::RenderPipeline {
-    let module = context.shader(&shader::rasterize_draw(
-        context.color_format == wgpu::TextureFormat::Rgba16Float,
-    ));
+fn draw_pipeline(context: &Context) -> (wgpu::RenderPipeline, Bindings) {
+    let half_float = context.color_format == wgpu::TextureFormat::Rgba16Float;
+    let shader = context.shader(&shader::rasterize_draw(half_float), "rasterize_draw");
+    let module = &shader.module;
     let blended = |format| {
         Some(wgpu::ColorTargetState {
             format,
@@ -629,13 +642,13 @@ fn draw_pipeline(context: &Context) -> wgpu::RenderPipeline {
             write_mask: wgpu::ColorWrites::ALL,
         })
     };
-    context
+    let pipeline = context
         .device
         .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("rasterize_draw"),
             layout: None,
             vertex: wgpu::VertexState {
-                module: &module,
+                module,
                 entry_point: Some("corner"),
                 compilation_options: Default::default(),
                 buffers: &[],
@@ -647,14 +660,15 @@ fn draw_pipeline(context: &Context) -> wgpu::RenderPipeline {
             depth_stencil: None,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
-                module: &module,
+                module,
                 entry_point: Some("shade_pixel"),
                 compilation_options: Default::default(),
                 targets: &[blended(context.color_format), blended(context.depth_format)],
             }),
             multiview_mask: None,
             cache: None,
-        })
+        });
+    (pipeline, shader.bindings)
 }
 
 #[cfg(test)]

@@ -144,13 +144,13 @@ impl GpuTracer {
         let context = &self.context;
         let count = chunk.range.len();
         let bindings = [
-            (0, &chunk.parameters),
-            (1, rays),
-            (2, &chunk.surfels),
-            (3, &self.resident.boxes),
-            (4, &self.resident.discs),
-            (5, &self.found),
-            (6, closed),
+            ("parameters", &chunk.parameters),
+            ("directions", rays),
+            ("surfels", &chunk.surfels),
+            ("boxes", &self.resident.boxes),
+            ("discs", &self.resident.discs),
+            ("found", &self.found),
+            ("closed", closed),
         ];
         let group = context.bind(&self.pass, &bindings);
         let mut encoder = context.encoder();

@@ -1,4 +1,4 @@
-//! Stage *bake visibility* on the GPU. CPU twin: [`transplat_core::bake::harmonic::bake_visibility`].
+//! The bake of the harmonic method on the GPU. CPU twin: [`transplat_core::bake::harmonic::bake_harmonic`].
 
 use std::sync::Arc;
 
@@ -195,10 +195,10 @@ impl<'a> Baker<'a> {
         encoder.clear_buffer(&self.maps, 0, None);
         for (surfels, count) in &self.small {
             let bindings = [
-                (0, &parameters(*count)),
-                (1, &frames),
-                (2, surfels),
-                (3, &self.maps),
+                ("parameters", &parameters(*count)),
+                ("frames", &frames),
+                ("surfels", surfels),
+                ("maps", &self.maps),
             ];
             let group = self.context.bind(&self.draw_small, &bindings);
             self.draw_small.dispatch(
@@ -210,10 +210,10 @@ impl<'a> Baker<'a> {
         self.context.submit(encoder);
         for (surfels, count) in &self.large {
             let bindings = [
-                (0, &parameters(*count)),
-                (1, &frames),
-                (2, surfels),
-                (3, &self.maps),
+                ("parameters", &parameters(*count)),
+                ("frames", &frames),
+                ("surfels", surfels),
+                ("maps", &self.maps),
             ];
             let group = self.context.bind(&self.draw_large, &bindings);
             let mut encoder = self.context.encoder();
@@ -225,11 +225,11 @@ impl<'a> Baker<'a> {
         let mut encoder = self.context.encoder();
         for ((surfels, count), result) in self.receivers.iter().zip(results) {
             let bindings = [
-                (0, &parameters(*count)),
-                (1, &frames),
-                (2, surfels),
-                (4, &self.maps),
-                (5, result),
+                ("parameters", &parameters(*count)),
+                ("frames", &frames),
+                ("surfels", surfels),
+                ("finished", &self.maps),
+                ("open", result),
             ];
             let group = self.context.bind(&self.look_up, &bindings);
             self.look_up

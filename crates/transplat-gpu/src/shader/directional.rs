@@ -2,18 +2,15 @@
 
 use std::fmt::Write;
 
-use transplat_core::bake::patches::{DIRECTIONS, PATCHES, WORDS};
-use transplat_core::color::{Encoding, MAX_STORED};
-use transplat_core::environment::MAX_SUNS;
+use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
-use transplat_core::transfer::directional::{
-    BACK_RANGE, HORIZON, LEAST_IRRADIANCE, Nodes, RESIDUAL_FLOOR, WIDTHS,
-};
+use transplat_core::transfer::directional::{Nodes, WIDTHS};
 
+use super::files::TRANSFER_DIRECTIONAL;
 use super::generated::{MAX_STRAIGHT_COEFFICIENTS, mirror};
-use super::shared::{color, encoding_number, trace};
+use super::numbers::encoding_number;
+use super::source::Source;
 use super::text::{line, literal};
-use crate::{CHUNK, WORKGROUP};
 
 /// The nodes' matrices one after the other, and where each begins: `evaluate` and `project` of both sides, the heights, the fit.
 pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
@@ -43,48 +40,23 @@ pub fn fits_by_tables(k: usize) -> bool {
 /// Source of `transfer_directional.wgsl`.
 pub fn transfer_directional(nodes: &Nodes, encoding: Encoding) -> String {
     let (k, q) = (coefficient_count(nodes.degree), nodes.count());
-    let mut out = color();
-    out += &trace(6, 7);
-    for (name, value) in [
-        ("WORKGROUP", WORKGROUP),
-        ("K", k),
-        ("Q", q),
-        ("DIRECTIONS", DIRECTIONS),
-        ("PATCHES", PATCHES),
-        ("OPEN_VECTORS", WORDS / 2),
-        ("MAX_SUNS", MAX_SUNS),
-        ("UNSEEN_VECTORS", CHUNK / 128),
-        ("BEAMS", MAX_SUNS + DIRECTIONS),
-        ("ENCODING", encoding_number(encoding) as usize),
-        (
-            "ENCODING_STORED",
-            encoding_number(Encoding::Stored) as usize,
-        ),
-    ] {
-        line!(out, "const {name} = {value}u;");
-    }
-    for (name, offset) in tables(nodes).1 {
-        line!(out, "const TABLE_{name} = {offset}u;");
-    }
-    for (name, value) in [
-        ("OFFSET", encoding.offset()),
-        ("MAX_STORED", MAX_STORED),
-        ("LEAST_IRRADIANCE", LEAST_IRRADIANCE),
-        ("RESIDUAL_FLOOR", RESIDUAL_FLOOR),
-        ("BACK_RANGE", BACK_RANGE),
-        ("HORIZON", HORIZON),
-    ] {
-        line!(out, "const {name} = {};", literal(f64::from(value)));
-    }
-    line!(
-        out,
-        "var<private> s: array<vec3f, {k}>;\nvar<private> f: array<vec3f, {k}>;"
-    );
-    out += &mirror_all(nodes.degree);
-    out += &lobes(nodes);
-    out += &fit_nodes(nodes, k, q);
-    out += &write_result(k);
-    out + include_str!("../../../../shaders/transfer_directional.wgsl")
+    let begin = |source: Source, (name, offset)| source.count(&format!("TABLE_{name}"), offset);
+    let offsets = tables(nodes).1.into_iter();
+    TRANSFER_DIRECTIONAL.after(
+        offsets
+            .fold(Source::default(), begin)
+            .count("K", k)
+            .count("Q", q)
+            .count("ENCODING", encoding_number(encoding))
+            .number("OFFSET", encoding.offset())
+            .code(format!(
+                "var<private> s: array<vec3f, {k}>;\nvar<private> f: array<vec3f, {k}>;\n"
+            ))
+            .code(mirror_all(nodes.degree))
+            .code(lobes(nodes))
+            .code(fit_nodes(nodes, k, q))
+            .code(write_result(k)),
+    )
 }
 
 fn mirror_all(degree: usize) -> String {

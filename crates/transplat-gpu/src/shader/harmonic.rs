@@ -3,11 +3,12 @@
 use std::fmt::Write;
 
 use transplat_core::sh::{SQRT_4PI, band, band_of, coefficient_count, cosine_kernel};
-use transplat_core::transfer::harmonic::{HarmonicTransfer, MAX_RADIANCE};
+use transplat_core::transfer::harmonic::HarmonicTransfer;
 
+use super::files::TRANSFER_HARMONIC;
 use super::generated::{MAX_STRAIGHT_COEFFICIENTS, mirror, sh_basis};
+use super::source::Source;
 use super::text::{line, literal};
-use crate::WORKGROUP;
 
 /// What the transfer's source depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,41 +51,34 @@ impl TransferShape {
 /// Source of `transfer_harmonic.wgsl` for a shape.
 pub fn transfer_harmonic(shape: TransferShape) -> String {
     let k = coefficient_count(shape.light_degree);
-    let mut out = sh_basis(shape.light_degree);
-    line!(out, "const WORKGROUP = {WORKGROUP}u;");
-    line!(out, "const LIGHT_K = {k}u;");
-    line!(
-        out,
-        "const ASSET_K = {}u;",
-        coefficient_count(shape.asset_degree)
-    );
-    line!(
-        out,
-        "const MAX_RADIANCE = {};",
-        literal(f64::from(MAX_RADIANCE))
-    );
     let space = if shape.operator_is_uniform() {
         "uniform"
     } else {
         "storage, read"
     };
-    line!(
-        out,
-        "@group(0) @binding(5) var<{space}> operator_of_light: array<vec4f, {}>;",
-        shape.operator_vectors()
-    );
-    line!(
-        out,
-        "var<private> v: array<f32, {k}>;\nvar<private> s: array<f32, {k}>;"
-    );
-    out += &shadow_light(shape, k);
-    out += &irradiance(k);
-    if shape.reflection && shape.specular_degree > 0 {
-        out += &mirror(shape.specular_degree);
-    }
-    out += &prepare(shape, k);
-    out += &write_specular(shape);
-    out + include_str!("../../../../shaders/transfer_harmonic.wgsl")
+    let vectors = shape.operator_vectors();
+    let mirror = if shape.reflection && shape.specular_degree > 0 {
+        mirror(shape.specular_degree)
+    } else {
+        String::new()
+    };
+    TRANSFER_HARMONIC.after(
+        Source::default()
+            .code(sh_basis(shape.light_degree))
+            .count("LIGHT_K", k)
+            .count("ASSET_K", coefficient_count(shape.asset_degree))
+            .code(format!(
+                "@group(0) @binding(5) var<{space}> operator_of_light: array<vec4f, {vectors}>;\n"
+            ))
+            .code(format!(
+                "var<private> v: array<f32, {k}>;\nvar<private> s: array<f32, {k}>;\n"
+            ))
+            .code(shadow_light(shape, k))
+            .code(irradiance(k))
+            .code(mirror)
+            .code(prepare(shape, k))
+            .code(write_specular(shape)),
+    )
 }
 
 fn shadow_light(shape: TransferShape, k: usize) -> String {

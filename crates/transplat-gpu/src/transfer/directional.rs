@@ -244,13 +244,13 @@ impl GpuDirectional {
             let pass = context.compute_pass(&source, "see_suns");
             let group = |chunk: &Chunk| {
                 let bindings = [
-                    (0, &chunk.parameters),
-                    (1, &self.shared.settings),
-                    (2, &self.shared.beams),
-                    (4, &chunk.surfels),
-                    (6, &tracer.boxes),
-                    (7, &tracer.discs),
-                    (8, &chunk.irradiance),
+                    ("chunk", &chunk.parameters),
+                    ("settings", &self.shared.settings),
+                    ("beams", &self.shared.beams),
+                    ("surfels", &chunk.surfels),
+                    ("boxes", &tracer.boxes),
+                    ("discs", &tracer.discs),
+                    ("irradiance", &chunk.irradiance),
                 ];
                 context.bind(&pass, &bindings)
             };
@@ -504,46 +504,46 @@ fn bind(
     } = buffers;
     let bounce = |from: usize| {
         let bindings = [
-            (0, &chunk),
-            (1, settings),
-            (3, directions),
-            (4, &surfels),
-            (5, &hits),
-            (8, &irradiance),
-            (9, &radiance[from]),
-            (10, &radiance[1 - from]),
-            (11, &tau),
+            ("chunk", &chunk),
+            ("settings", settings),
+            ("directions", directions),
+            ("surfels", &surfels),
+            ("hits", &hits),
+            ("irradiance", &irradiance),
+            ("radiance", &radiance[from]),
+            ("next_radiance", &radiance[1 - from]),
+            ("tau", &tau),
         ];
         context.bind(&passes.bounce, &bindings)
     };
     let mut finish = vec![
-        (0, &chunk),
-        (1, settings),
-        (2, beams),
-        (3, directions),
-        (4, &surfels),
-        (5, &hits),
-        (9, &radiance[TURNS % 2]),
-        (11, &tau),
-        (12, &matte),
-        (13, &residual),
-        (14, &relit),
-        (17, &unseen),
+        ("chunk", &chunk),
+        ("settings", settings),
+        ("beams", beams),
+        ("directions", directions),
+        ("surfels", &surfels),
+        ("hits", &hits),
+        ("radiance", &radiance[TURNS % 2]),
+        ("tau", &tau),
+        ("matte", &matte),
+        ("residual", &residual),
+        ("relit", &relit),
+        ("unseen", &unseen),
     ];
     if fits_by_tables {
-        finish.push((16, tables));
+        finish.push(("tables", tables));
     }
     Chunk {
         count,
         gather: context.bind(
             &passes.gather,
             &[
-                (0, &chunk),
-                (1, settings),
-                (2, beams),
-                (4, &surfels),
-                (8, &irradiance),
-                (10, &radiance[0]),
+                ("chunk", &chunk),
+                ("settings", settings),
+                ("beams", beams),
+                ("surfels", &surfels),
+                ("irradiance", &irradiance),
+                ("next_radiance", &radiance[0]),
             ],
         ),
         bounce: [bounce(0), bounce(1)],
@@ -552,14 +552,14 @@ fn bind(
             context.bind(
                 pass,
                 &[
-                    (0, &chunk),
-                    (1, settings),
-                    (4, &surfels),
-                    (11, &tau),
-                    (14, &relit),
-                    (15, &stored),
-                    (16, tables),
-                    (17, &unseen),
+                    ("chunk", &chunk),
+                    ("settings", settings),
+                    ("surfels", &surfels),
+                    ("tau", &tau),
+                    ("relit", &relit),
+                    ("stored", &stored),
+                    ("tables", tables),
+                    ("unseen", &unseen),
                 ],
             )
         }),

@@ -163,12 +163,17 @@ fn upload_chunk(
     let visibility = context.upload(&visibility, BufferUsages::STORAGE);
     let attenuation = context.upload(&attenuation, BufferUsages::STORAGE);
     // A layout is made from what the shader uses, so what it leaves out must not be bound.
-    let mut bindings = vec![(0, &parameters), (1, &surfels), (4, &relit), (5, operator)];
+    let mut bindings = vec![
+        ("parameters", &parameters),
+        ("surfels", &surfels),
+        ("relit", &relit),
+        ("operator_of_light", operator),
+    ];
     if shape.shadow {
-        bindings.push((2, &visibility));
+        bindings.push(("visibility", &visibility));
     }
     if bands > 0 {
-        bindings.push((3, &attenuation));
+        bindings.push(("attenuation", &attenuation));
     }
     Chunk {
         count,

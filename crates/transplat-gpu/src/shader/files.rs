@@ -1,0 +1,189 @@
+//! The files of `shaders/`, each with the constants that it shares with the CPU whatever it is compiled for.
+
+use std::collections::BTreeSet;
+
+use transplat_core::bake::harmonic::{
+    DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
+};
+use transplat_core::bake::patches::{DIRECTIONS, PATCHES, PER_PATCH, WORDS};
+use transplat_core::bake::trace::{NEAREST_SCALES, STACK_SCALES, START_SCALES};
+use transplat_core::color::{
+    AGX_INSET, AGX_OUTSET, Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, ToneMap,
+};
+use transplat_core::environment::MAX_SUNS;
+use transplat_core::ground::GROUND_FADE;
+use transplat_core::present::{
+    Background, CHECKER_EDGE, CHECKER_GREYS, FALSE_COLORS, View, WIPE_LINE,
+};
+use transplat_core::rasterize::MAX_ALPHA;
+use transplat_core::surfels::MIN_ALPHA;
+use transplat_core::transfer::directional::{
+    BACK_RANGE, HORIZON, LEAST_IRRADIANCE, RESIDUAL_FLOOR,
+};
+use transplat_core::transfer::harmonic::MAX_RADIANCE;
+
+use super::numbers::{background_number, encoding_number, layout_number, tone_number};
+use super::source::Source;
+use crate::{CHUNK, WORKGROUP};
+
+/// Patches that one dispatch of the bake for the directional method traces.
+pub const PATCH_BATCH: usize = 8;
+
+/// A file of `shaders/`.
+pub(super) struct File {
+    /// Its path there, without extension.
+    pub name: &'static str,
+    pub text: &'static str,
+    /// Writes its constants.
+    pub constants: fn(Source) -> Source,
+}
+
+macro_rules! file {
+    ($name:literal, $constants:expr) => {
+        File {
+            name: $name,
+            text: include_str!(concat!("../../../../shaders/", $name, ".wgsl")),
+            constants: $constants,
+        }
+    };
+}
+
+pub(super) static PROJECT_ENVIRONMENT: File = file!("project_environment", |s| s);
+
+pub(super) static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
+    .count("WORKGROUP", WORKGROUP)
+    .count("DIRECTION_BATCH", DIRECTION_BATCH)
+    .vectors("TAPS", &TAPS)
+    .number("EMPTY", EMPTY)
+    .number("SHARPNESS", SHARPNESS)
+    .number("MIN_SLOPE_COSINE", MIN_SLOPE_COSINE)
+    .number("EDGE_ON", EDGE_ON));
+
+pub(super) static BAKE_DIRECTIONAL: File = file!("bake_directional", |s| s
+    .count("WORKGROUP", WORKGROUP)
+    .count("PER_PATCH", PER_PATCH)
+    .count("RAYS", PER_PATCH * PATCH_BATCH));
+
+pub(super) static TRANSFER_HARMONIC: File = file!("transfer_harmonic", |s| s
+    .count("WORKGROUP", WORKGROUP)
+    .number("MAX_RADIANCE", MAX_RADIANCE));
+
+pub(super) static TRANSFER_DIRECTIONAL: File = file!("transfer_directional", |s| s
+    .count("WORKGROUP", WORKGROUP)
+    .count("DIRECTIONS", DIRECTIONS)
+    .count("PATCHES", PATCHES)
+    .count("OPEN_VECTORS", WORDS / 2)
+    .count("MAX_SUNS", MAX_SUNS)
+    .count("UNSEEN_VECTORS", CHUNK / 128)
+    .count("BEAMS", MAX_SUNS + DIRECTIONS)
+    .count("ENCODING_STORED", encoding_number(Encoding::Stored))
+    .number("MAX_STORED", MAX_STORED)
+    .number("LEAST_IRRADIANCE", LEAST_IRRADIANCE)
+    .number("RESIDUAL_FLOOR", RESIDUAL_FLOOR)
+    .number("BACK_RANGE", BACK_RANGE)
+    .number("HORIZON", HORIZON));
+
+pub(super) static RASTERIZE_PROJECT: File = file!("rasterize_project", |s| s
+    .number("MIN_ALPHA", MIN_ALPHA)
+    .count("WORKGROUP", WORKGROUP));
+
+pub(super) static RASTERIZE_DRAW: File = file!("rasterize_draw", |s| s
+    .number("MIN_ALPHA", MIN_ALPHA)
+    .number("MAX_ALPHA", MAX_ALPHA));
+
+pub(super) static RASTERIZE_SHADE: File = file!("rasterize_shade", |s| s
+    .count("WORKGROUP", WORKGROUP)
+    .count("ENCODING_STORED", encoding_number(Encoding::Stored))
+    .count("ENCODING_LINEAR", encoding_number(Encoding::Linear))
+    .number("STORED_OFFSET", STORED_OFFSET)
+    .number("MAX_STORED", MAX_STORED));
+
+pub(super) static PRESENT: File = file!("present", |s| {
+    let black = [0.0; 3];
+    let bands = FALSE_COLORS.map(|(to, [r, g, b])| [r, g, b, to.min(1e30)]);
+    s.count("LAYOUT_BEFORE", layout_number(View::Before))
+        .count("LAYOUT_SPLIT", layout_number(View::Split))
+        .count("LAYOUT_SIDE_BY_SIDE", layout_number(View::SideBySide))
+        .count("LAYOUT_DIFFERENCE", layout_number(View::Difference))
+        .count("LAYOUT_DEPTH", layout_number(View::Depth))
+        .count(
+            "BACKGROUND_COLOR",
+            background_number(Background::Color(black)),
+        )
+        .count(
+            "BACKGROUND_GRADIENT",
+            background_number(Background::Gradient(black, black)),
+        )
+        .count(
+            "BACKGROUND_ENVIRONMENT",
+            background_number(Background::Environment),
+        )
+        .count("CHECKER_EDGE", CHECKER_EDGE)
+        .vector("CHECKER_GREYS", &CHECKER_GREYS)
+        .vector("WIPE_LINE", &WIPE_LINE)
+        .number("GROUND_FADE", GROUND_FADE)
+        .vectors("FALSE_COLORS", &bands)
+});
+
+pub(super) static BLIT: File = file!("blit", |s| s);
+
+static COLOR: File = file!("shared/color", |s| s
+    .count("TONE_SRGB", tone_number(ToneMap::Srgb))
+    .count("TONE_NEUTRAL", tone_number(ToneMap::Neutral))
+    .count("TONE_AGX", tone_number(ToneMap::Agx))
+    .count("TONE_ACES", tone_number(ToneMap::Aces))
+    .count("TONE_NONE", tone_number(ToneMap::None))
+    .number("MAX_LINEAR", MAX_LINEAR)
+    .matrix("AGX_INSET", AGX_INSET)
+    .matrix("AGX_OUTSET", AGX_OUTSET));
+
+static SURFEL: File = file!("shared/surfel", |s| s);
+
+static TRACE: File = file!("shared/trace", |s| s
+    .number("START_SCALES", START_SCALES)
+    .number("NEAREST_SCALES", NEAREST_SCALES)
+    .number("STACK_SCALES", STACK_SCALES));
+
+/// All of them.
+static ALL: [&File; 13] = [
+    &PROJECT_ENVIRONMENT,
+    &BAKE_HARMONIC,
+    &BAKE_DIRECTIONAL,
+    &TRANSFER_HARMONIC,
+    &TRANSFER_DIRECTIONAL,
+    &RASTERIZE_PROJECT,
+    &RASTERIZE_DRAW,
+    &RASTERIZE_SHADE,
+    &PRESENT,
+    &BLIT,
+    &COLOR,
+    &SURFEL,
+    &TRACE,
+];
+
+impl File {
+    /// The shader: what depends on what it is for, and the file with all that it imports (each once, with its own constants).
+    pub fn after(&'static self, source: Source) -> String {
+        let mut out = source.text();
+        self.append(&mut BTreeSet::new(), &mut out);
+        out
+    }
+
+    fn append(&'static self, there: &mut BTreeSet<&'static str>, out: &mut String) {
+        if !there.insert(self.name) {
+            return;
+        }
+        *out += &(self.constants)(Source::default()).text();
+        for line in self.text.lines() {
+            let import = line.strip_prefix("#import ");
+            match import.and_then(|name| ALL.into_iter().find(|f| f.name == name.trim())) {
+                Some(imported) => imported.append(there, out),
+                // An unknown name stays, and is told by the compiler.
+                None => {
+                    *out += line;
+                    out.push('\n');
+                }
+            }
+        }
+    }
+}
