@@ -8,12 +8,11 @@ use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::Camera;
 use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::left_out;
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
 use transplat_core::scenes;
-use transplat_core::settings::skips::{Skipped, Skips};
+use transplat_core::settings::skips::{Skip, Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::with_degree;
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
@@ -38,7 +37,7 @@ fn sky(toward: DVec3, tint: [f32; 3], sun: f32) -> Illumination {
 
 /// Something that does not need something.
 struct Case {
-    skip: &'static str,
+    skip: Skip,
     method: Method,
     cloud: SurfelCloud,
     lights: [Illumination; 2],
@@ -79,33 +78,33 @@ fn cases() -> Vec<Case> {
     vec![
         // What a closed side's rays could add is how two-sided a surfel is.
         case(
-            "closed-sides",
+            Skip::ClosedSides,
             Method::Directional,
             scenes::sphere_over_plate(1500),
             60.0,
         ),
-        case("open-object", Method::Directional, ball(), 45.0),
-        case("open-object", Method::Harmonic, ball(), 40.0),
-        case("empty-bands", Method::Directional, plain.clone(), SAME),
-        case("empty-bands", Method::Harmonic, plain, SAME),
+        case(Skip::OpenObject, Method::Directional, ball(), 45.0),
+        case(Skip::OpenObject, Method::Harmonic, ball(), 40.0),
+        case(Skip::EmptyBands, Method::Directional, plain.clone(), SAME),
+        case(Skip::EmptyBands, Method::Harmonic, plain, SAME),
         Case {
             lights: [lights()[0].clone(), gray(300.0)],
-            ..case("gray-light", Method::Harmonic, glossy.clone(), SAME)
+            ..case(Skip::GrayLight, Method::Harmonic, glossy.clone(), SAME)
         },
         Case {
             lights: [lights()[0].clone(), gray(0.0)],
-            ..case("suns", Method::Directional, glossy.clone(), SAME)
+            ..case(Skip::Suns, Method::Directional, glossy.clone(), SAME)
         },
-        case("bounces", Method::Directional, ball(), SAME),
-        case("matte", Method::Directional, glossy.clone(), SAME),
-        case("unseen", Method::Directional, faint, SAME),
+        case(Skip::Bounces, Method::Directional, ball(), SAME),
+        case(Skip::Matte, Method::Directional, glossy.clone(), SAME),
+        case(Skip::Unseen, Method::Directional, faint, SAME),
         Case {
             hide: Hide {
                 crop: true,
                 crop_max: Vec3::new(0.2, 1.0, 1.0),
                 ..Hide::default()
             },
-            ..case("unseen", Method::Directional, glossy, SAME)
+            ..case(Skip::Unseen, Method::Directional, glossy, SAME)
         },
     ]
 }
@@ -167,10 +166,10 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
         let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
         rasterize(&cloud, &camera, &colors, &unseen)
     };
-    let mut left_out = left_out::of_bake(&bake);
-    left_out.extend(left_out::of_transfer(&prepared, &settings, &cloud));
-    left_out.extend(left_out::of_light(&prepared, target, gpu.is_some()));
-    left_out.extend(left_out::of_unseen(left_alone));
+    let mut left_out = bake.left_out();
+    left_out.extend(prepared.left_out(&cloud));
+    left_out.extend(prepared.left_out_for(target, gpu.is_some()));
+    left_out.extend(Skipped::of_unseen(left_alone));
     let pixels = raster.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]);
     (pixels.collect(), left_out)
 }
@@ -178,20 +177,23 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
 fn same_when_forced(gpu: Option<&Arc<Context>>) {
     for case in cases() {
         let mut forced = Skips::default();
-        let named = Skips::ALL.iter().find(|s| s.name == case.skip);
-        *(named.expect("a skip of that name").of)(&mut forced) = false;
+        *case.skip.switch(&mut forced) = false;
         let (with, told) = picture(&case, gpu, Skips::default());
         let (without, told_forced) = picture(&case, gpu, forced);
         let psnr = psnr(&with, &without);
-        println!("{} ({}): {psnr:.1} dB", case.skip, case.method.preset());
-        assert!(psnr >= case.least_psnr, "{}: {psnr} dB", case.skip);
+        println!(
+            "{} ({}): {psnr:.1} dB",
+            case.skip.name(),
+            case.method.preset()
+        );
+        assert!(psnr >= case.least_psnr, "{:?}: {psnr} dB", case.skip);
         // The picture shows something.
-        assert!(with.iter().flatten().any(|v| *v > 0.2), "{}", case.skip);
+        assert!(with.iter().flatten().any(|v| *v > 0.2), "{:?}", case.skip);
         let has = |told: &[Skipped]| told.iter().any(|s| s.skip == Some(case.skip));
         // The GPU works on all channels at once.
-        let is_left_out = gpu.is_none() || case.skip != "gray-light";
-        assert_eq!(has(&told), is_left_out, "{}: {told:?}", case.skip);
-        assert!(!has(&told_forced), "{}: {told_forced:?}", case.skip);
+        let is_left_out = gpu.is_none() || case.skip != Skip::GrayLight;
+        assert_eq!(has(&told), is_left_out, "{:?}: {told:?}", case.skip);
+        assert!(!has(&told_forced), "{:?}: {told_forced:?}", case.skip);
     }
 }
 
@@ -209,7 +211,7 @@ fn forced_on_the_gpu_the_picture_is_the_same() {
 fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
     let toward_sun = Vec3::new(0.4, 0.2, 0.9).normalize();
     let case = Case {
-        skip: "",
+        skip: Skip::ClosedSides,
         method: Method::Directional,
         cloud: scenes::mirroring_ball_plate_and_sheet(toward_sun, 3),
         lights: [

@@ -41,7 +41,6 @@ pub mod estimate;
 pub mod extremes;
 pub mod files;
 pub mod ground;
-pub mod left_out;
 pub mod look;
 mod nearest;
 mod numeric;

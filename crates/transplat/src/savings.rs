@@ -8,7 +8,6 @@ use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::Camera;
 use transplat_core::camera::CameraPose;
-use transplat_core::left_out;
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
@@ -107,7 +106,11 @@ pub fn measure(
     progress: &(dyn Fn(f64, &str) -> ControlFlow<()> + Sync),
 ) -> Result<Savings> {
     let mut savings = Savings::default();
-    let of_method = |p: Method| Skips::ALL.iter().filter(move |s| s.methods.contains(&p));
+    let of_method = |p: Method| {
+        Skip::ALL
+            .into_iter()
+            .filter(move |s| s.methods().contains(&p))
+    };
     let steps: usize = Method::ALL.map(|p| 1 + of_method(p).count()).iter().sum();
     let steps = steps as f64;
     let mut done = 0.0;
@@ -121,9 +124,9 @@ pub fn measure(
         }
         // A kept bake does not know what was left out of it.
         let with = run(subject, method, Skips::default(), None)?;
-        let is_open = (with.told.iter()).any(|s| s.skip == Some("open-object"));
+        let is_open = (with.told.iter()).any(|s| s.skip == Some(Skip::OpenObject));
         for skip in of_method(method) {
-            if next(skip.name).is_break() {
+            if next(skip.name()).is_break() {
                 bail!("cancelled");
             }
             match applies(skip, &with.told) {
@@ -132,8 +135,8 @@ pub fn measure(
                     savings.saved.push(saved);
                 }
                 // Without any rays there are none to spare.
-                None if skip.name == "closed-sides" && is_open => {}
-                None => savings.needed.push((method, skip.needed)),
+                None if skip == Skip::ClosedSides && is_open => {}
+                None => savings.needed.push((method, skip.needed())),
             }
         }
     }
@@ -141,8 +144,8 @@ pub fn measure(
 }
 
 /// What a skip left out, if anything.
-fn applies(skip: &Skip, told: &[Skipped]) -> Option<Skipped> {
-    told.iter().find(|s| s.skip == Some(skip.name)).cloned()
+fn applies(skip: Skip, told: &[Skipped]) -> Option<Skipped> {
+    told.iter().find(|s| s.skip == Some(skip)).cloned()
 }
 
 /// With something left out, and with it done all the same.
@@ -150,15 +153,15 @@ fn compare(
     subject: &Subject,
     method: Method,
     with: &Run,
-    (skip, skipped): (&Skip, Skipped),
+    (skip, skipped): (Skip, Skipped),
     repeats: usize,
 ) -> Result<Saved> {
     let mut forced = Skips::default();
-    *(skip.of)(&mut forced) = false;
+    *skip.switch(&mut forced) = false;
     // The bake is the same unless it is what is forced.
-    let kept = (skip.stage != Stage::Bake).then_some(&with.bake);
+    let kept = (skip.stage() != Stage::Bake).then_some(&with.bake);
     let without = run(subject, method, forced, kept)?;
-    let [time_ms, forced_ms] = if skip.stage == Stage::Bake {
+    let [time_ms, forced_ms] = if skip.stage() == Stage::Bake {
         let repeats = repeats.div_ceil(7);
         let each = [with, &without];
         alternating(repeats, |i| bake(subject, method, each[i].skips).map(drop))?
@@ -219,10 +222,10 @@ fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> 
     let prepared = PreparedTransfer::new(cloud, &bake, source, &settings)?;
     let unseen = Hide::default().unseen(cloud, &cloud.bounds(), &skips);
     let relit = prepared.relight_seen(target, Part::Whole, &unseen)?;
-    let mut told = left_out::of_bake(&bake);
-    told.extend(left_out::of_transfer(&prepared, &settings, cloud));
-    told.extend(left_out::of_light(&prepared, target, false));
-    told.extend(left_out::of_unseen(&unseen));
+    let mut told = bake.left_out();
+    told.extend(prepared.left_out(cloud));
+    told.extend(prepared.left_out_for(target, false));
+    told.extend(Skipped::of_unseen(&unseen));
     Ok(Run {
         skips,
         bake,

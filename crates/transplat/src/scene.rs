@@ -19,7 +19,6 @@ use transplat_core::files::{
     AssetFile, AssetKind, inspect_bake, load_asset, load_bake, load_environment, load_look,
 };
 use transplat_core::ground::Ground;
-use transplat_core::left_out;
 use transplat_core::look::{Look, is_estimate, is_even, is_file};
 use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
@@ -92,7 +91,7 @@ impl Scene {
     pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
         let method = self.look.transfer.method;
         let bake = self.bake_of_method(method, saved, report)?;
-        for skipped in left_out::of_bake(&bake) {
+        for skipped in bake.left_out() {
             report.skipped(skipped);
         }
         report.set("preset", method.preset());
@@ -299,7 +298,7 @@ impl Scene {
         }
         report.set("dark_share", prepared.dark_share());
         self.tell_what_directional_ignores(report);
-        for skipped in left_out::of_transfer(&prepared, settings, &self.cloud) {
+        for skipped in prepared.left_out(&self.cloud) {
             report.skipped(skipped);
         }
         Ok(prepared)
@@ -371,7 +370,8 @@ impl Scene {
         (light, part, unseen): (&Illumination, Part, &[bool]),
         report: &mut Report,
     ) -> Result<Relit> {
-        for skipped in left_out::of_light(prepared, light, matches!(self.device, Device::Gpu(_))) {
+        let on_gpu = matches!(self.device, Device::Gpu(_));
+        if let Some(skipped) = prepared.left_out_for(light, on_gpu) {
             report.skipped(skipped);
         }
         if light.is_black() {

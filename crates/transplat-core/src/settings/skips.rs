@@ -35,71 +35,6 @@ impl Skips {
         matte: false,
         unseen: false,
     };
-
-    /// All of them.
-    pub const ALL: [Skip; 8] = {
-        const HARMONIC: &[Method] = &[Method::Harmonic];
-        const DIRECTIONAL: &[Method] = &[Method::Directional];
-        const BOTH: &[Method] = &Method::ALL;
-        [
-            Skip {
-                name: "closed-sides",
-                methods: DIRECTIONAL,
-                stage: Stage::Bake,
-                needed: "rays on both sides of every surfel: no side is closed",
-                of: |s| &mut s.closed_sides,
-            },
-            Skip {
-                name: "open-object",
-                methods: BOTH,
-                stage: Stage::Bake,
-                needed: "visibility: surfels block each other's light",
-                of: |s| &mut s.open_object,
-            },
-            Skip {
-                name: "empty-bands",
-                methods: BOTH,
-                stage: Stage::Transfer,
-                needed: "all SH bands: there is something in each",
-                of: |s| &mut s.empty_bands,
-            },
-            Skip {
-                name: "gray-light",
-                methods: HARMONIC,
-                stage: Stage::Transfer,
-                needed: "three channels: the light has a colour",
-                of: |s| &mut s.gray_light,
-            },
-            Skip {
-                name: "suns",
-                methods: DIRECTIONAL,
-                stage: Stage::Transfer,
-                needed: "rays to suns: the light has one",
-                of: |s| &mut s.suns,
-            },
-            Skip {
-                name: "bounces",
-                methods: DIRECTIONAL,
-                stage: Stage::Transfer,
-                needed: "all turns of the bounce: surfels light each other",
-                of: |s| &mut s.bounces,
-            },
-            Skip {
-                name: "matte",
-                methods: DIRECTIONAL,
-                stage: Stage::Transfer,
-                needed: "a lobe on every surfel: all of them show gloss",
-                of: |s| &mut s.matte,
-            },
-            Skip {
-                name: "unseen",
-                methods: DIRECTIONAL,
-                stage: Stage::Transfer,
-                needed: "every surfel: none is too faint to be seen",
-                of: |s| &mut s.unseen,
-            },
-        ]
-    };
 }
 
 impl Default for Skips {
@@ -118,17 +53,97 @@ impl Default for Skips {
 }
 
 /// One of the [`Skips`].
-pub struct Skip {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Skip {
+    /// [`Skips::closed_sides`]
+    ClosedSides,
+    /// [`Skips::open_object`]
+    OpenObject,
+    /// [`Skips::empty_bands`]
+    EmptyBands,
+    /// [`Skips::gray_light`]
+    GrayLight,
+    /// [`Skips::suns`]
+    Suns,
+    /// [`Skips::bounces`]
+    Bounces,
+    /// [`Skips::matte`]
+    Matte,
+    /// [`Skips::unseen`]
+    Unseen,
+}
+
+impl Skip {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::ClosedSides,
+        Self::OpenObject,
+        Self::EmptyBands,
+        Self::GrayLight,
+        Self::Suns,
+        Self::Bounces,
+        Self::Matte,
+        Self::Unseen,
+    ];
+
     /// Its name.
-    pub name: &'static str,
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ClosedSides => "closed-sides",
+            Self::OpenObject => "open-object",
+            Self::EmptyBands => "empty-bands",
+            Self::GrayLight => "gray-light",
+            Self::Suns => "suns",
+            Self::Bounces => "bounces",
+            Self::Matte => "matte",
+            Self::Unseen => "unseen",
+        }
+    }
+
     /// Methods that have it.
-    pub methods: &'static [Method],
+    pub fn methods(self) -> &'static [Method] {
+        match self {
+            Self::OpenObject | Self::EmptyBands => &Method::ALL,
+            Self::GrayLight => &[Method::Harmonic],
+            _ => &[Method::Directional],
+        }
+    }
+
     /// The stage that is quicker for it.
-    pub stage: Stage,
+    pub fn stage(self) -> Stage {
+        match self {
+            Self::ClosedSides | Self::OpenObject => Stage::Bake,
+            _ => Stage::Transfer,
+        }
+    }
+
     /// What a scene needs where it does not apply.
-    pub needed: &'static str,
+    pub fn needed(self) -> &'static str {
+        match self {
+            Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
+            Self::OpenObject => "visibility: surfels block each other's light",
+            Self::EmptyBands => "all SH bands: there is something in each",
+            Self::GrayLight => "three channels: the light has a colour",
+            Self::Suns => "rays to suns: the light has one",
+            Self::Bounces => "all turns of the bounce: surfels light each other",
+            Self::Matte => "a lobe on every surfel: all of them show gloss",
+            Self::Unseen => "every surfel: none is too faint to be seen",
+        }
+    }
+
     /// Its switch.
-    pub of: fn(&mut Skips) -> &mut bool,
+    pub fn switch(self, skips: &mut Skips) -> &mut bool {
+        match self {
+            Self::ClosedSides => &mut skips.closed_sides,
+            Self::OpenObject => &mut skips.open_object,
+            Self::EmptyBands => &mut skips.empty_bands,
+            Self::GrayLight => &mut skips.gray_light,
+            Self::Suns => &mut skips.suns,
+            Self::Bounces => &mut skips.bounces,
+            Self::Matte => &mut skips.matte,
+            Self::Unseen => &mut skips.unseen,
+        }
+    }
 }
 
 /// A stage of the pipeline, as what is told of it calls it.
@@ -164,7 +179,7 @@ pub struct Skipped {
     /// And why.
     pub why: String,
     /// By which of the [`Skips`], where it can be done all the same.
-    pub skip: Option<&'static str>,
+    pub skip: Option<Skip>,
     /// The stage that is quicker for it.
     pub stage: Stage,
     /// Which part of the stage's work it was, 0 to 1, where that can be told.
@@ -188,6 +203,17 @@ impl Skipped {
             bytes: 0,
             max_error: Some(0.0),
         }
+    }
+
+    /// Surfels that nobody sees (`[n]` or empty), which are neither relit nor drawn.
+    pub fn of_unseen(unseen: &[bool]) -> Option<Self> {
+        let count = unseen.iter().filter(|u| **u).count();
+        let why = format!("{count} are hidden, or too faint for any pixel");
+        (count > 0).then(|| Self {
+            skip: Some(Skip::Unseen),
+            share: Some(count as f32 / unseen.len() as f32),
+            ..Self::exact(Stage::Transfer, "surfels that nobody sees", why)
+        })
     }
 
     /// Why, and what it saved and cost, for people; `stage_ms` is what the rest of the stage took, where that is known.

@@ -13,12 +13,14 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::relit::{Part, Relight, Relit, round_to_half};
+use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
 use crate::numeric::smoothstep;
+use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
+use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
 pub use asset::{DirectionalAsset, DirectionalLight, Sides};
@@ -469,6 +471,60 @@ impl Relight for DirectionalTransfer {
 
     fn computed_part(&self, shown: Part) -> Part {
         shown
+    }
+
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+        let mut out = switched_off(&self.settings);
+        let (n, asset) = (self.asset.len(), &self.asset);
+        let degree = asset.nodes.degree;
+        if degree < cloud.sh_degree {
+            let what = format!("SH bands above {degree}");
+            let why = "the asset's colour has nothing there";
+            let node_bytes = 12 * n * (Nodes::count_of(cloud.sh_degree) - asset.nodes.count());
+            out.push(Skipped {
+                skip: Some(Skip::EmptyBands),
+                // Stored colour, its residual, and the result.
+                bytes: 3 * empty_bytes(n, cloud.sh_degree, degree) + 2 * node_bytes,
+                ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        }
+        if self.settings.terms.lobe && self.settings.skips.matte && self.glossy_surfels < n {
+            let (what, why) = if self.glossy_surfels > 0 {
+                let matte = 100.0 * (n - self.glossy_surfels) as f32 / n as f32;
+                let what = format!("the lobe of {matte:.0} % of the surfels");
+                (what, "their colour shows no gloss")
+            } else if self.trust < 1.0 {
+                let why =
+                    "what is mirrored is not told from paint where the source light is not known";
+                ("specular lobe".into(), why)
+            } else if cloud.has_view_dependence() {
+                ("specular lobe".into(), "the asset's colour shows no gloss")
+            } else {
+                let why = "the asset's colour does not depend on the view";
+                ("specular lobe".into(), why)
+            };
+            out.push(Skipped {
+                skip: Some(Skip::Matte),
+                ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        }
+        if self.turns() < TURNS && self.settings.terms.bounce && self.settings.terms.shadow {
+            let why = "no light bounces between surfels";
+            out.push(Skipped {
+                skip: Some(Skip::Bounces),
+                ..Skipped::exact(Stage::Transfer, "turns of the bounce", why)
+            });
+        }
+        out
+    }
+
+    fn left_out_for(&self, light: &Illumination, _: bool) -> Option<Skipped> {
+        let Terms { sums, suns, .. } = self.settings.terms;
+        let has_none = light.beams.as_ref().is_none_or(|b| b.suns.is_empty());
+        (has_none && sums && suns && self.settings.skips.suns).then(|| Skipped {
+            skip: Some(Skip::Suns),
+            ..Skipped::exact(Stage::Transfer, "rays to suns", "the light has no sun")
+        })
     }
 
     fn light_gain(&self) -> f32 {

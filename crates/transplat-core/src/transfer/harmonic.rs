@@ -11,12 +11,13 @@ use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
 
-use super::relit::{Part, Relight, Relit, round_to_half};
+use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
 use crate::environment::{Illumination, IncidentRadiance};
 use crate::error::{Error, Result};
 use crate::settings::TransferSettings;
+use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::sh::{
     LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count, cosine_kernel,
     evaluate_basis, light_operator,
@@ -372,6 +373,53 @@ impl Relight for HarmonicTransfer {
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
         Ok(self.ratio(&self.relight(&target.radiance)))
+    }
+
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+        let mut out = switched_off(&self.settings);
+        let degree = self.specular_degree;
+        if degree == cloud.sh_degree {
+            return out;
+        }
+        let bytes = empty_bytes(self.surfels, cloud.sh_degree, self.asset_degree);
+        if degree > 0 {
+            let what = format!("SH bands above {degree} of the asset");
+            let why = "the source light has nothing there (see SH degree)";
+            out.push(Skipped {
+                bytes,
+                skip: self.settings.skips.empty_bands.then_some(Skip::EmptyBands),
+                max_error: None,
+                ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        } else if self.settings.terms.specular {
+            let why = if self.settings.sh_degree == 0 {
+                "the light has degree 0"
+            } else if !cloud.has_view_dependence() {
+                "the asset's colour does not depend on the view"
+            } else {
+                "the source light is even: it tells nothing of gloss"
+            };
+            out.push(Skipped {
+                bytes,
+                skip: self.settings.skips.empty_bands.then_some(Skip::EmptyBands),
+                ..Skipped::exact(Stage::Transfer, "specular transfer", why)
+            });
+        }
+        out
+    }
+
+    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
+        let is_gray = (light.radiance.coefficients.iter())
+            .take(coefficient_count(self.light_degree))
+            .all(|[r, g, b]| r == g && g == b);
+        (is_gray && self.settings.skips.gray_light && !on_gpu).then(|| Skipped {
+            skip: Some(Skip::GrayLight),
+            ..Skipped::exact(
+                Stage::Transfer,
+                "two of three channels",
+                "the light is grey",
+            )
+        })
     }
 
     fn light_gain(&self) -> f32 {

@@ -5,7 +5,9 @@ use half::f16;
 use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::environment::Illumination;
 use crate::error::Result;
-use crate::sh::with_degree;
+use crate::settings::skips::{Skipped, Stage};
+use crate::settings::{Terms, TransferSettings};
+use crate::sh::{coefficient_count, with_degree};
 use crate::surfels::SurfelCloud;
 
 /// An asset under its source light, ready for any other, whatever the method.
@@ -50,6 +52,12 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
 
     /// How many of its [`Self::bytes`] half precision saves.
     fn bytes_saved_by_half(&self) -> usize;
+
+    /// What is left out whatever the light; `cloud` is the asset that was prepared.
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped>;
+
+    /// What is left out for a light, beside that; the GPU works on all channels at once, and gains nothing by a grey one.
+    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped>;
 
     /// How much of what surfel `i`'s colour is divided by is epsilon instead of source light, 0 to 1, the mean of the channels.
     fn epsilon_share(&self, i: usize) -> f32;
@@ -134,6 +142,23 @@ impl Relit {
         let stored = encode_sh(linear.sh, degree, cloud.encoding);
         with_degree(stored, degree, cloud.sh_degree)
     }
+}
+
+/// Terms that are switched off.
+pub(super) fn switched_off(settings: &TransferSettings) -> Vec<Skipped> {
+    let mut terms = settings.terms;
+    Terms::of_method(settings.method)
+        .filter(|term| !*(term.of)(&mut terms))
+        .map(|term| Skipped {
+            max_error: None,
+            ..Skipped::exact(Stage::Transfer, term.name, "switched off")
+        })
+        .collect()
+}
+
+/// Bytes of colour that `n` surfels do not have in the bands above a degree.
+pub(super) fn empty_bytes(n: usize, degree: usize, filled: usize) -> usize {
+    12 * n * (coefficient_count(degree) - coefficient_count(filled))
 }
 
 /// Rounds to half precision, in place; beyond its range to its largest number.

@@ -10,9 +10,9 @@ use transplat_core::camera::{Camera, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::load_cameras;
 use transplat_core::files::{ExrFloats, PngBits, write_exr, write_png};
-use transplat_core::left_out;
 use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
+use transplat_core::settings::skips::Skipped;
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
@@ -326,7 +326,7 @@ impl Shots<'_> {
             } else {
                 &[]
             };
-            for skipped in left_out::of_unseen(unseen) {
+            if let Some(skipped) = Skipped::of_unseen(unseen) {
                 report.skipped(skipped);
             }
             let wanted = (&light[1], self.studio.view.part(), unseen);

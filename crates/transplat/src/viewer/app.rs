@@ -5,9 +5,8 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self};
 use transplat_core::files::{FileKind, file_kind, load_look};
-use transplat_core::left_out;
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
-use transplat_core::settings::skips::{Skipped, Stage};
+use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
@@ -437,7 +436,7 @@ impl Viewer {
         if session.asset.is_none() {
             return out;
         }
-        out.extend(left_out::of_unseen(&session.hidden));
+        out.extend(Skipped::of_unseen(&session.hidden));
         if session.source_is_assumed() {
             out.push(Skipped::exact(
                 Stage::Project,
@@ -449,16 +448,12 @@ impl Viewer {
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
             out.push(Skipped::exact(Stage::Bake, "bake", "a kept one is used"));
         } else if let Some(baked) = baked {
-            out.extend(baked.bake.iter().flat_map(|b| left_out::of_bake(b)));
+            out.extend(baked.bake.iter().flat_map(|b| b.left_out()));
         }
         if let Some(prepared) = &session.prepared {
             out.extend(session.transfer_skips.iter().cloned());
             let [_, target] = session.oriented_lights();
-            out.extend(left_out::of_light(
-                prepared,
-                &target.light,
-                session.relights_on_gpu,
-            ));
+            out.extend(prepared.left_out_for(&target.light, session.relights_on_gpu));
         }
         out
     }
@@ -469,7 +464,7 @@ impl Viewer {
         let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.method == method;
         let mut measured = self.session.saved.iter();
         // What is hidden has changed since.
-        let is_kept = skipped.skip.is_some_and(|s| s != "unseen");
+        let is_kept = skipped.skip.is_some_and(|s| s != Skip::Unseen);
         match measured.find(is_it).filter(|_| is_kept) {
             Some(saved) => format!("{}; {}", skipped.why, saved.in_words()),
             None => skipped.in_words(self.stage_ms(skipped.stage)),

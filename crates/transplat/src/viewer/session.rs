@@ -12,7 +12,6 @@ use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::ground::Ground;
-use transplat_core::left_out;
 use transplat_core::look::{EVEN, LightSettings, Look};
 use transplat_core::present::{self, Doubt};
 use transplat_core::settings::skips::Skipped;
@@ -503,10 +502,10 @@ impl Session {
                 if let Some(live) = prepared.live {
                     self.live().set_transfer(live);
                 }
-                let settings = &prepared.key.settings;
-                self.transfer_skips = self.asset.as_ref().map_or(Vec::new(), |asset| {
-                    left_out::of_transfer(&prepared.prepared, settings, &asset.cloud)
-                });
+                self.transfer_skips = self
+                    .asset
+                    .as_ref()
+                    .map_or(Vec::new(), |asset| prepared.prepared.left_out(&asset.cloud));
                 self.prepared = Some(prepared.prepared);
                 self.prepared_version += 1;
             }
