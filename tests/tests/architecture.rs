@@ -106,7 +106,8 @@ impl<'a> Visit<'a> for Paths {
     }
 }
 
-/// What each module of a crate takes from which others.
+/// What each module of a crate takes from which others. What macros are given is not seen, nor what is reached through the name of an
+/// imported module.
 fn imports(source: &Path) -> Imports {
     let mut files = BTreeMap::new();
     modules(source, &Vec::new(), &mut files);
@@ -200,6 +201,8 @@ fn all_that_the_program_is_built_with_is_free_and_from_the_registry() {
         "--offline",
     ]);
     let told = metadata.output().expect("cargo");
+    let why = String::from_utf8_lossy(&told.stderr);
+    assert!(told.status.success(), "`cargo fetch --locked` first: {why}");
     let told: serde_json::Value = serde_json::from_slice(&told.stdout).expect("JSON");
     let packages = told["packages"].as_array().expect("packages");
     assert!(packages.len() > 100);

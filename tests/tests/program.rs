@@ -641,7 +641,7 @@ fn a_report_measures_settings_and_extreme_cases() {
     assert!(!rows.is_empty());
     for row in &rows {
         let error = fields(row).pop().expect("a field");
-        // Where method paper needs no maps, their softness goes as well.
+        // Where preset paper needs no maps, their softness goes as well.
         let most = if row.starts_with("the bake (paper)") {
             0.5
         } else {

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::BakeSettings;
-use transplat_core::camera::Camera;
-use transplat_core::camera::CameraPose;
+use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
@@ -211,6 +210,7 @@ fn forced_on_the_gpu_the_picture_is_the_same() {
 fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
     let toward_sun = Vec3::new(0.4, 0.2, 0.9).normalize();
     let case = Case {
+        // Of no account here.
         skip: Skip::ClosedSides,
         method: Method::Directional,
         cloud: scenes::mirroring_ball_plate_and_sheet(toward_sun, 3),

@@ -24,7 +24,7 @@ use crate::surfels::SurfelCloud;
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
 use harmonic::{BakeSettings, HarmonicBake};
 
-/// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on eight objects.)
+/// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
 
 /// Whether what was baked for a method serves another.

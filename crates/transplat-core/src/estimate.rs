@@ -147,7 +147,7 @@ impl Estimate {
     }
 }
 
-/// Estimates the light that `cloud` was captured under; `occlusion` is the cloud's bake for the directional method.
+/// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method.
 pub fn estimate_light(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);

@@ -27,7 +27,7 @@ pub use cases::all;
 const HELD: f32 = 1e11;
 
 /// Another way to relight than the CPU's.
-pub type Relight<'a> =
+pub type OtherWay<'a> =
     &'a dyn Fn(&PreparedTransfer, &Illumination) -> std::result::Result<Relit, String>;
 
 /// What a case came to with a method.
@@ -52,7 +52,7 @@ pub struct Outcome {
 }
 
 /// Runs a case with a method, on the CPU and, if there is one, by another way.
-pub fn run(case: &Case, method: Method, other: Option<Relight<'_>>) -> Outcome {
+pub fn run(case: &Case, method: Method, other: Option<OtherWay<'_>>) -> Outcome {
     let mut outcome = Outcome {
         case: case.name,
         method,
@@ -109,7 +109,7 @@ fn try_out(
     case: &Case,
     input: &Input,
     method: Method,
-    other: Option<Relight<'_>>,
+    other: Option<OtherWay<'_>>,
     outcome: &mut Outcome,
 ) -> Result<()> {
     let settings = TransferSettings {
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn every_case_holds_with_both_presets() {
+    fn every_case_holds_with_both_methods() {
         let mut failures = Vec::new();
         for case in all() {
             for method in Method::ALL {

@@ -1,6 +1,6 @@
 //! Files in and out. A file is known by what it begins with, never by its name, and nothing is allocated by a number that a file only claims.
 
-pub(crate) mod bake;
+mod bake;
 mod cameras;
 mod estimate;
 mod exr;

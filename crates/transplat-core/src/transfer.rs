@@ -150,7 +150,7 @@ mod tests {
     use crate::settings::Method;
 
     #[test]
-    fn each_preset_takes_its_own_bake_and_light_and_says_so() {
+    fn each_method_takes_its_own_bake_and_light_and_says_so() {
         let cloud = scenes::sphere(50);
         let light = Illumination::even(3);
         for method in Method::ALL {

@@ -56,6 +56,7 @@ impl Bindings {
 
     /// The number of a name. One that the shader does not have is refused by the driver.
     pub fn number(&self, name: &str) -> u32 {
+        debug_assert!(self.0.contains_key(name), "the shader has no {name}");
         self.0.get(name).copied().unwrap_or(u32::MAX)
     }
 }

@@ -83,11 +83,13 @@ impl GpuTransfer {
         })
     }
 
-    /// Makes what a light needs that no other did, so that it does not have to be made when it comes.
+    /// Makes what a light needs that no other did, and what shows its ratio, so that nothing has to be made when it comes.
     pub fn warm_up(&self, target: &Illumination) {
         let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
-        if let (By::Directional { transfer, .. }, true) = (&self.by, has_suns) {
-            transfer.prepare_suns();
+        match &self.by {
+            By::Directional { transfer, .. } if has_suns => transfer.prepare_suns(),
+            By::Directional { .. } => {}
+            By::Harmonic { .. } => drop(self.ratio_paint()),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, bake_harmonic};
 use transplat_core::bake::patches::Found;
@@ -127,6 +127,14 @@ impl Device {
         }
     }
 
+    /// The same where that device is measured: nothing else serves.
+    pub fn transfer_here(&self, prepared: &PreparedTransfer) -> Result<Transfer> {
+        match self.transfer(prepared)? {
+            (transfer, None) => Ok(transfer),
+            (_, Some(why)) => bail!(why),
+        }
+    }
+
     /// Ready to draw an asset; one too large for the GPU is drawn on the CPU, and the message says so.
     pub fn painter(&self, cloud: &Arc<SurfelCloud>) -> Result<(Painter, Option<String>)> {
         let Self::Gpu(context) = self else {
@@ -169,7 +177,7 @@ impl Transfer {
         Ok(())
     }
 
-    /// The last result; there is one for each light.
+    /// The last result; there is one for each light, to be taken once.
     pub fn result(&mut self) -> Result<Relit> {
         match self {
             Self::Cpu(_, relit) => relit.take().context("no light was given yet"),

@@ -370,7 +370,7 @@ impl Scene {
         (light, part, unseen): (&Illumination, Part, &[bool]),
         report: &mut Report,
     ) -> Result<Relit> {
-        let on_gpu = matches!(self.device, Device::Gpu(_));
+        let on_gpu = matches!(transfer, Transfer::Gpu(_));
         if let Some(skipped) = prepared.left_out_for(light, on_gpu) {
             report.skipped(skipped);
         }

@@ -119,12 +119,12 @@ impl<'a> Sweep<'a> {
         let directional = if effort == Effort::Offered {
             sweep.default_bake(Method::Directional)?
         } else {
-            sweep.bakes_of_best()?
+            sweep.bakes_of_directional()?
         };
         let harmonic = if effort == Effort::Offered {
             sweep.default_bake(Method::Harmonic)?
         } else {
-            sweep.bakes_of_paper()?
+            sweep.bakes_of_harmonic()?
         };
         let bakes = [directional, harmonic];
         sweep.transfers(&bakes)?;
@@ -182,7 +182,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Bakes for the harmonic method; the default ones of the whole asset and of the thinned one.
-    fn bakes_of_paper(&mut self) -> Result<[Bake; 2]> {
+    fn bakes_of_harmonic(&mut self) -> Result<[Bake; 2]> {
         let mut default = None;
         let settings = TransferSettings::of(Method::Harmonic);
         for (setting, map_bake) in settings::map_bakes(&self.subject.cloud, self.effort) {
@@ -238,7 +238,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Stages of the bake for the directional method; the whole one of the whole asset, and of the thinned one.
-    fn bakes_of_best(&mut self) -> Result<[Bake; 2]> {
+    fn bakes_of_directional(&mut self) -> Result<[Bake; 2]> {
         let settings = TransferSettings::of(Method::Directional);
         self.next("bake for preset best")?;
         let mut stages = Vec::new();
@@ -301,7 +301,7 @@ impl<'a> Sweep<'a> {
                     self.add(&setting, device, Stage::Prepare, measured);
                 }
                 let prepared = setting.rounded(prepare()?);
-                let mut transfer = device.transfer(&prepared)?.0;
+                let mut transfer = device.transfer_here(&prepared)?;
                 let (_, mut time) =
                     timed(|| transfer.change_light(&subject.lights[1], Part::Whole, &[]))?;
                 if let Some(samples) = setting.samples {
@@ -378,7 +378,7 @@ struct Measured {
 }
 
 fn relight(device: &Device, prepared: &PreparedTransfer, light: &Illumination) -> Result<Relit> {
-    let mut transfer = device.transfer(prepared)?.0;
+    let mut transfer = device.transfer_here(prepared)?;
     transfer.change_light(light, Part::Whole, &[])?;
     transfer.result()
 }

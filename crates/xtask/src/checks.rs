@@ -8,6 +8,7 @@ use crate::{Outcome, command, must, relight_bundled, setup};
 /// Runs all checks and closes with the number of tests that passed and failed.
 pub fn test() -> Outcome {
     setup::setup(false)?;
+    must("cargo", &["fetch", "--locked", "--quiet"])?;
     must("cargo", &["fmt", "--all", "--check"])?;
     must(
         "cargo",

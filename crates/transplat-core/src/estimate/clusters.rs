@@ -10,8 +10,7 @@ use rayon::prelude::*;
 
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
-use crate::surfels::MIN_ALPHA;
-use crate::surfels::SurfelCloud;
+use crate::surfels::{MIN_ALPHA, SurfelCloud};
 use crate::transfer::directional::Sides;
 
 /// Surfels of a cluster at least, where it is not the only one.

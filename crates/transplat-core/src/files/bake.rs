@@ -121,7 +121,7 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
         method,
         directions: value(3),
     };
-    // Of method best, the hits come on top.
+    // Of the directional method, the hits come on top.
     let (least, most) = match method {
         Method::Harmonic => (header.directions, 0),
         Method::Directional => (

@@ -18,7 +18,7 @@ impl Method {
     /// Both of them.
     pub const ALL: [Self; 2] = [Self::Directional, Self::Harmonic];
 
-    /// The preset that command line and looks call it.
+    /// The preset: what command line and looks call it.
     pub fn preset(self) -> &'static str {
         match self {
             Self::Harmonic => "paper",

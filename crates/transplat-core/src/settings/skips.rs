@@ -105,7 +105,9 @@ impl Skip {
         match self {
             Self::OpenObject | Self::EmptyBands => &Method::ALL,
             Self::GrayLight => &[Method::Harmonic],
-            _ => &[Method::Directional],
+            Self::ClosedSides | Self::Suns | Self::Bounces | Self::Matte | Self::Unseen => {
+                &[Method::Directional]
+            }
         }
     }
 
@@ -113,7 +115,12 @@ impl Skip {
     pub fn stage(self) -> Stage {
         match self {
             Self::ClosedSides | Self::OpenObject => Stage::Bake,
-            _ => Stage::Transfer,
+            Self::EmptyBands
+            | Self::GrayLight
+            | Self::Suns
+            | Self::Bounces
+            | Self::Matte
+            | Self::Unseen => Stage::Transfer,
         }
     }
 

@@ -345,7 +345,7 @@ impl HarmonicTransfer {
     /// The transfer ratio tau (paper eq. 5) of each surfel, from a result of [`HarmonicTransfer::relight`]. `[n][3]`
     pub fn ratio(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
         relit
-            .chunks_exact(self.coefficients())
+            .par_chunks_exact(self.coefficients())
             .zip(&self.dc)
             .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
             .collect()

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use eframe::egui::{self};
+use eframe::egui;
 use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
@@ -481,8 +481,6 @@ impl Viewer {
             Stage::Project => None,
         }
     }
-
-    // ---- parts of the window ----
 
     /// A device that is gone takes the window with it; the look is kept.
     pub(super) fn check_device(&mut self, context: &egui::Context) {

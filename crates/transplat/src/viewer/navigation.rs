@@ -1,8 +1,7 @@
 //! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
 
 use glam::{DVec3, Vec2, Vec3};
-use transplat_core::camera::{Camera, framed};
-use transplat_core::camera::{CameraPose, FOV};
+use transplat_core::camera::{Camera, CameraPose, FOV, framed};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Degrees of turn for a point of drag.

@@ -93,7 +93,7 @@ impl Session {
         methods.any(|method| self.jobs.is_awaited(Kind::Bake(method)))
     }
 
-    /// Whether the directional method is baked for the estimate when that for the method that is set is done.
+    /// Whether the directional bake is next, for the estimate, once that of the method that is set is done.
     pub(super) fn directional_is_next(&self) -> bool {
         let asked = self.bakes.get(&Method::Directional).and_then(|b| b.asked);
         self.estimate_needs_bake() && asked != Some(self.bake_key(Method::Directional))

@@ -1,8 +1,6 @@
-use std::io::Write;
+use std::io::{self, Write};
 
-use crate::files::load_asset;
 use crate::files::*;
-use std::io;
 
 const HEADER: &str = "comment kept\nelement camera 1\nproperty int id\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty uchar tag\nproperty double opacity\nproperty float f_dc_2\nproperty float f_dc_1\nproperty float f_dc_0\nproperty float scale_0\nproperty float scale_1\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nelement tail 2\nproperty uchar t\nend_header\n";
 

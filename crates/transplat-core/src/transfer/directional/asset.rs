@@ -145,6 +145,3 @@ fn seen_at(
     let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
     (front, means)
 }
-
-/// No light is stronger than that many times the source, so that no sum overflows.
-pub(super) const MAX_RELATIVE_LIGHT: f32 = 1e12;

@@ -6,13 +6,16 @@ use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, DirectionalLight, MAX_RELATIVE_LIGHT, Planes, Sides, planes};
+use super::asset::{DirectionalAsset, DirectionalLight, Planes, Sides, planes};
 use super::lobe::Rays;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::settings::skips::Skips;
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::evaluate_sh;
+
+/// No light is stronger than that many times the source, so that no sum overflows.
+const MAX_RELATIVE_LIGHT: f32 = 1e12;
 
 /// The same of patches.
 type PatchPlanes = [[f32; PATCHES]; 3];

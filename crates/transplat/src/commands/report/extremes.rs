@@ -81,7 +81,7 @@ fn by_device(
     light: &Illumination,
 ) -> Result<Relit, String> {
     let relight = || -> Result<Relit> {
-        let mut transfer = device.transfer(prepared)?.0;
+        let mut transfer = device.transfer_here(prepared)?;
         transfer.change_light(light, Part::Whole, &[])?;
         transfer.result()
     };

@@ -9,8 +9,7 @@ use rayon::prelude::*;
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::{BakeSettings, DEFAULT_DIRECTIONS};
 use transplat_core::environment::Illumination;
-use transplat_core::files::load_asset;
-use transplat_core::files::{PngBits, write_png};
+use transplat_core::files::{PngBits, load_asset, write_png};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
@@ -244,7 +243,7 @@ fn relight(
     prepared: &PreparedTransfer,
     light: &Illumination,
 ) -> Result<(Relit, f64)> {
-    let mut transfer = device.transfer(prepared)?.0;
+    let mut transfer = device.transfer_here(prepared)?;
     let mut times = Vec::new();
     for _ in 0..REPEATS {
         let start = Instant::now();

@@ -59,16 +59,16 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         &mut transfer.terms.shadow,
     );
     match method {
-        Method::Directional => terms_of_best(ui, &mut transfer.terms),
+        Method::Directional => directional_terms(ui, &mut transfer.terms),
         Method::Harmonic => {
-            terms_of_paper(ui, &mut transfer.terms);
+            harmonic_terms(ui, &mut transfer.terms);
             directions(ui, viewer);
         }
     }
     progress_and_doubts(ui, viewer);
 }
 
-fn terms_of_best(ui: &mut Ui, terms: &mut Terms) {
+fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
     for (label, tip, term) in [
         (
             "Sums over directions",
@@ -105,7 +105,7 @@ fn terms_of_best(ui: &mut Ui, terms: &mut Terms) {
     }
 }
 
-fn terms_of_paper(ui: &mut Ui, terms: &mut Terms) {
+fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
     switch(
         ui,
         "Specular",
