@@ -4,6 +4,7 @@
 mod directional;
 mod estimate;
 mod harmonic;
+mod pooling;
 mod rays;
 
 use glam::DVec3;

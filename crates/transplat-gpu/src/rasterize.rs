@@ -3,8 +3,9 @@
 //! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order comes from
 //! the CPU's sort, which on a software driver is far faster than one in a compute shader.
 
+use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
@@ -221,6 +222,8 @@ pub struct GpuRasterizer {
     cloud: Arc<SurfelCloud>,
     bounds: Bounds,
     project: Arc<ComputePass>,
+    /// By degree of colour and entry point.
+    shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
     draw: wgpu::RenderPipeline,
     draw_bindings: Bindings,
     chunks: Vec<SurfelChunk>,
@@ -263,6 +266,7 @@ impl GpuRasterizer {
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
             project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
+            shade_passes: Mutex::default(),
             draw,
             draw_bindings,
             chunks,
@@ -400,6 +404,19 @@ impl GpuRasterizer {
         self.context.submit(encoder);
     }
 
+    /// A pass of `rasterize_shade.wgsl`: its source is put together when it is first asked for, and not at each frame.
+    fn shade_pass(&self, degree: usize, entry: &'static str) -> Arc<ComputePass> {
+        let mut passes = self.shade_passes.lock().unwrap_or_else(|p| p.into_inner());
+        let compile = || {
+            let source = shader::rasterize_shade(degree);
+            self.context.compute_pass(&source, entry)
+        };
+        passes
+            .entry((degree, entry))
+            .or_insert_with(compile)
+            .clone()
+    }
+
     /// Colours surfels with what is on the GPU, as seen by the camera.
     pub fn shade(&self, camera: &Camera, paint: ResidentPaint<'_>, space: ColorSpace) {
         let (entry, part) = match paint {
@@ -413,9 +430,7 @@ impl GpuRasterizer {
             _ => (0, Encoding::Linear),
         };
         let coefficients = part.coefficients(coefficient_count(degree));
-        let pass = self
-            .context
-            .compute_pass(&shader::rasterize_shade(degree), entry);
+        let pass = self.shade_pass(degree, entry);
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters =
                 self.shade_parameters(camera, i, coefficients.clone(), encoding, space);
@@ -439,8 +454,7 @@ impl GpuRasterizer {
 
     /// Lays marks `[n]` over the colours, as much of them as their fourth number says.
     pub fn overlay(&self, camera: &Camera, marks: &ResidentVectors) {
-        let source = shader::rasterize_shade(0);
-        let pass = self.context.compute_pass(&source, "overlay");
+        let pass = self.shade_pass(0, "overlay");
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters =
                 self.shade_parameters(camera, i, 0..1, Encoding::Linear, ColorSpace::Linear);

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::pooling::{pooled, smoothstep};
 use super::rays::first_hit;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::{DIRECTIONS, PATCHES, PER_PATCH, directions};
@@ -696,18 +697,4 @@ impl<'a> OracleDirectional<'a> {
             }
         }
     }
-}
-
-/// Means over what is around each surfel.
-fn pooled<const N: usize>(around: &[Vec<(usize, f64)>], values: &[[f64; N]]) -> Vec<[f64; N]> {
-    let mean = |of: &Vec<(usize, f64)>, v: usize| of.iter().map(|(j, s)| s * values[*j][v]).sum();
-    let each = around.iter();
-    each.map(|of| std::array::from_fn(|v| mean(of, v)))
-        .collect()
-}
-
-/// From 0 at `low` to 1 at `high`, both flat.
-fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }

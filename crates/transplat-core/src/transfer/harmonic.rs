@@ -285,17 +285,17 @@ impl HarmonicTransfer {
         HarmonicLight { operator }
     }
 
-    /// Relights: linear radiance SH `[n][K][3]` into `out`, which has that size.
-    ///
-    /// # Panics
-    /// If `out` is of another size.
-    pub fn relight_into(&self, light: &HarmonicLight, out: &mut [[f32; 3]]) {
-        let k = self.coefficients();
-        assert_eq!(out.len(), self.surfels * k);
-        let extent = self.extent();
-        out.par_chunks_mut(LANES * k)
+    /// Relights: linear radiance SH into `sh` `[n][K][3]`, and the transfer ratio into `tau` `[n][3]` while the surfels are at hand.
+    fn relight_into(&self, light: &HarmonicLight, sh: &mut [[f32; 3]], tau: &mut [[f32; 3]]) {
+        let (k, extent) = (self.coefficients(), self.extent());
+        sh.par_chunks_mut(LANES * k)
+            .zip(tau.par_chunks_mut(LANES))
+            .zip(self.dc.par_chunks(LANES))
             .zip(&self.blocks)
-            .for_each(|(out, block)| relight_block(extent, &light.operator, block, out));
+            .for_each(|(((sh, tau), dc), block)| {
+                relight_block(extent, &light.operator, block, sh);
+                ratios(sh.chunks_exact(k), dc, tau);
+            });
     }
 
     /// Relights surfel `i` alone: linear radiance SH `[K][3]`.
@@ -318,14 +318,20 @@ impl HarmonicTransfer {
 
     /// Relights into a new vector.
     pub fn relight(&self, target: &IncidentRadiance) -> Vec<[f32; 3]> {
-        let mut out = vec![[0f32; 3]; self.surfels * self.coefficients()];
-        self.relight_into(&self.light(target), &mut out);
-        out
+        let mut sh = vec![[0f32; 3]; self.surfels * self.coefficients()];
+        let mut tau = vec![[0f32; 3]; self.surfels];
+        self.relight_into(&self.light(target), &mut sh, &mut tau);
+        sh
     }
 
-    /// A part of a result, with what belongs to it.
-    pub fn relit(&self, mut sh: Vec<[f32; 3]>, part: Part) -> Relit {
-        let tau = self.ratio(&sh);
+    /// A part of a result `[n][K][3]` that was computed elsewhere, with what belongs to it.
+    pub fn relit(&self, sh: Vec<[f32; 3]>, part: Part) -> Relit {
+        let mut tau = vec![[0f32; 3]; self.surfels];
+        ratios(sh.chunks_exact(self.coefficients()), &self.dc, &mut tau);
+        self.part_of(sh, tau, part)
+    }
+
+    fn part_of(&self, mut sh: Vec<[f32; 3]>, tau: Vec<[f32; 3]>, part: Part) -> Relit {
         let k = self.coefficients();
         let wanted = part.coefficients(k);
         if wanted != (0..k) {
@@ -335,20 +341,11 @@ impl HarmonicTransfer {
             }
         }
         Relit {
-            tau,
+            sh,
             degree: self.asset_degree,
             encoding: Encoding::Linear,
-            sh,
+            tau,
         }
-    }
-
-    /// The transfer ratio tau (paper eq. 5) of each surfel, from a result of [`HarmonicTransfer::relight`]. `[n][3]`
-    pub fn ratio(&self, relit: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        relit
-            .par_chunks_exact(self.coefficients())
-            .zip(&self.dc)
-            .map(|(f, dc)| std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 }))
-            .collect()
     }
 }
 
@@ -360,10 +357,11 @@ impl Relight for HarmonicTransfer {
         part: Part,
         _: &[bool],
     ) -> Result<Relit> {
-        let mut sh = last.map_or_else(Vec::new, |last| last.sh);
+        let (mut sh, mut tau) = last.map_or_else(Default::default, |last| (last.sh, last.tau));
         sh.resize(self.surfels * self.coefficients(), [0.0; 3]);
-        self.relight_into(&self.light(&target.radiance), &mut sh);
-        Ok(self.relit(sh, part))
+        tau.resize(self.surfels, [0.0; 3]);
+        self.relight_into(&self.light(&target.radiance), &mut sh, &mut tau);
+        Ok(self.part_of(sh, tau, part))
     }
 
     /// All of it: the parts are bands of one result.
@@ -372,7 +370,7 @@ impl Relight for HarmonicTransfer {
     }
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
-        Ok(self.ratio(&self.relight(&target.radiance)))
+        Ok(self.relight_seen(target, Part::Whole, &[])?.tau)
     }
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
@@ -474,6 +472,13 @@ impl Relight for HarmonicTransfer {
             + size_of_val(&self.dc_over_irradiance[..])
             + size_of_val(&self.attenuation[..]);
         rounded / 2
+    }
+}
+
+/// The transfer ratio tau (paper eq. 5) of each surfel: its relit DC over the captured one.
+fn ratios<'a>(relit: impl Iterator<Item = &'a [[f32; 3]]>, dc: &[[f32; 3]], tau: &mut [[f32; 3]]) {
+    for ((tau, f), dc) in tau.iter_mut().zip(relit).zip(dc) {
+        *tau = std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 });
     }
 }
 
