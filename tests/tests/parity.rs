@@ -10,9 +10,9 @@ use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_envi
 use transplat_core::oracle::{self, OracleHarmonic, relight_surfel};
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
-use transplat_core::scenes;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::coefficient_count;
+use transplat_core::synthetic;
 use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
 use transplat_gpu::transfer::harmonic::GpuHarmonic;
@@ -60,7 +60,7 @@ fn projection() {
 #[test]
 fn bake() {
     let gpu = gpu();
-    let mut cloud = scenes::sphere_over_plate(300);
+    let mut cloud = synthetic::sphere_over_plate(300);
     // One surfel that covers the whole map takes the path for large ones.
     cloud.positions[0] = Vec3::new(0.0, 0.0, -0.3);
     cloud.scales[0] = Vec2::splat(0.8);
@@ -97,7 +97,7 @@ fn bake() {
 #[test]
 fn bake_with_more_directions_than_one_read_back() {
     let gpu = gpu();
-    let cloud = scenes::sphere(40);
+    let cloud = synthetic::sphere(40);
     let input = BakeInput::new(&cloud, &BakeSettings { directions: 1037 });
     let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
     let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
@@ -114,7 +114,7 @@ fn bake_with_more_directions_than_one_read_back() {
 fn transfer() {
     let gpu = gpu();
     for (light_degree, asset_degree) in [(3, 3), (0, 1), (2, 4), (5, 3), (6, 0), (8, 2)] {
-        let cloud = scenes::glossy_sphere_over_plate(150, asset_degree);
+        let cloud = synthetic::glossy_sphere_over_plate(150, asset_degree);
         let input = BakeInput::new(&cloud, &BakeSettings { directions: 64 });
         let open = bake_harmonic(&input, &no_progress).expect("not cancelled");
         let visibility = HarmonicBake::from_open(&cloud, 64, open);
@@ -178,8 +178,8 @@ fn transfer() {
 fn transfer_over_more_than_one_chunk() {
     let gpu = gpu();
     let n = transplat_gpu::CHUNK + 77;
-    let normals: Vec<Vec3> = scenes::sphere(n).positions;
-    let cloud = scenes::from_points(&normals, &normals, 0.01);
+    let normals: Vec<Vec3> = synthetic::sphere(n).positions;
+    let cloud = synthetic::from_points(&normals, &normals, 0.01);
     let mut settings = TransferSettings {
         sh_degree: 1,
         ..TransferSettings::of(Method::Harmonic)
@@ -211,7 +211,7 @@ fn transfer_over_more_than_one_chunk() {
 fn bake_and_rasterize_over_more_than_one_chunk() {
     let gpu = gpu();
     let n = transplat_gpu::CHUNK + 77;
-    let mut cloud = scenes::sphere(n);
+    let mut cloud = synthetic::sphere(n);
     // The last surfels are in the second chunk: they hover over the rest, and must be seen and cast shadows.
     for i in n - 40..n {
         cloud.positions[i] = Vec3::new(1.3, 0.01 * (i + 40 - n) as f32 - 0.2, 0.1);
@@ -276,7 +276,7 @@ fn raster_psnr(a: &Raster, b: &Raster) -> f64 {
 fn rasterize_every_encoding_degree_and_curve() {
     let gpu = gpu();
     for degree in [0, 3, 8] {
-        let cloud = scenes::glossy_sphere_over_plate(300, degree);
+        let cloud = synthetic::glossy_sphere_over_plate(300, degree);
         let on_gpu = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
         let camera = camera([96, 64]);
         for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
@@ -326,7 +326,7 @@ fn rasterize_every_encoding_degree_and_curve() {
 #[test]
 fn rasterize_depth_and_pictures_larger_than_a_tile() {
     let gpu = gpu();
-    let cloud = scenes::sphere_over_plate(300);
+    let cloud = synthetic::sphere_over_plate(300);
     let on_gpu = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
     let colors = vec![[1.0, 0.5, 0.25]; cloud.len()];
     // Wider than one draw: the seam must not show.
@@ -350,7 +350,7 @@ fn rasterize_depth_and_pictures_larger_than_a_tile() {
 #[test]
 fn rasterize_extreme_surfels() {
     let gpu = gpu();
-    let mut cloud = scenes::sphere(200);
+    let mut cloud = synthetic::sphere(200);
     for (i, scale) in cloud.scales.iter_mut().enumerate() {
         *scale = match i % 4 {
             0 => Vec2::splat(1e6),

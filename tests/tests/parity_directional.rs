@@ -9,11 +9,11 @@ use transplat_core::bake::patches::{DIRECTIONS, Found};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::progress::no_progress;
-use transplat_core::scenes;
 use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, Terms, TransferSettings};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::SurfelCloud;
+use transplat_core::synthetic;
 use transplat_core::transfer::directional::{
     DirectionalAsset, DirectionalLight, DirectionalTransfer,
 };
@@ -96,7 +96,7 @@ fn transfer() {
         (4, Encoding::StoredLinear),
         (5, Encoding::Stored),
     ] {
-        let mut cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), degree);
+        let mut cloud = synthetic::mirroring_ball_plate_and_sheet(sun().as_vec3(), degree);
         cloud.encoding = encoding;
         let k = coefficient_count(degree);
         let whole = TransferSettings::default();
@@ -124,7 +124,7 @@ fn transfer() {
 #[test]
 fn transfer_without_each_term() {
     let gpu = gpu();
-    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 1);
+    let cloud = synthetic::mirroring_ball_plate_and_sheet(sun().as_vec3(), 1);
     let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
     let mut seen = Vec::new();
     let terms = Terms::of_method(Method::Directional).map(|t| t.name);
@@ -151,7 +151,7 @@ fn transfer_without_each_term() {
 #[test]
 fn chunks_see_each_other() {
     let gpu = gpu();
-    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
+    let cloud = synthetic::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
     let prepared = prepare(&cloud, &TransferSettings::default());
     let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
     let target = prepared.light(light.for_directional().expect("with beams"));
@@ -170,9 +170,9 @@ fn no_surfel_at_all_and_a_single_one() {
     let gpu = gpu();
     let light = sky(sun(), [1.0; 3]);
     for n in [0, 1] {
-        let mut cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::Z], 0.1);
+        let mut cloud = synthetic::from_points(&[Vec3::ZERO], &[Vec3::Z], 0.1);
         if n == 0 {
-            cloud = scenes::from_points(&[], &[], 0.1);
+            cloud = synthetic::from_points(&[], &[], 0.1);
         }
         let prepared = prepare(&cloud, &TransferSettings::default());
         let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
@@ -192,7 +192,7 @@ fn no_surfel_at_all_and_a_single_one() {
 #[test]
 fn bake() {
     let gpu = gpu();
-    let mut cloud = scenes::mirroring_ball_plate_and_sheet(Vec3::Z, 0);
+    let mut cloud = synthetic::mirroring_ball_plate_and_sheet(Vec3::Z, 0);
     // One that casts no shadow, and one that covers all.
     cloud.opacities[3] = 0.1;
     cloud.scales[5] = glam::Vec2::splat(0.8);
@@ -250,7 +250,7 @@ fn bake() {
 #[test]
 fn transfer_of_which_half_is_believed() {
     let gpu = gpu();
-    let cloud = scenes::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
+    let cloud = synthetic::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
     let whole = prepare(&cloud, &TransferSettings::default());
     let source = Illumination {
         trust: 0.5,

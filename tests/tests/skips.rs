@@ -10,11 +10,11 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{rasterize, shade};
-use transplat_core::scenes;
 use transplat_core::settings::skips::{Skip, Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::with_degree;
 use transplat_core::surfels::{Hide, SurfelCloud, UpAxis};
+use transplat_core::synthetic;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::Context;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
@@ -63,23 +63,23 @@ fn cases() -> Vec<Case> {
         hide: Hide::default(),
         least_psnr,
     };
-    let ball = || scenes::sphere(1500);
+    let ball = || synthetic::sphere(1500);
     // A ball stored with three bands of nothing.
     let mut plain = ball();
     plain.sh = with_degree(plain.sh, 0, 3);
     plain.sh_degree = 3;
-    let mut faint = scenes::sphere_over_plate(700);
+    let mut faint = synthetic::sphere_over_plate(700);
     for opacity in faint.opacities.iter_mut().step_by(5) {
         *opacity = 0.003;
     }
-    let glossy = scenes::glossy_sphere_over_plate(700, 3);
+    let glossy = synthetic::glossy_sphere_over_plate(700, 3);
     let gray = |sun| sky(DVec3::new(-0.6, 0.48, 0.64), [0.7; 3], sun);
     vec![
         // What a closed side's rays could add is how two-sided a surfel is.
         case(
             Skip::ClosedSides,
             Method::Directional,
-            scenes::sphere_over_plate(1500),
+            synthetic::sphere_over_plate(1500),
             60.0,
         ),
         case(Skip::OpenObject, Method::Directional, ball(), 45.0),
@@ -213,7 +213,7 @@ fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
         // Of no account here.
         skip: Skip::ClosedSides,
         method: Method::Directional,
-        cloud: scenes::mirroring_ball_plate_and_sheet(toward_sun, 3),
+        cloud: synthetic::mirroring_ball_plate_and_sheet(toward_sun, 3),
         lights: [
             sky(toward_sun.as_dvec3(), [1.0, 0.9, 0.8], 300.0),
             sky(DVec3::new(-0.6, 0.48, 0.64), [0.4, 0.7, 1.0], 300.0),
@@ -234,7 +234,7 @@ fn a_scene_that_needs_everything_leaves_out_nothing_but_closed_sides() {
 #[test]
 fn bands_that_gloss_may_fill_are_kept() {
     // Captured with one band, stored with three: what the surfels mirror of another light needs all of them.
-    let mut cloud = scenes::glossy_sphere_over_plate(200, 1);
+    let mut cloud = synthetic::glossy_sphere_over_plate(200, 1);
     cloud.sh = with_degree(cloud.sh, 1, 3);
     cloud.sh_degree = 3;
     let light = sky(DVec3::Z, [1.0; 3], 300.0);

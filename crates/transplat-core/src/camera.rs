@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn a_turntable_shows_all_of_the_object_and_not_much_more() {
-        let cloud = crate::scenes::sphere(500);
+        let cloud = crate::synthetic::sphere(500);
         for size in [[100, 100], [160, 90], [90, 160]] {
             for camera in turntable(&cloud, 5, 0.7, size, 0.02) {
                 let half = size[0].min(size[1]) as f32 / 2.0;

@@ -7,6 +7,7 @@ mod exr;
 #[cfg(test)]
 mod fuzz;
 mod hdr;
+mod look;
 mod picture;
 mod ply;
 mod read;
@@ -17,18 +18,18 @@ use std::path::Path;
 
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
-use crate::look::Look;
 
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, CameraFrame, load_cameras};
 pub use estimate::load_estimate;
 pub use exr::load_picture;
+pub use look::{LOOK_VERSION, load_look, look_text, save_look};
 pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
+use read::open;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
-use read::{open, read_all};
 pub use write::{
-    ExrFloats, PngBits, check_output, save_bake, save_estimate, save_look, write_atomically,
-    write_exr, write_png, write_relit_ply,
+    ExrFloats, PngBits, check_output, save_bake, save_estimate, write_atomically, write_exr,
+    write_png, write_relit_ply,
 };
 
 /// What a file is, by its first bytes.
@@ -102,16 +103,4 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
             "is no environment; .hdr, .exr, .png or .jpg is expected here",
         )),
     }
-}
-
-/// Loads a saved look; its paths are resolved against its own folder.
-///
-/// # Errors
-/// The file cannot be read, is no look, or a setting is out of range.
-pub fn load_look(path: &Path) -> Result<Look> {
-    let look: Look = serde_json::from_slice(&read_all(path, 1 << 24)?)
-        .map_err(|e| Error::invalid(path, format!("not a look: {e}")))?;
-    look.validate()
-        .map_err(|e| Error::invalid(path, e.to_string()))?;
-    Ok(look.resolved_in(path.parent().unwrap_or(Path::new(""))))
 }

@@ -185,12 +185,12 @@ mod tests {
     use super::*;
     use crate::present::PLAIN;
     use crate::progress::no_progress;
-    use crate::scenes;
+    use crate::synthetic;
 
     /// Under a light from the side, the ground is dark on the other side of the object and nowhere else.
     #[test]
     fn the_shadow_lies_opposite_the_light() {
-        let cloud = scenes::sphere(2000);
+        let cloud = synthetic::sphere(2000);
         let ground =
             Ground::bake(&cloud, cloud.up, &BakeSettings::default(), &no_progress).expect("a bake");
         // A lobe towards +X, 45 degrees up.

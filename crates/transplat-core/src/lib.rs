@@ -13,12 +13,12 @@
 //! use transplat_core::bake::Bake;
 //! use transplat_core::environment::{EnvironmentMap, Illumination};
 //! use transplat_core::progress::no_progress;
-//! use transplat_core::scenes;
+//! use transplat_core::synthetic;
 //! use transplat_core::settings::TransferSettings;
 //! use transplat_core::transfer::{Part, PreparedTransfer};
 //!
 //! // An asset (here a grey sphere; `files::load_asset` reads a PLY), the light it was captured in, and another one.
-//! let cloud = scenes::sphere(500);
+//! let cloud = synthetic::sphere(500);
 //! let source = Illumination::even(3);
 //! let sky = EnvironmentMap::new(1, 2, vec![[2.0, 2.0, 3.0], [0.0; 3]]);
 //! let target = Illumination::of(&sky, 3);
@@ -35,23 +35,24 @@
 pub mod bake;
 pub mod camera;
 pub mod color;
+pub mod derived;
 pub mod environment;
 mod error;
 pub mod estimate;
 pub mod extremes;
 pub mod files;
 pub mod ground;
-pub mod look;
 mod nearest;
 mod numeric;
 pub mod oracle;
 pub mod present;
 pub mod progress;
 pub mod rasterize;
-pub mod scenes;
+pub mod scene;
 pub mod settings;
 pub mod sh;
 pub mod surfels;
+pub mod synthetic;
 pub mod transfer;
 
 pub use error::{Error, Result};

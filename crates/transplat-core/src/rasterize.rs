@@ -448,7 +448,7 @@ fn draw_tile(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenes;
+    use crate::synthetic;
 
     fn view(size: usize) -> Camera {
         Camera::look_at(
@@ -464,7 +464,7 @@ mod tests {
     #[test]
     fn one_surfel_has_its_gaussian_profile() {
         // Facing the camera at distance 4, sigma 0.2: in pixels sigma * focal / 4.
-        let cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::X], 0.2);
+        let cloud = synthetic::from_points(&[Vec3::ZERO], &[Vec3::X], 0.2);
         let camera = view(201);
         let raster = rasterize(&cloud, &camera, &[[1.0, 0.5, 0.0]], &[]);
         let sigma = 0.2 * camera.focal / 4.0;
@@ -489,7 +489,7 @@ mod tests {
 
     #[test]
     fn an_edge_on_surfel_stays_visible() {
-        let cloud = scenes::from_points(&[Vec3::ZERO], &[Vec3::Y], 0.2);
+        let cloud = synthetic::from_points(&[Vec3::ZERO], &[Vec3::Y], 0.2);
         let raster = rasterize(&cloud, &view(200), &[[1.0; 3]], &[]);
         let most = raster.pixels.iter().map(|p| p[3]).fold(0f32, f32::max);
         assert!(most > 0.3, "{most}");
@@ -499,8 +499,8 @@ mod tests {
     fn the_nearer_surfel_wins_whatever_the_order_in_the_file() {
         let (near, far) = (Vec3::new(1.0, 0.0, 0.0), Vec3::new(-1.0, 0.0, 0.0));
         let (red, green) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
-        let one = scenes::from_points(&[near, far], &[Vec3::X; 2], 0.5);
-        let other = scenes::from_points(&[far, near], &[Vec3::X; 2], 0.5);
+        let one = synthetic::from_points(&[near, far], &[Vec3::X; 2], 0.5);
+        let other = synthetic::from_points(&[far, near], &[Vec3::X; 2], 0.5);
         let a = rasterize(&one, &view(50), &[red, green], &[]);
         let b = rasterize(&other, &view(50), &[green, red], &[]);
         assert_eq!(a.pixels, b.pixels);
@@ -510,7 +510,7 @@ mod tests {
 
     #[test]
     fn a_sphere_is_opaque_and_round() {
-        let cloud = scenes::sphere(3000);
+        let cloud = synthetic::sphere(3000);
         let camera = view(100);
         let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 3000], &[]);
         for y in 0..100 {
@@ -532,7 +532,7 @@ mod tests {
 
     #[test]
     fn surfels_behind_or_around_the_camera_do_no_harm() {
-        let mut cloud = scenes::sphere(200);
+        let mut cloud = synthetic::sphere(200);
         cloud.scales.fill(Vec2::splat(5.0));
         let inside = Camera::look_at(Vec3::ZERO, Vec3::X, Vec3::Z, 1.0, [40, 40], 0.02);
         for camera in [view(40), inside] {

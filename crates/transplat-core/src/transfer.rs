@@ -146,12 +146,12 @@ mod tests {
     use super::*;
     use crate::bake::harmonic::BakeSettings;
     use crate::progress::no_progress;
-    use crate::scenes;
     use crate::settings::Method;
+    use crate::synthetic;
 
     #[test]
     fn each_method_takes_its_own_bake_and_light_and_says_so() {
-        let cloud = scenes::sphere(50);
+        let cloud = synthetic::sphere(50);
         let light = Illumination::even(3);
         for method in Method::ALL {
             let settings = TransferSettings::of(method);
@@ -191,7 +191,7 @@ mod tests {
         let settings = TransferSettings::of(Method::Directional);
         let bake = bake.expect("not cancelled");
         assert!(PreparedTransfer::new(&cloud, &bake, &without, &settings).is_err());
-        let other = scenes::sphere(60);
+        let other = synthetic::sphere(60);
         assert!(PreparedTransfer::new(&other, &bake, &Illumination::even(3), &settings).is_err());
     }
 }

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::color::Display;
+use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::ColorSpace;
@@ -19,7 +20,8 @@ use transplat_core::transfer::Part;
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
 use crate::rasterize::{
-    GpuRasterizer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent, read_texture,
+    GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent,
+    read_texture,
 };
 use crate::transfer::GpuTransfer;
 
@@ -105,26 +107,8 @@ pub struct Frame {
     pub against_pinned: bool,
     /// Whether marks are laid over the surfels.
     pub marks: bool,
-    /// Surfels that are not drawn, `[n]` or empty, and a number that differs where they do.
-    pub hidden: (Arc<Vec<bool>>, u64),
-}
-
-/// A stage's memory: whether its inputs are new.
-#[derive(Debug)]
-struct Memory<T>(Option<T>);
-
-impl<T> Default for Memory<T> {
-    fn default() -> Self {
-        Self(None)
-    }
-}
-
-impl<T: PartialEq> Memory<T> {
-    fn is_new(&mut self, inputs: T) -> bool {
-        let new = self.0.as_ref() != Some(&inputs);
-        self.0 = Some(inputs);
-        new
-    }
+    /// Surfels of each object that are not drawn, `[n]` or empty, and a number that differs where they do.
+    pub hidden: Vec<(Arc<Vec<bool>>, u64)>,
 }
 
 /// What one side of a comparison is painted with.
@@ -141,24 +125,137 @@ enum SidePaint {
     White,
 }
 
-/// What a side's picture depends on besides the camera's rotation and the order, which redraw it anyway.
-#[derive(Debug, PartialEq)]
+/// What an object looks like on a side, besides the camera's rotation and the order, which redraw it anyway.
+#[derive(Clone, Debug, PartialEq)]
 struct ShadeKey {
+    object: u64,
     paint: SidePaint,
+    /// Version of what it is painted with.
+    version: u64,
     eye: Vec3,
     space: ColorSpace,
     /// Version of the marks over it, where there are any.
     marks: Option<u64>,
-    /// Versions of what it is painted with, and of the asset.
-    versions: [u64; 2],
 }
 
 #[derive(Default)]
 struct Side {
     target: Option<Target>,
-    shaded: Memory<ShadeKey>,
-    /// Counts up whenever the target is drawn anew.
+    /// How each object was drawn into that.
+    drawn: Derived<Vec<ShadeKey>, ()>,
+}
+
+/// Something that is shown, and a number that differs where it does.
+#[derive(Default)]
+struct Versioned<T> {
+    value: T,
     version: u64,
+}
+
+impl<T> Versioned<T> {
+    fn set(&mut self, value: T) {
+        self.value = value;
+        self.version += 1;
+    }
+}
+
+/// Surfel colours of the channel *doubts*, and the marks with their weight.
+struct Doubts {
+    colors: Vec<[f32; 3]>,
+    marks: ResidentVectors,
+}
+
+/// An object with all that may be shown of it.
+struct LiveObject {
+    /// Differs between all objects.
+    id: u64,
+    asset: LiveAsset,
+    /// Its version is 0 until there is something relit.
+    relit: Versioned<Option<Relit>>,
+    pinned: Versioned<Option<(ResidentSh, Display)>>,
+    visibility: Versioned<Vec<[f32; 3]>>,
+    doubts: Versioned<Option<Doubts>>,
+    /// By eye, direction and what is hidden.
+    order: Derived<(Vec3, Vec3, u64), Order>,
+    projected: Derived<Camera, ()>,
+}
+
+impl LiveObject {
+    fn has_relit(&self) -> bool {
+        self.relit.version > 0 && self.relit.value.is_some()
+    }
+
+    fn left_paint(&self, frame: &Frame) -> SidePaint {
+        let is_pinned = frame.against_pinned && self.pinned.value.is_some();
+        if is_pinned && frame.presentation.view != View::Before {
+            SidePaint::Pinned
+        } else {
+            SidePaint::Stored
+        }
+    }
+
+    fn right_paint(&self, view: View) -> SidePaint {
+        match view {
+            View::Normals => SidePaint::Normals,
+            View::Depth => SidePaint::White,
+            View::Visibility if !self.visibility.value.is_empty() => SidePaint::Visibility,
+            View::Doubts if self.doubts.value.is_some() => SidePaint::Doubts,
+            View::Visibility | View::Doubts => SidePaint::White,
+            // Until something is relit, the capture is what there is.
+            _ if !self.has_relit() => SidePaint::Stored,
+            View::Tau => SidePaint::Tau,
+            _ => SidePaint::Relit(view.part()),
+        }
+    }
+
+    fn key(&self, paint: SidePaint, frame: &Frame) -> ShadeKey {
+        let space = match (paint, &self.pinned.value) {
+            (SidePaint::Stored | SidePaint::Relit(_), _) => {
+                ColorSpace::Display(frame.presentation.display)
+            }
+            (SidePaint::Pinned, Some((_, display))) => ColorSpace::Display(*display),
+            _ => PLAIN,
+        };
+        let is_marked = frame.marks && self.doubts.value.is_some();
+        ShadeKey {
+            object: self.id,
+            paint,
+            version: match paint {
+                SidePaint::Relit(_) | SidePaint::Tau => self.relit.version,
+                SidePaint::Pinned => self.pinned.version,
+                SidePaint::Visibility => self.visibility.version,
+                SidePaint::Doubts => self.doubts.version,
+                _ => 0,
+            },
+            eye: frame.presentation.camera.eye,
+            space,
+            marks: is_marked.then_some(self.doubts.version),
+        }
+    }
+
+    /// Colours the surfels.
+    fn shade(&self, camera: &Camera, key: &ShadeKey) {
+        let rasterizer = &self.asset.rasterizer;
+        let resident = match (key.paint, &self.relit.value, &self.pinned.value) {
+            (SidePaint::Relit(part), Some(relit), _) => Some(relit.paint(part)),
+            (SidePaint::Tau, Some(Relit::Live(transfer)), _) => Some(transfer.ratio_paint()),
+            (SidePaint::Pinned, _, Some((sh, _))) => Some(ResidentPaint::Sh(sh, Part::Whole)),
+            (SidePaint::Stored, ..) => Some(ResidentPaint::Sh(&self.asset.stored, Part::Whole)),
+            (SidePaint::Normals, ..) => Some(ResidentPaint::Normals(&self.asset.normals)),
+            _ => None,
+        };
+        let doubts = &self.doubts.value;
+        match (resident, key.paint, &self.relit.value, doubts) {
+            (Some(resident), ..) => rasterizer.shade(camera, resident, key.space),
+            (None, SidePaint::Visibility, ..) => rasterizer.set_colors(&self.visibility.value),
+            (None, SidePaint::Doubts, _, Some(doubts)) => rasterizer.set_colors(&doubts.colors),
+            (None, SidePaint::Tau, Some(Relit::Uploaded(_, tau)), _) => rasterizer.set_colors(tau),
+            (None, ..) => rasterizer.fill_colors([1.0; 3]),
+        }
+        if let (Some(_), Some(doubts)) = (key.marks, doubts) {
+            rasterizer.overlay(camera, &doubts.marks);
+        }
+    }
 }
 
 struct Screen {
@@ -173,28 +270,16 @@ pub struct Live {
     context: Arc<Context>,
     present: PresentPass,
     blit: Blit,
-    asset: Option<LiveAsset>,
-    relit: Option<Relit>,
-    pinned: Option<(ResidentSh, Display)>,
-    visibility: Vec<[f32; 3]>,
-    doubts: Vec<[f32; 3]>,
-    marks: Option<ResidentVectors>,
+    objects: Vec<LiveObject>,
+    objects_made: u64,
     backdrops: [Option<Backdrop>; 2],
     ground: [Option<GroundLit>; 2],
+    /// Of backdrops and ground.
+    surroundings_version: u64,
     sides: [Side; 2],
-    order: Option<Order>,
     screen: Option<Screen>,
-    sorted: Memory<(Vec3, Vec3, u64, u64)>,
-    projected: Memory<(Camera, u64)>,
-    presented: Memory<(Presentation, [u64; 2], u64)>,
-    /// Count up with each new asset, relight, set of colours, marks and texture.
-    asset_version: u64,
-    relit_version: u64,
-    pinned_version: u64,
-    visibility_version: u64,
-    doubts_version: u64,
-    marks_version: u64,
-    texture_version: u64,
+    /// From the sides' versions and that of what is around them.
+    presented: Derived<(Presentation, [u64; 2], u64), ()>,
     passes: Passes,
 }
 
@@ -205,27 +290,14 @@ impl Live {
             present: PresentPass::new(context),
             blit: Blit::new(context, window),
             context: context.clone(),
-            asset: None,
-            relit: None,
-            pinned: None,
-            visibility: Vec::new(),
-            doubts: Vec::new(),
-            marks: None,
+            objects: Vec::new(),
+            objects_made: 0,
             backdrops: [None, None],
             ground: [None, None],
+            surroundings_version: 0,
             sides: Default::default(),
-            order: None,
             screen: None,
-            sorted: Memory::default(),
-            projected: Memory::default(),
-            presented: Memory::default(),
-            asset_version: 0,
-            relit_version: 0,
-            pinned_version: 0,
-            visibility_version: 0,
-            doubts_version: 0,
-            marks_version: 0,
-            texture_version: 0,
+            presented: Derived::default(),
             passes: Passes::default(),
         }
     }
@@ -237,241 +309,209 @@ impl Live {
 
     /// How many surfels the last frame drew.
     pub fn drawn(&self) -> usize {
-        self.order.as_ref().map_or(0, |o| o.drawn)
+        let orders = self.objects.iter().filter_map(|o| o.order.get());
+        orders.map(|o| o.drawn).sum()
     }
 
-    /// Whether there is something relit to be shown.
-    pub fn has_relit(&self) -> bool {
-        self.relit_version > 0 && self.relit.is_some()
+    /// Whether there is something relit of an object to be shown.
+    pub fn has_relit(&self, object: usize) -> bool {
+        self.objects.get(object).is_some_and(LiveObject::has_relit)
     }
 
-    /// Shows another asset; what was made of the last one is dropped.
-    pub fn set_asset(&mut self, asset: LiveAsset) {
-        self.asset = Some(asset);
-        self.relit = None;
-        self.relit_version = 0;
-        self.pinned = None;
-        self.visibility.clear();
-        self.doubts.clear();
-        self.marks = None;
+    /// Shows another asset as an object, one of those that are there or the next; what was made of the last one is dropped.
+    pub fn set_asset(&mut self, object: usize, asset: LiveAsset) {
+        self.objects_made += 1;
+        let made = LiveObject {
+            id: self.objects_made,
+            asset,
+            relit: Versioned::default(),
+            pinned: Versioned::default(),
+            visibility: Versioned::default(),
+            doubts: Versioned::default(),
+            order: Derived::default(),
+            projected: Derived::default(),
+        };
+        match self.objects.get_mut(object) {
+            Some(last) => *last = made,
+            None => self.objects.push(made),
+        }
         self.ground = [None, None];
-        self.asset_version += 1;
-        self.texture_version += 1;
+        self.surroundings_version += 1;
+    }
+
+    /// Takes an object's surfels where they are held now; they are the same.
+    pub fn set_cloud(&mut self, object: usize, cloud: &Arc<SurfelCloud>) {
+        self.objects[object].asset.rasterizer.set_cloud(cloud);
     }
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
-    pub fn set_transfer(&mut self, transfer: GpuTransfer) {
-        self.relit = Some(Relit::Live(Box::new(transfer)));
+    pub fn set_transfer(&mut self, object: usize, transfer: GpuTransfer) {
+        self.objects[object].relit.value = Some(Relit::Live(Box::new(transfer)));
     }
 
     /// Shows what was relit on the CPU, with its colours in the channel *tau*.
-    pub fn set_relit(&mut self, relit: ResidentSh, tau: Vec<[f32; 3]>) {
-        self.relit = Some(Relit::Uploaded(relit, tau));
-        self.relit_version += 1;
+    pub fn set_relit(&mut self, object: usize, relit: ResidentSh, tau: Vec<[f32; 3]>) {
+        let relit = Relit::Uploaded(relit, tau);
+        self.objects[object].relit.set(Some(relit));
         self.passes.transfer += 1;
     }
 
-    /// Relights by another light, for a view that shows a part of it, and leaves out surfels that nobody sees (`[n]` or empty).
+    /// Relights an object by another light, for a view that shows a part of it, and leaves out surfels that nobody sees (`[n]` or empty).
     ///
     /// # Errors
     /// The light was not read for the method.
     pub fn relight(
         &mut self,
+        object: usize,
         target: &Illumination,
         part: Part,
         unseen: &[bool],
     ) -> transplat_core::Result<()> {
-        if let Some(Relit::Live(transfer)) = &mut self.relit {
+        let relit = &mut self.objects[object].relit;
+        if let Some(Relit::Live(transfer)) = &mut relit.value {
             transfer.submit(target, part, unseen)?;
-            self.relit_version += 1;
+            relit.version += 1;
             self.passes.transfer += 1;
         }
         Ok(())
     }
 
-    /// Keeps what is shown relit now, to compare others with it.
-    pub fn pin(&mut self, display: Display) {
-        let relit = self.relit.as_ref().map(Relit::sh);
-        self.pinned = relit.map(|r| (r.snapshot(&self.context), display));
-        self.pinned_version += 1;
+    /// Keeps what is shown relit of an object now, to compare others with it.
+    pub fn pin(&mut self, object: usize, display: Display) {
+        let object = &mut self.objects[object];
+        let relit = object.relit.value.as_ref().map(Relit::sh);
+        let pinned = relit.map(|r| (r.snapshot(&self.context), display));
+        object.pinned.set(pinned);
     }
 
     /// The same with what was relit on the CPU.
-    pub fn pin_relit(&mut self, relit: ResidentSh, display: Display) {
-        self.pinned = Some((relit, display));
-        self.pinned_version += 1;
+    pub fn pin_relit(&mut self, object: usize, relit: ResidentSh, display: Display) {
+        self.objects[object].pinned.set(Some((relit, display)));
     }
 
     /// Sets the surfel colours of the channel *visibility*.
-    pub fn set_visibility(&mut self, colors: Vec<[f32; 3]>) {
-        self.visibility = colors;
-        self.visibility_version += 1;
+    pub fn set_visibility(&mut self, object: usize, colors: Vec<[f32; 3]>) {
+        self.objects[object].visibility.set(colors);
     }
 
     /// Sets the surfel colours of the channel *doubts*, and the marks with their weight.
-    pub fn set_doubts(&mut self, colors: Vec<[f32; 3]>, marks: impl Iterator<Item = [f32; 4]>) {
-        self.doubts = colors;
-        self.marks = Some(ResidentVectors::upload(&self.context, marks));
-        self.doubts_version += 1;
-        self.marks_version += 1;
+    pub fn set_doubts(
+        &mut self,
+        object: usize,
+        colors: Vec<[f32; 3]>,
+        marks: impl Iterator<Item = [f32; 4]>,
+    ) {
+        let marks = ResidentVectors::upload(&self.context, marks);
+        self.objects[object]
+            .doubts
+            .set(Some(Doubts { colors, marks }));
     }
 
     /// Sets the map behind one side: 0 is what is as captured, 1 what is relit.
     pub fn set_backdrop(&mut self, side: usize, backdrop: Backdrop) {
         self.passes.backdrop += 1;
         self.backdrops[side] = Some(backdrop);
-        self.texture_version += 1;
+        self.surroundings_version += 1;
     }
 
     /// Sets the lit share of the ground, `[GROUND_CELLS^2]`, under source and target.
     pub fn set_ground(&mut self, lit: [&[f32]; 2]) {
         self.ground = lit.map(|lit| Some(GroundLit::new(&self.context, lit)));
-        self.texture_version += 1;
+        self.surroundings_version += 1;
     }
 
     /// Brings the screen's picture up to date, and tells whether anything ran.
     pub fn frame(&mut self, frame: &Frame) -> bool {
-        let Some(asset) = self.asset.take() else {
+        if self.objects.is_empty() {
             return false;
-        };
+        }
         let before = self.passes;
         let mut frame = frame.clone();
         let presentation = &mut frame.presentation;
-        presentation.depth_unit = asset.rasterizer.depth_unit(&presentation.camera);
+        let units = self.objects.iter();
+        let units = units.map(|o| o.asset.rasterizer.depth_unit(&presentation.camera));
+        presentation.depth_unit = units.fold(0.0, f32::max);
         presentation.false_color &= presentation.view.is_light();
         presentation.display = presentation.display.for_picture(presentation.false_color);
-        self.draw_sides(&asset, &frame);
-        let presentation = &frame.presentation;
+        self.draw_sides(&frame);
+        let presentation = frame.presentation;
         self.size_screen(presentation.size);
-        let versions = [self.sides[0].version, self.sides[1].version];
-        if self
-            .presented
-            .is_new((*presentation, versions, self.texture_version))
-        {
-            self.present(presentation);
+        let versions = self.sides.each_ref().map(|side| side.drawn.version());
+        let key = (presentation, versions, self.surroundings_version);
+        if self.presented.ask(&key) {
+            self.present(&presentation);
         }
-        self.asset = Some(asset);
         self.passes != before
     }
 
-    fn draw_sides(&mut self, asset: &LiveAsset, frame: &Frame) {
+    fn draw_sides(&mut self, frame: &Frame) {
         let view = frame.presentation.view;
         let camera = &frame.presentation.camera;
         let forward = camera.view_from_world.transpose() * Vec3::Z;
-        let (hidden, hidden_version) = &frame.hidden;
-        let sort_key = (camera.eye, forward, *hidden_version, self.asset_version);
         let mut moved = false;
-        if self.sorted.is_new(sort_key) || self.order.is_none() {
-            self.order = Some(asset.rasterizer.sort(camera, hidden));
-            self.passes.sort += 1;
-            moved = true;
-        }
-        if self.projected.is_new((*camera, self.asset_version)) {
-            asset.rasterizer.project(camera);
-            self.passes.project += 1;
-            moved = true;
+        for (object, (hidden, version)) in self.objects.iter_mut().zip(&frame.hidden) {
+            let rasterizer = &object.asset.rasterizer;
+            let key = (camera.eye, forward, *version);
+            if object.order.ask(&key) {
+                object.order.accept(key, rasterizer.sort(camera, hidden));
+                self.passes.sort += 1;
+                moved = true;
+            }
+            if object.projected.ask(camera) {
+                rasterizer.project(camera);
+                self.passes.project += 1;
+                moved = true;
+            }
         }
         if moved {
             // Neither side is what the camera sees any more, the one not shown now included.
             for side in &mut self.sides {
-                side.shaded = Memory::default();
+                side.drawn.ask_again();
             }
         }
-        let wanted = [
-            (view == View::Before || view.has_two_sides()).then(|| self.left_paint(frame)),
-            (view != View::Before).then(|| self.right_paint(view)),
-        ];
-        for (side, paint) in wanted.into_iter().enumerate() {
-            if let Some(paint) = paint {
-                self.draw_side(asset, frame, side, paint);
-            }
+        if view == View::Before || view.has_two_sides() {
+            self.draw_side(frame, 0, |object| object.left_paint(frame));
+        }
+        if view != View::Before {
+            self.draw_side(frame, 1, |object| object.right_paint(view));
         }
     }
 
-    fn left_paint(&self, frame: &Frame) -> SidePaint {
-        if frame.against_pinned && self.pinned.is_some() && frame.presentation.view != View::Before
-        {
-            SidePaint::Pinned
-        } else {
-            SidePaint::Stored
-        }
-    }
-
-    fn right_paint(&self, view: View) -> SidePaint {
-        match view {
-            View::Normals => SidePaint::Normals,
-            View::Depth => SidePaint::White,
-            View::Visibility if !self.visibility.is_empty() => SidePaint::Visibility,
-            View::Doubts if !self.doubts.is_empty() => SidePaint::Doubts,
-            View::Visibility | View::Doubts => SidePaint::White,
-            // Until something is relit, the capture is what there is.
-            _ if !self.has_relit() => SidePaint::Stored,
-            View::Tau => SidePaint::Tau,
-            _ => SidePaint::Relit(view.part()),
-        }
-    }
-
-    fn draw_side(&mut self, asset: &LiveAsset, frame: &Frame, side: usize, paint: SidePaint) {
+    /// Draws the objects of a side, the farthest first.
+    fn draw_side(&mut self, frame: &Frame, side: usize, paint: impl Fn(&LiveObject) -> SidePaint) {
         let camera = &frame.presentation.camera;
         let size = [camera.width, camera.height];
-        let pinned = self.pinned.as_ref();
-        let space = match paint {
-            SidePaint::Stored | SidePaint::Relit(_) => {
-                ColorSpace::Display(frame.presentation.display)
-            }
-            SidePaint::Pinned => pinned.map_or(PLAIN, |(_, display)| ColorSpace::Display(*display)),
-            _ => PLAIN,
-        };
-        let marks = (frame.marks && self.marks.is_some()).then_some(self.marks_version);
-        let paint_version = match paint {
-            SidePaint::Relit(_) | SidePaint::Tau => self.relit_version,
-            SidePaint::Pinned => self.pinned_version,
-            SidePaint::Visibility => self.visibility_version,
-            SidePaint::Doubts => self.doubts_version,
-            _ => 0,
-        };
+        let mut objects: Vec<&LiveObject> = self.objects.iter().collect();
+        let distance = |o: &LiveObject| o.asset.rasterizer.distance(camera);
+        objects.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
+        let keys: Vec<_> = objects.iter().map(|o| o.key(paint(o), frame)).collect();
         let state = &mut self.sides[side];
+        let is_new = state.drawn.ask(&keys);
         let resized = state.target.as_ref().is_none_or(|t| t.size != size);
-        let key = ShadeKey {
-            paint,
-            eye: camera.eye,
-            space,
-            marks,
-            versions: [paint_version, self.asset_version],
-        };
-        if !state.shaded.is_new(key) && !resized {
+        if !is_new && !resized {
             return;
         }
         if resized {
             state.target = Some(Target::new(&self.context, size));
         }
-        let rasterizer = &asset.rasterizer;
-        let resident = match (paint, &self.relit) {
-            (SidePaint::Relit(part), Some(relit)) => Some(relit.paint(part)),
-            (SidePaint::Tau, Some(Relit::Live(transfer))) => Some(transfer.ratio_paint()),
-            (SidePaint::Pinned, _) => pinned.map(|(sh, _)| ResidentPaint::Sh(sh, Part::Whole)),
-            (SidePaint::Stored, _) => Some(ResidentPaint::Sh(&asset.stored, Part::Whole)),
-            (SidePaint::Normals, _) => Some(ResidentPaint::Normals(&asset.normals)),
-            _ => None,
+        let Some(target) = &state.target else {
+            return;
         };
-        match (resident, paint) {
-            (Some(resident), _) => rasterizer.shade(camera, resident, space),
-            (None, SidePaint::Visibility) => rasterizer.set_colors(&self.visibility),
-            (None, SidePaint::Doubts) => rasterizer.set_colors(&self.doubts),
-            (None, SidePaint::Tau) if let Some(Relit::Uploaded(_, tau)) = &self.relit => {
-                rasterizer.set_colors(tau)
+        for (i, (object, key)) in objects.iter().zip(&keys).enumerate() {
+            object.shade(camera, key);
+            self.passes.shade += 1;
+            let layer = Layer {
+                is_first: i == 0,
+                depth_unit: frame.presentation.depth_unit,
+                ..Layer::default()
+            };
+            if let Some(order) = object.order.get() {
+                let rasterizer = &object.asset.rasterizer;
+                rasterizer.draw_tile(camera, layer, order, target);
+                self.passes.draw += 1;
             }
-            (None, _) => rasterizer.fill_colors([1.0; 3]),
         }
-        self.passes.shade += 1;
-        if let (Some(_), Some(marks)) = (marks, &self.marks) {
-            rasterizer.overlay(camera, marks);
-        }
-        if let (Some(order), Some(target)) = (&self.order, &self.sides[side].target) {
-            rasterizer.draw_tile(camera, [0, 0], order, target);
-            self.passes.draw += 1;
-            self.sides[side].version += 1;
-        }
+        state.drawn.accept(keys, ());
     }
 
     fn size_screen(&mut self, size: [usize; 2]) {
@@ -500,7 +540,7 @@ impl Live {
             view,
             size,
         });
-        self.presented = Memory::default();
+        self.presented.clear();
     }
 
     fn present(&mut self, presentation: &Presentation) {

@@ -210,6 +210,27 @@ impl Target {
     }
 }
 
+/// How an asset is drawn over what is in the target.
+#[derive(Clone, Copy, Debug)]
+pub struct Layer {
+    /// The picture's pixel at which the target begins.
+    pub origin: [usize; 2],
+    /// Whether the target is cleared before.
+    pub is_first: bool,
+    /// What depths are divided by, so that those of the whole picture are around 1.
+    pub depth_unit: f32,
+}
+
+impl Default for Layer {
+    fn default() -> Self {
+        Self {
+            origin: [0, 0],
+            is_first: true,
+            depth_unit: 1.0,
+        }
+    }
+}
+
 struct SurfelChunk {
     surfels: wgpu::Buffer,
     positions: wgpu::Buffer,
@@ -316,8 +337,13 @@ impl GpuRasterizer {
             for x in (0..camera.width).step_by(edge) {
                 let size = [edge.min(camera.width - x), edge.min(camera.height - y)];
                 let target = Target::new(&self.context, size);
-                self.draw_tile(camera, [x, y], &order, &target);
-                self.read_tile(camera, [x, y], &target, &mut raster)?;
+                let layer = Layer {
+                    origin: [x, y],
+                    is_first: true,
+                    depth_unit: self.depth_unit(camera),
+                };
+                self.draw_tile(camera, layer, &order, &target);
+                self.read_tile(layer, &target, &mut raster)?;
             }
         }
         Ok(raster)
@@ -348,10 +374,9 @@ impl GpuRasterizer {
     fn view(
         &self,
         camera: &Camera,
-        origin: [usize; 2],
+        layer: Layer,
         tile: [usize; 2],
-        first: usize,
-        count: usize,
+        surfels: Range<usize>,
     ) -> wgpu::Buffer {
         let rows = camera.view_from_world.transpose();
         let pair = |v: [usize; 2]| v.map(|v| v as f32);
@@ -362,20 +387,29 @@ impl GpuRasterizer {
             focal: camera.focal,
             near: camera.near,
             principal: camera.principal_point(),
-            depth_unit: self.depth_unit(camera),
+            depth_unit: layer.depth_unit,
             unused: 0.0,
-            origin: pair(origin),
+            origin: pair(layer.origin),
             tile: pair(tile),
-            first: first as u32,
-            count: count as u32,
+            first: surfels.start as u32,
+            count: surfels.len() as u32,
         };
         self.context.upload(&[view], BufferUsages::UNIFORM)
     }
 
+    /// Takes the same surfels, held elsewhere.
+    pub(crate) fn set_cloud(&mut self, cloud: &Arc<SurfelCloud>) {
+        self.cloud = cloud.clone();
+    }
+
+    /// How far away the middle of the asset is.
+    pub(crate) fn distance(&self, camera: &Camera) -> f32 {
+        camera.eye.distance(self.bounds.center)
+    }
+
     /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
     pub(crate) fn depth_unit(&self, camera: &Camera) -> f32 {
-        let bounds = self.bounds;
-        (camera.eye.distance(bounds.center) + bounds.radius).max(camera.near)
+        (self.distance(camera) + self.bounds.radius).max(camera.near)
     }
 
     /// Gives all surfels one colour.
@@ -387,7 +421,8 @@ impl GpuRasterizer {
     pub fn project(&self, camera: &Camera) {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let tile = [camera.width, camera.height];
-            let view = self.view(camera, [0, 0], tile, i * CHUNK, chunk.count);
+            let surfels = i * CHUNK..i * CHUNK + chunk.count;
+            let view = self.view(camera, Layer::default(), tile, surfels);
             let bindings = [
                 ("view", &view),
                 ("surfels", &chunk.surfels),
@@ -499,9 +534,9 @@ impl GpuRasterizer {
         self.context.upload(&[parameters], BufferUsages::STORAGE)
     }
 
-    /// Blends the surfels of a part of the picture, which begins at `origin` and is of the target's size.
-    pub fn draw_tile(&self, camera: &Camera, origin: [usize; 2], order: &Order, target: &Target) {
-        let view = self.view(camera, origin, target.size, 0, 0);
+    /// Blends the surfels into a part of the picture that is of the target's size.
+    pub fn draw_tile(&self, camera: &Camera, layer: Layer, order: &Order, target: &Target) {
+        let view = self.view(camera, layer, target.size, 0..0);
         let group = self.context.bind_buffers(
             &self.draw.get_bind_group_layout(0),
             &self.draw_bindings,
@@ -513,7 +548,7 @@ impl GpuRasterizer {
             ],
         );
         for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
-            let load = if first == 0 {
+            let load = if first == 0 && layer.is_first {
                 wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
             } else {
                 wgpu::LoadOp::Load
@@ -549,14 +584,14 @@ impl GpuRasterizer {
 
     fn read_tile(
         &self,
-        camera: &Camera,
-        origin: [usize; 2],
+        Layer {
+            origin, depth_unit, ..
+        }: Layer,
         target: &Target,
         raster: &mut Raster,
     ) -> Result<()> {
         let pixels = read_texture(&self.context, &target.color, target.size, 4)?;
         let depths = read_texture(&self.context, &target.depth, target.size, 1)?;
-        let depth_unit = self.depth_unit(camera);
         for y in 0..target.size[1] {
             for x in 0..target.size[0] {
                 let from = y * target.size[0] + x;

@@ -6,8 +6,8 @@ use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::color::ToneMap;
-use transplat_core::look::Look;
 use transplat_core::present::{Background, View};
+use transplat_core::scene::Scene;
 use transplat_core::settings::{EPSILON, Method, Terms};
 use transplat_core::surfels::UpAxis;
 
@@ -163,10 +163,11 @@ impl LightArgs {
     /// Every file that is read for it, `targets` being the environments behind `--target`.
     pub fn inputs<'a>(
         &'a self,
-        look: &'a Look,
+        scene: &'a Scene,
         targets: &'a [(String, PathBuf)],
     ) -> impl Iterator<Item = &'a Path> {
-        let named = [&look.source.file, &look.asset, &self.bake, &self.look];
+        let object = &scene.objects[0];
+        let named = [&object.source.file, &object.asset, &self.bake, &self.look];
         named
             .into_iter()
             .flatten()
@@ -518,4 +519,13 @@ mod tests {
         assert!(parse_named::<ToneMap>("agx2").is_err());
         assert_eq!(parse_point("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
     }
+}
+
+/// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
+pub fn usage(message: &str) -> ! {
+    clap::Error::raw(
+        clap::error::ErrorKind::MissingRequiredArgument,
+        format!("{message}\n"),
+    )
+    .exit()
 }

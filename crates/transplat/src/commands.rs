@@ -51,12 +51,3 @@ pub fn make_folder(path: &Path) -> Result<()> {
     refuse_file(path)?;
     std::fs::create_dir_all(path).with_context(|| path.display().to_string())
 }
-
-/// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
-pub fn usage(message: &str) -> ! {
-    clap::Error::raw(
-        clap::error::ErrorKind::MissingRequiredArgument,
-        format!("{message}\n"),
-    )
-    .exit()
-}

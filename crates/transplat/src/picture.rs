@@ -9,9 +9,9 @@ use transplat_core::camera::Camera;
 use transplat_core::color::{Display, srgb_decode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::ground::Ground;
-use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::rasterize::{ColorSpace, Raster};
+use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
@@ -29,7 +29,7 @@ impl Backdrop {
     /// A light's map, turned and as strong as its settings say; `matched` is what brings it to the source's strength.
     pub fn new(
         map: Arc<EnvironmentMap>,
-        settings: &LightSettings,
+        settings: &EnvironmentLight,
         up: UpAxis,
         matched: f32,
     ) -> Self {
@@ -44,13 +44,14 @@ impl Backdrop {
 /// Lit share of the ground's cells under source and target, from the light of their maps.
 pub fn lit_ground(
     ground: &Ground,
-    look: &Look,
+    scene: &Scene,
+    object: &Object,
     [source, target]: [&Illumination; 2],
     up: UpAxis,
 ) -> [Vec<f32>; 2] {
     [
-        ground.lit_share(&look.source.orient(source, up).radiance),
-        ground.lit_share(&look.target.orient(target, up).radiance),
+        ground.lit_share(&object.source.orient(source, up).radiance),
+        ground.lit_share(&scene.environment.orient(target, up).radiance),
     ]
 }
 
@@ -103,7 +104,7 @@ struct Shot<'a> {
 /// The asset, ready to be pictured.
 pub struct Studio {
     pub cloud: Arc<SurfelCloud>,
-    pub look: Look,
+    pub scene: Scene,
     pub view: View,
     pub space: ColorSpace,
     pub painter: Painter,
@@ -115,24 +116,23 @@ pub struct Studio {
 }
 
 impl Studio {
-    /// An asset with what its look hides.
+    /// An object of a scene, with what is hidden of it.
     pub fn new(
         cloud: &Arc<SurfelCloud>,
-        look: Look,
+        (scene, object): (Scene, usize),
         view: View,
         linear: bool,
         painter: Painter,
     ) -> Self {
-        let display = look
+        let display = scene
             .display
-            .for_picture(look.false_color && view.is_light());
-        let look = Look {
-            background: view.background(look.background),
-            ..look
+            .for_picture(scene.false_color && view.is_light());
+        let scene = Scene {
+            background: view.background(scene.background),
+            ..scene
         };
-        let hidden = look
-            .hide
-            .unseen(cloud, &cloud.bounds(), &look.transfer.skips);
+        let hide = &scene.objects[object].hide;
+        let hidden = hide.unseen(cloud, &cloud.bounds(), &scene.transfer.skips);
         Self {
             cloud: cloud.clone(),
             view,
@@ -145,7 +145,7 @@ impl Studio {
             hidden,
             openness: Vec::new(),
             ground: None,
-            look,
+            scene,
         }
     }
 
@@ -180,18 +180,18 @@ impl Studio {
             View::Split => {
                 let left = self.finished(self.before(shot)?, shot, 0);
                 let right = self.finished(self.after(shot)?, shot, 1);
-                present::split(&left, &right, self.look.wipe)
+                present::split(&left, &right, self.scene.wipe)
             }
             View::Difference => {
                 let (before, after) = (self.before(shot)?, self.after(shot)?);
-                let scale = self.look.difference_scale;
+                let scale = self.scene.difference_scale;
                 let difference = present::difference(&before, &after, self.space, scale);
                 self.finished(difference, shot, 1)
             }
             View::Before => self.finished(self.before(shot)?, shot, 0),
             _ => self.finished(self.after(shot)?, shot, 1),
         };
-        if self.look.false_color && self.view.is_light() && self.space != ColorSpace::Linear {
+        if self.scene.false_color && self.view.is_light() && self.space != ColorSpace::Linear {
             present::false_color_picture(&mut raster);
         }
         Ok(raster)
@@ -208,7 +208,7 @@ impl Studio {
         if let (Some((relit, display)), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
                 ColorSpace::Display(_) => {
-                    ColorSpace::Display(display.for_picture(self.look.false_color))
+                    ColorSpace::Display(display.for_picture(self.scene.false_color))
                 }
                 ColorSpace::Linear => ColorSpace::Linear,
             };
@@ -255,7 +255,7 @@ impl Studio {
                 ]
             });
         }
-        let background = self.look.background;
+        let background = self.scene.background;
         let height = camera.height;
         match (background, &lit.backdrops[side]) {
             (Background::Transparent, _) | (Background::Environment, None) => {}

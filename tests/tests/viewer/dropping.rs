@@ -13,7 +13,7 @@ use transplat_tests::{asset, psnr, small_splat};
 fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let mut d = Driver::new();
     let picture = d.picture();
-    let look = d.viewer().session.look.clone();
+    let scene = d.viewer().session.scene.clone();
     let ply = fs::read(d.folder.path("teapot.ply")).expect("it is there");
     let broken: Vec<String> = vec![
         d.folder.write("half.ply", &ply[..ply.len() / 2]),
@@ -50,7 +50,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
             &name
         };
         assert!(errors[0].text.contains(named), "{}", errors[0].text);
-        assert_eq!(d.viewer().session.look, look, "{file}");
+        assert_eq!(d.viewer().session.scene, scene, "{file}");
         assert!(
             !d.viewer().shelf().iter().any(|p| p.ends_with(&name)),
             "{file} is on the shelf"
@@ -64,11 +64,11 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     d.viewer().open(Path::new(&splat));
     d.settle();
     let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.live().has_relit());
-    assert_eq!(session.sides[1].name(), "sunset", "the target stays");
+    assert!(session.source_is_assumed() && session.live().has_relit(0));
+    assert_eq!(session.light(1).name(), "sunset", "the target stays");
     d.harness
         .get_by_label("captured under: even light (assumed)");
-    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
     d.picture();
     assert_eq!(d.viewer().session.up(), UpAxis::MinusY);
 
@@ -100,7 +100,7 @@ fn a_light_dropped_on_a_slot_is_that_slots_light() {
         d.harness
             .event(egui::Event::PointerMoved(at + egui::vec2(1.0, 0.0)));
         d.settle();
-        assert_eq!(d.viewer().session.sides[side].path, light);
+        assert_eq!(d.viewer().session.light(side).path, light);
         assert!(d.viewer().shelf().contains(&light));
     }
     // Anywhere else it is the target's.
@@ -117,7 +117,7 @@ fn a_light_dropped_on_a_slot_is_that_slots_light() {
     d.harness
         .event(egui::Event::PointerMoved(egui::pos2(301.0, 300.0)));
     d.settle();
-    assert_eq!(d.viewer().session.sides[1].path, light);
+    assert_eq!(d.viewer().session.light(1).path, light);
 }
 
 #[test]
@@ -127,16 +127,13 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
     fs::copy(asset("teapot.ply"), &again).expect("room for it");
     d.viewer().open(&again);
     d.viewer().session.set_light(0, city);
-    d.viewer().session.look.source.rotation = 12.0;
-    d.viewer().session.look.up = Some(UpAxis::PlusX);
+    d.viewer().session.object_mut().source.rotation = 12.0;
+    d.viewer().session.object_mut().up = Some(UpAxis::PlusX);
     d.settle();
     let session = &d.viewer().session;
-    assert_eq!(
-        session.asset.as_ref().map(|a| a.name()),
-        Some("again".into())
-    );
-    assert_eq!(session.sides[0].name(), "city");
-    assert_eq!(session.look.source.rotation, 12.0);
+    assert_eq!(session.asset().map(|a| a.name()), Some("again".into()));
+    assert_eq!(session.light(0).name(), "city");
+    assert_eq!(session.object().source.rotation, 12.0);
     assert_eq!(session.up(), UpAxis::PlusX);
 
     // A file that changed is read anew when it is opened again.
@@ -144,18 +141,18 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
     fs::copy(asset("city.hdr"), &light).expect("room for it");
     d.viewer().open(&light);
     d.settle();
-    let first = d.viewer().session.sides[1].illumination.clone();
+    let first = d.viewer().session.light(1).illumination.clone();
     fs::copy(asset("sunset.hdr"), &light).expect("room for it");
     d.viewer().open(&light);
     d.settle();
-    assert_ne!(d.viewer().session.sides[1].illumination, first);
+    assert_ne!(d.viewer().session.light(1).illumination, first);
 
     // The colour's encoding is the settings': undone and redone it is loaded again.
     let encoded = d.picture();
-    d.viewer().session.look.linear = true;
+    d.viewer().session.object_mut().linear = true;
     let linear = d.picture();
     assert!(psnr(&encoded, &linear) < 35.0);
-    d.viewer().session.look.linear = false;
+    d.viewer().session.object_mut().linear = false;
     assert!(psnr(&encoded, &d.picture()) > 60.0);
 }
 

@@ -28,9 +28,9 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     d.harness
         .get_by_label("captured under: estimated from the object");
     let session = &d.viewer().session;
-    let estimate = session.estimate.clone().expect("it was asked");
+    let estimate = session.estimate().cloned().expect("it was asked");
     assert!(estimate.is_good() && estimate.confidence > 0.9);
-    assert!(!session.source_is_assumed() && session.live().has_relit());
+    assert!(!session.source_is_assumed() && session.live().has_relit(0));
     assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
     let toward = |d: &mut Driver| {
         let [source, _] = d.viewer().session.oriented_lights();
@@ -38,7 +38,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     };
     let before = toward(&mut d);
     // Wherever the asset's up is said to be, its light shines on it from where it did.
-    d.viewer().session.look.up = Some(UpAxis::MinusY);
+    d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
     d.settle();
     assert!(toward(&mut d).dot(before) > 0.999);
     for (light, is_even) in [("even", true), ("estimate", false)] {
@@ -57,31 +57,34 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     d.harness
         .get_by_label("captured under: even light (assumed)");
     let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.estimate.as_ref().is_some_and(|e| !e.is_good()));
+    assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_good()));
     assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);
     let mut told = session.messages.iter();
     assert!(told.any(|m| m.text.contains("cannot be told") && m.text.contains("half")));
-    assert!(session.look.source.is_estimate() && session.look_to_save().source.is_estimate());
+    assert!(
+        session.object().source.is_estimate()
+            && session.scene_to_save().objects[0].source.is_estimate()
+    );
     // A file that is no light changes nothing of that.
     let broken = d.folder.write("broken.hdr", "no light");
-    d.viewer().session.look.source.strength = 1.5;
+    d.viewer().session.object_mut().source.strength = 1.5;
     d.settle();
     d.viewer().session.set_light(0, broken.into());
     d.settle();
-    let source = &d.viewer().session.look.source;
+    let source = &d.viewer().session.object().source;
     assert!(source.is_estimate() && source.strength == 1.5);
     // The next asset may tell its light.
     open_own(&mut d);
     d.settle();
     assert!(!d.viewer().session.source_is_assumed());
     // Taken as linear it tells another, which is estimated anew.
-    let before = d.viewer().session.estimate.clone();
-    d.viewer().session.look.linear = true;
+    let before = d.viewer().session.estimate().cloned();
+    d.viewer().session.object_mut().linear = true;
     d.settle();
     let session = &d.viewer().session;
-    assert!(session.look.source.is_estimate() && session.estimate.is_some());
+    assert!(session.object().source.is_estimate() && session.estimate().is_some());
     assert_ne!(
-        session.estimate.as_ref().map(|e| e.confidence),
+        session.estimate().map(|e| e.confidence),
         before.map(|e| e.confidence)
     );
 }
@@ -90,7 +93,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
 fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let mut d = Driver::new();
     // Preset paper's own bake tells nothing of the light: another is made after it.
-    d.viewer().session.look.transfer.method = Method::Harmonic;
+    d.viewer().session.scene.transfer.method = Method::Harmonic;
     open_own(&mut d);
     let start = Instant::now();
     let is_baked_for = |d: &mut Driver| {
@@ -102,17 +105,17 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
         assert!(start.elapsed() < PATIENCE, "it is baked for");
     }
     let session = &d.viewer().session;
-    assert!(session.is_estimating() && session.source_is_assumed());
+    assert!(session.is_estimating(0) && session.source_is_assumed());
     session.jobs.running().iter().for_each(|j| j.cancel());
     d.settle();
     let session = &d.viewer().session;
-    assert!(session.estimate.is_none() && session.source_is_assumed());
+    assert!(session.estimate().is_none() && session.source_is_assumed());
     d.viewer().session.ask_for_estimate();
     d.settle();
     let session = &d.viewer().session;
-    assert!(session.estimate.as_ref().is_some_and(|e| e.is_good()));
+    assert!(session.estimate().is_some_and(|e| e.is_good()));
     assert!(!session.source_is_assumed());
-    assert_eq!(session.look.transfer.method, Method::Harmonic);
+    assert_eq!(session.scene.transfer.method, Method::Harmonic);
 }
 
 #[test]
@@ -120,9 +123,9 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     let mut d = Driver::new();
     let own = open_own(&mut d);
     d.settle();
-    let first = d.viewer().session.estimate.clone().expect("estimated");
+    let first = d.viewer().session.estimate().cloned().expect("estimated");
     // Another splat, dropped while nothing of the last one's light fits it, and with a method that has no bake for an estimate.
-    d.viewer().session.look.transfer.method = Method::Harmonic;
+    d.viewer().session.scene.transfer.method = Method::Harmonic;
     let few = d.folder.write("few.ply", small_splat(30));
     d.viewer().open(Path::new(&few));
     d.settle();
@@ -132,8 +135,10 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     d.viewer().open(&own);
     d.settle();
     let session = &d.viewer().session;
-    assert_eq!(session.estimate.as_ref(), Some(&first));
-    assert!(!session.source_is_assumed() && !session.bakes.contains_key(&Method::Directional));
+    assert_eq!(session.estimate(), Some(&first));
+    assert!(
+        !session.source_is_assumed() && !session.state().bakes.contains_key(&Method::Directional)
+    );
     // Undone and done again, swapped and swapped back.
     d.viewer().session.set_light(0, "even".into());
     d.settle();
@@ -149,16 +154,16 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     }
     d.viewer().session.swap_lights();
     d.settle();
-    assert_eq!(d.viewer().session.sides[1].path, Path::new("estimate"));
+    assert_eq!(d.viewer().session.light(1).path, Path::new("estimate"));
     d.viewer().session.swap_lights();
     // A look without a light of the capture leaves that to the asset.
-    let look = format!(
+    let scene = format!(
         "{{\"asset\": {:?}, \"target\": {{\"file\": \"even\"}}}}",
         few
     );
-    let look = d.folder.write("few.json", look);
-    d.viewer().open(Path::new(&look));
+    let scene = d.folder.write("few.json", scene);
+    d.viewer().open(Path::new(&scene));
     d.settle();
     let session = &d.viewer().session;
-    assert!(session.look.source.is_estimate() && session.source_is_assumed());
+    assert!(session.object().source.is_estimate() && session.source_is_assumed());
 }

@@ -13,24 +13,30 @@ use transplat_tests::psnr;
 #[test]
 fn the_gpu_shows_what_the_cpu_relit() {
     let mut d = Driver::new();
-    d.viewer().session.look.background = Background::Color([0.2; 3]);
+    d.viewer().session.scene.background = Background::Color([0.2; 3]);
     d.picture();
     let session = &d.viewer().session;
     let context = session.context.clone();
-    let cloud: Arc<_> = session.asset.as_ref().expect("a splat").cloud.clone();
-    let prepared = session.prepared.clone().expect("it is prepared");
+    let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
+    let prepared = session.prepared().cloned().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
-    live.set_asset(LiveAsset::new(&context, &cloud).expect("the driver works"));
-    live.set_transfer(GpuTransfer::new(&context, &prepared).expect("the driver works"));
+    live.set_asset(
+        0,
+        LiveAsset::new(&context, &cloud).expect("the driver works"),
+    );
+    live.set_transfer(
+        0,
+        GpuTransfer::new(&context, &prepared).expect("the driver works"),
+    );
     let mut pictures = Vec::new();
     for view in [View::After, View::Diffuse, View::Specular, View::Tau] {
-        d.viewer().session.look.view = view;
+        d.viewer().session.scene.view = view;
         let cpu = d.picture();
         let session = &d.viewer().session;
         let [_, target] = session.oriented_lights();
         let size = session.live().read_screen().expect("the driver works").1;
         let frame = session.frame(size, view).expect("a splat");
-        live.relight(&target.light, view.part(), &[])
+        live.relight(0, &target.light, view.part(), &[])
             .expect("read for best");
         assert!(live.frame(&frame));
         let (values, _) = live.read_screen().expect("the driver works");

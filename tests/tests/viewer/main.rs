@@ -5,14 +5,13 @@ mod estimate;
 mod live;
 
 use std::fs;
-use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui;
 use transplat::viewer::Task;
 use transplat_core::color::ToneMap;
-use transplat_core::look::{EVEN, Look};
 use transplat_core::present::{Background, View};
+use transplat_core::scene::{EVEN, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
@@ -32,7 +31,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
 
     // A turn of the light: one transfer, one colouring, one drawing; the map is not read again, nothing is sorted or projected.
     let stages = d.viewer().stages();
-    d.viewer().session.look.target.rotation = 120.0;
+    d.viewer().session.scene.environment.rotation = 120.0;
     let turned = d.picture();
     let after_turn = d.viewer().passes();
     assert_eq!(after_turn.transfer, at_rest.transfer + 1);
@@ -47,7 +46,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     assert!(psnr(&first, &turned) < 30.0);
 
     // Exposure: no transfer.
-    d.viewer().session.look.display.exposure = 1.0;
+    d.viewer().session.scene.display.exposure = 1.0;
     let exposed = d.picture();
     let after_exposure = d.viewer().passes();
     assert_eq!(after_exposure.transfer, after_turn.transfer);
@@ -85,26 +84,26 @@ fn controls_run_what_they_touch_and_nothing_else() {
 
     // What is hidden needs no transfer, and is left out of the next one; what is seen again does.
     let whole = d.picture();
-    d.viewer().session.look.hide.crop = true;
-    d.viewer().session.look.hide.crop_max.z = 0.0;
+    d.viewer().session.object_mut().hide.crop = true;
+    d.viewer().session.object_mut().hide.crop_max.z = 0.0;
     let cropped = d.picture();
     assert_eq!(d.viewer().passes().transfer, orbited.transfer);
     assert!(psnr(&whole, &cropped) < 30.0);
-    d.viewer().session.look.target.rotation = 60.0;
+    d.viewer().session.scene.environment.rotation = 60.0;
     d.picture();
-    d.viewer().session.look.hide.crop = false;
+    d.viewer().session.object_mut().hide.crop = false;
     let released = d.picture();
     assert_eq!(d.viewer().passes().transfer, orbited.transfer + 2);
-    d.viewer().session.look.target.rotation = 0.0;
+    d.viewer().session.scene.environment.rotation = 0.0;
     d.picture();
-    d.viewer().session.look.target.rotation = 60.0;
+    d.viewer().session.scene.environment.rotation = 60.0;
     assert!(psnr(&released, &d.picture()) > 60.0);
 
     // Moving the wipe only presents.
-    d.viewer().session.look.view = View::Split;
+    d.viewer().session.scene.view = View::Split;
     d.picture();
     let split = d.viewer().passes();
-    d.viewer().session.look.wipe = 0.3;
+    d.viewer().session.scene.wipe = 0.3;
     d.picture();
     let wiped = d.viewer().passes();
     assert_eq!((wiped.draw, wiped.shade), (split.draw, split.shade));
@@ -139,30 +138,30 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
     for (i, (view, background)) in cases.into_iter().enumerate() {
         {
             let session = &mut d.viewer().session;
-            session.grid = false;
+            session.overlays.grid = false;
             session.pose.orthographic = i % 4 == 1;
-            let look = &mut session.look;
-            look.view = view;
-            look.background = background;
-            look.background_blur = 4.0;
-            look.source.rotation = -20.0;
-            look.target.rotation = 40.0;
-            look.target.tilt = 15.0;
-            look.target.mirror = i % 3 == 0;
-            look.target.up = if i % 3 == 2 {
+            let scene = &mut session.scene;
+            scene.view = view;
+            scene.background = background;
+            scene.background_blur = 4.0;
+            scene.objects[0].source.rotation = -20.0;
+            scene.environment.rotation = 40.0;
+            scene.environment.tilt = 15.0;
+            scene.environment.mirror = i % 3 == 0;
+            scene.environment.up = if i % 3 == 2 {
                 UpAxis::PlusY
             } else {
                 UpAxis::PlusZ
             };
-            look.target.tint = [1.0, 0.9, 0.8];
-            look.target.strength = 0.5;
-            look.match_strength = i % 2 == 1;
-            look.wipe = 0.4;
-            look.difference_scale = 2.0;
-            look.shadow_catcher = i < 3;
-            look.hide.min_opacity = 0.2;
-            look.false_color = view == View::Diffuse;
-            look.display.tone_map = if view == View::Split {
+            scene.environment.tint = [1.0, 0.9, 0.8];
+            scene.environment.strength = 0.5;
+            scene.match_strength = i % 2 == 1;
+            scene.wipe = 0.4;
+            scene.difference_scale = 2.0;
+            scene.shadow_catcher = i < 3;
+            scene.objects[0].hide.min_opacity = 0.2;
+            scene.false_color = view == View::Diffuse;
+            scene.display.tone_map = if view == View::Split {
                 ToneMap::Agx
             } else {
                 ToneMap::Srgb
@@ -183,14 +182,14 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
             "{view:?}: the screen and the file: {found:.1} dB"
         );
 
-        let look = folder.join("look.json");
-        let to_save = d.viewer().session.look_to_save();
-        transplat_core::files::save_look(&look, &to_save).expect("it is written");
+        let scene = folder.join("look.json");
+        let to_save = d.viewer().session.scene_to_save();
+        transplat_core::files::save_look(&scene, &to_save).expect("it is written");
         let rendered = folder.join(format!("{i}-render.png"));
         let output = run(&[
             "render",
             "--look",
-            &look.display().to_string(),
+            &scene.display().to_string(),
             "--size",
             &format!("{}x{}", size[0], size[1]),
             "--device",
@@ -218,19 +217,19 @@ fn a_look_restores_everything() {
     let mut d = Driver::new();
     {
         let session = &mut d.viewer().session;
-        session.look.target.rotation = -70.0;
-        session.look.target.mirror = true;
-        session.look.source.tilt = 5.0;
-        session.look.transfer.sh_degree = 4;
-        session.look.transfer.terms.specular = false;
-        session.look.display.tone_map = ToneMap::Neutral;
-        session.look.match_strength = true;
-        session.look.view = View::Split;
+        session.scene.environment.rotation = -70.0;
+        session.scene.environment.mirror = true;
+        session.object_mut().source.tilt = 5.0;
+        session.scene.transfer.sh_degree = 4;
+        session.scene.transfer.terms.specular = false;
+        session.scene.display.tone_map = ToneMap::Neutral;
+        session.scene.match_strength = true;
+        session.scene.view = View::Split;
         session.pose.azimuth = 77.0;
         session.pose.orthographic = true;
     }
     let before = d.picture();
-    let expected = d.viewer().session.look_to_save();
+    let expected = d.viewer().session.scene_to_save();
     let path = d.folder.path("my.json");
     transplat_core::files::save_look(&path, &expected).expect("it is written");
     let text = fs::read_to_string(&path).expect("it is there");
@@ -241,28 +240,28 @@ fn a_look_restores_everything() {
 
     {
         let session = &mut d.viewer().session;
-        session.look = Default::default();
-        session.look.source.file = Some(EVEN.into());
-        session.look.target.file = Some(EVEN.into());
+        session.scene = Default::default();
+        session.object_mut().source.file = Some(EVEN.into());
+        session.scene.environment.file = Some(EVEN.into());
         session.pose.azimuth = 0.0;
     }
     assert!(psnr(&before, &d.picture()) < 30.0);
     d.viewer().open(&path);
     let after = d.picture();
     assert!(psnr(&before, &after) > 60.0);
-    let whole = |look: Look| look.resolved_in(Path::new("/"));
-    let canonical = |mut look: Look| {
+    let canonical = |mut scene: Scene| {
+        let object = &mut scene.objects[0];
         for path in [
-            &mut look.asset,
-            &mut look.source.file,
-            &mut look.target.file,
+            &mut object.asset,
+            &mut object.source.file,
+            &mut scene.environment.file,
         ] {
             *path = path.as_ref().and_then(|p| p.canonicalize().ok());
         }
-        look
+        scene
     };
-    let restored = canonical(whole(d.viewer().session.look_to_save()));
-    assert_eq!(restored, canonical(whole(expected)));
+    let restored = canonical(d.viewer().session.scene_to_save());
+    assert_eq!(restored, canonical(expected));
 }
 
 #[test]
@@ -270,7 +269,7 @@ fn panels_change_settings_and_picture() {
     let mut d = Driver::new();
     let first = d.picture();
     d.click("Self-shadow");
-    assert!(!d.viewer().session.look.transfer.terms.shadow);
+    assert!(!d.viewer().session.scene.transfer.terms.shadow);
     assert!(psnr(&first, &d.picture()) < 40.0);
     d.click("Self-shadow");
     assert!(
@@ -280,19 +279,19 @@ fn panels_change_settings_and_picture() {
 
     // Each method has its own terms, and what is switched back is as it was.
     d.click("Gloss");
-    assert!(!d.viewer().session.look.transfer.terms.lobe);
+    assert!(!d.viewer().session.scene.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Gloss");
     d.click("paper");
-    assert_eq!(d.viewer().session.look.transfer.method, Method::Harmonic);
+    assert_eq!(d.viewer().session.scene.transfer.method, Method::Harmonic);
     let paper = d.picture();
     assert!(psnr(&first, &paper) < 45.0);
     d.click("Specular");
-    assert!(!d.viewer().session.look.transfer.terms.specular);
+    assert!(!d.viewer().session.scene.transfer.terms.specular);
     assert!(psnr(&paper, &d.picture()) < 50.0);
     d.click("Specular");
     let bakes = d.viewer().session.stages.bake;
-    d.viewer().session.look.transfer.method = Method::Directional;
+    d.viewer().session.scene.transfer.method = Method::Directional;
     assert!(psnr(&first, &d.picture()) > 60.0);
     assert_eq!(d.viewer().session.stages.bake, bakes, "both are kept");
 
@@ -305,7 +304,7 @@ fn panels_change_settings_and_picture() {
         ("After", View::After),
     ] {
         d.click(label);
-        assert_eq!(d.viewer().session.look.view, view);
+        assert_eq!(d.viewer().session.scene.view, view);
     }
     let mut seen = vec![first.clone()];
     for (label, view) in [
@@ -317,26 +316,40 @@ fn panels_change_settings_and_picture() {
         ("Ratio tau", View::Tau),
         ("Doubts", View::Doubts),
     ] {
-        d.viewer().session.look.view = view;
+        d.viewer().session.scene.view = view;
         let picture = d.picture();
         for other in &seen {
             assert!(psnr(other, &picture) < 45.0, "{label} looks like another");
         }
         seen.push(picture);
     }
-    d.viewer().session.look.view = View::After;
+    d.viewer().session.scene.view = View::After;
 
     // The matching toggle says by how much, and does it.
-    let stops = d.viewer().session.stops_over_source.expect("known lights");
+    let stops = d
+        .viewer()
+        .session
+        .state()
+        .relit
+        .get()
+        .and_then(|r| r.stops_over_source)
+        .expect("known lights");
     assert!(stops.abs() > 0.05);
-    d.viewer().session.look.match_strength = true;
+    d.viewer().session.scene.match_strength = true;
     d.picture();
-    let matched = d.viewer().session.stops_over_source.expect("known lights");
+    let matched = d
+        .viewer()
+        .session
+        .state()
+        .relit
+        .get()
+        .and_then(|r| r.stops_over_source)
+        .expect("known lights");
     assert!(matched.abs() < 0.01, "{matched}");
-    d.viewer().session.look.match_strength = false;
+    d.viewer().session.scene.match_strength = false;
 
     // The shelf: click, key and swap.
-    let target = |d: &mut Driver| d.viewer().session.sides[1].name();
+    let target = |d: &mut Driver| d.viewer().session.light(1).name();
     d.click("Swap lights");
     assert_eq!(target(&mut d), "city");
     let position = d
@@ -364,23 +377,26 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let before = bakes(&mut d);
     d.click("This side is out");
     let session = &d.viewer().session;
-    let told = session.look.outside_from.clone();
+    let told = session.object().outside_from.clone();
     assert_eq!(told.len(), 1);
-    let cloud = &session.asset.as_ref().expect("an asset").cloud;
+    let cloud = &session.asset().expect("an asset").cloud;
     assert_eq!(cloud.outside_from, told);
-    assert!(session.live().has_relit() && bakes(&mut d) > before);
-    assert_eq!(d.viewer().session.look_to_save().outside_from, told);
+    assert!(session.live().has_relit(0) && bakes(&mut d) > before);
+    assert_eq!(
+        d.viewer().session.scene_to_save().objects[0].outside_from,
+        told
+    );
     // What is said while the splat is loaded again is not lost.
     let more = glam::Vec3::new(0.0, 0.0, 9.0);
-    d.viewer().session.look.outside_from.push(more);
+    d.viewer().session.object_mut().outside_from.push(more);
     d.harness.step();
-    d.viewer().session.look.outside_from.pop();
+    d.viewer().session.object_mut().outside_from.pop();
     d.settle();
-    assert_eq!(d.viewer().session.look.outside_from, told);
+    assert_eq!(d.viewer().session.object().outside_from, told);
     d.click("Forget 1 view");
     let session = &d.viewer().session;
-    assert!(session.look.outside_from.is_empty());
-    let cloud = &session.asset.as_ref().expect("an asset").cloud;
+    assert!(session.object().outside_from.is_empty());
+    let cloud = &session.asset().expect("an asset").cloud;
     assert!(cloud.outside_from.is_empty());
 }
 
@@ -429,39 +445,39 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     );
     let panned = d.viewer().session.pose;
     assert!(panned.pivot != pose.pivot && panned.azimuth == orbited.azimuth);
-    let light = d.viewer().session.look.target.clone();
+    let light = d.viewer().session.scene.environment.clone();
     drag(
         &mut d,
         egui::PointerButton::Secondary,
         egui::Modifiers::SHIFT,
         egui::vec2(60.0, 10.0),
     );
-    let turned = d.viewer().session.look.target.clone();
+    let turned = d.viewer().session.scene.environment.clone();
     assert!(turned.rotation != light.rotation && turned.tilt != light.tilt);
     assert_eq!(d.viewer().session.pose, panned, "the camera stays");
 
     d.harness.key_press(egui::Key::ArrowLeft);
     d.settle();
-    let nudged = d.viewer().session.look.target.rotation;
+    let nudged = d.viewer().session.scene.environment.rotation;
     assert!((nudged - turned.rotation - 5.0).abs() < 1e-9);
     d.harness
         .key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::ArrowRight);
     d.settle();
-    let fine = d.viewer().session.look.target.rotation;
+    let fine = d.viewer().session.scene.environment.rotation;
     assert!((nudged - fine - 1.0).abs() < 1e-9);
 
     // Undo and redo of a setting.
-    d.viewer().session.look.transfer.sh_degree = 6;
+    d.viewer().session.scene.transfer.sh_degree = 6;
     d.harness.run_steps(12);
     d.settle();
     d.harness
         .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Z);
     d.settle();
-    assert_eq!(d.viewer().session.look.transfer.sh_degree, 3);
+    assert_eq!(d.viewer().session.scene.transfer.sh_degree, 3);
     d.harness
         .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Y);
     d.settle();
-    assert_eq!(d.viewer().session.look.transfer.sh_degree, 6);
+    assert_eq!(d.viewer().session.scene.transfer.sh_degree, 6);
 
     // Before while B is held.
     let after = d.picture();
@@ -482,23 +498,23 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     let b = d.picture();
     assert!(psnr(&a, &b) < 35.0);
     // All of the split is its left side: the pinned look, but for the background behind it.
-    d.viewer().session.look.background = Background::Color([0.0; 3]);
-    d.viewer().session.look.view = View::Split;
-    d.viewer().session.look.wipe = 1.0;
+    d.viewer().session.scene.background = Background::Color([0.0; 3]);
+    d.viewer().session.scene.view = View::Split;
+    d.viewer().session.scene.wipe = 1.0;
     let left = d.picture();
-    d.viewer().session.look.view = View::After;
+    d.viewer().session.scene.view = View::After;
     let right = d.picture();
     assert!(psnr(&left, &right) < 35.0);
     d.viewer().session.swap_pinned();
-    d.viewer().session.look.background = Background::Color([0.0; 3]);
+    d.viewer().session.scene.background = Background::Color([0.0; 3]);
     let swapped = d.picture();
     assert!(psnr(&left, &swapped) > 50.0, "{}", psnr(&left, &swapped));
     // Pinned while a channel is shown, it is the whole colour all the same.
-    d.viewer().session.look.view = View::Diffuse;
+    d.viewer().session.scene.view = View::Diffuse;
     d.picture();
     d.viewer().session.pin();
-    d.viewer().session.look.view = View::Split;
-    d.viewer().session.look.wipe = 1.0;
+    d.viewer().session.scene.view = View::Split;
+    d.viewer().session.scene.wipe = 1.0;
     let whole = d.picture();
     assert!(psnr(&left, &whole) > 50.0, "{}", psnr(&left, &whole));
 }
@@ -576,7 +592,7 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
     let mut d = Driver::new();
     let recovery = d.folder.path("cache/recovered.json");
     d.viewer().recovery = Some(recovery.clone());
-    d.viewer().session.look.target.rotation = 33.0;
+    d.viewer().session.scene.environment.rotation = 33.0;
     d.viewer().session.context.destroy();
     let closed = (0..50).any(|_| {
         d.harness.step();
@@ -586,8 +602,8 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
         commands.any(|c| *c == egui::ViewportCommand::Close)
     });
     assert!(closed, "the window is told to close");
-    let look = transplat_core::files::load_look(&recovery).expect("the look is kept");
-    assert_eq!(look.target.rotation, 33.0);
+    let scene = transplat_core::files::load_look(&recovery).expect("the look is kept");
+    assert_eq!(scene.environment.rotation, 33.0);
 }
 
 /// The whole window, both themes, at a quarter of its size: what is laid out, not how letters are drawn. A new look of the window is

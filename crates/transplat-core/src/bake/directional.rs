@@ -432,7 +432,7 @@ mod tests {
     use super::*;
     use crate::oracle;
     use crate::progress::no_progress;
-    use crate::scenes;
+    use crate::synthetic;
 
     /// Traces every ray.
     fn all_rays(cloud: &SurfelCloud) -> DirectionalBake {
@@ -442,7 +442,7 @@ mod tests {
 
     #[test]
     fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
-        let cloud = scenes::sphere(1500);
+        let cloud = synthetic::sphere(1500);
         let baked = all_rays(&cloud);
         let directions = directions();
         for (i, n) in baked.normals.iter().enumerate() {
@@ -460,7 +460,7 @@ mod tests {
 
     #[test]
     fn hits_agree_with_asking_every_disc() {
-        let cloud = scenes::sphere_over_plate(300);
+        let cloud = synthetic::sphere_over_plate(300);
         let baked = all_rays(&cloud);
         let surfels = &baked.tracer.surfels;
         let directions = directions();
@@ -503,7 +503,7 @@ mod tests {
     #[test]
     fn the_faces_of_a_thin_plate_of_wide_surfels_are_open_in_front() {
         // As trainers make them: far wider than they are apart.
-        let mut top = scenes::sheet(24);
+        let mut top = synthetic::sheet(24);
         for scale in &mut top.scales {
             *scale *= 2.0;
         }
@@ -534,7 +534,7 @@ mod tests {
     #[test]
     fn layers_of_one_surface_do_not_shade_each_other() {
         // Four layers within one of the surfels' own extents, tilted at random.
-        let ball = scenes::sphere(6000);
+        let ball = synthetic::sphere(6000);
         let mut stack = ball.clone();
         for (i, n) in ball.positions.iter().enumerate() {
             let tilt = Vec3::new(
@@ -555,7 +555,7 @@ mod tests {
 
     #[test]
     fn a_lone_sheet_is_two_sided() {
-        let baked = all_rays(&scenes::sheet(20));
+        let baked = all_rays(&synthetic::sheet(20));
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
         assert!(baked.hits.is_empty());
     }
@@ -567,7 +567,7 @@ mod tests {
                 true => std::ops::ControlFlow::Break(()),
                 false => std::ops::ControlFlow::Continue(()),
             };
-            let result = DirectionalBake::bake(&scenes::sphere_over_plate(500), &stop);
+            let result = DirectionalBake::bake(&synthetic::sphere_over_plate(500), &stop);
             assert!(matches!(result, Err(Error::Cancelled)), "{share}");
         }
     }

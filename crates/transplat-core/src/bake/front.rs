@@ -441,8 +441,8 @@ fn folded(p: Vec2) -> Vec2 {
 mod tests {
     use super::*;
     use crate::progress::no_progress;
-    use crate::scenes;
     use crate::sh::{MAX_COEFFICIENTS, band, evaluate_basis};
+    use crate::synthetic;
 
     fn find(cloud: &SurfelCloud) -> Vec<Vec3> {
         let fronts = Fronts::find(cloud, &no_progress).expect("not cancelled");
@@ -466,7 +466,7 @@ mod tests {
 
     #[test]
     fn a_ball_faces_outward_however_its_normals_are_stored() {
-        let mut ball = scenes::sphere(1500);
+        let mut ball = synthetic::sphere(1500);
         turn_every_third(&mut ball);
         let fronts = Fronts::find(&ball, &no_progress).expect("not cancelled");
         for (i, p) in ball.positions.iter().enumerate() {
@@ -483,7 +483,7 @@ mod tests {
 
     #[test]
     fn the_faces_of_a_plate_thinner_than_its_surfels_are_wide_face_apart() {
-        let sheet = scenes::sheet(24);
+        let sheet = synthetic::sheet(24);
         let mut plate = sheet.clone();
         let thickness = 0.4 * sheet.scales[0].x;
         for (i, p) in sheet.positions.iter().enumerate() {
@@ -503,16 +503,16 @@ mod tests {
 
     #[test]
     fn a_sheet_faces_where_its_colour_varies_as_that_of_what_surely_is_a_front() {
-        let mut scene = scenes::sphere_over_slab(1200);
+        let mut scene = synthetic::sphere_over_slab(1200);
         let solid = scene.len();
-        let sheet = scenes::sheet(16);
+        let sheet = synthetic::sheet(16);
         let lift = |p: &Vec3| 0.5 * *p + 2.0 * Vec3::Z;
         scene.positions.extend(sheet.positions.iter().map(lift));
         scene.tangents.extend(&sheet.tangents);
         scene.scales.extend(sheet.scales.iter().map(|s| 0.5 * *s));
         scene.opacities.extend(&sheet.opacities);
         scene.sh_degree = 3;
-        let outward: Vec<Vec3> = find(&scenes::sphere_over_slab(1200));
+        let outward: Vec<Vec3> = find(&synthetic::sphere_over_slab(1200));
         // What cameras above a surface teach its colour: the kernel of bands 1 to 3 around their directions.
         let photographed = |n: Vec3, i: usize| -> Vec<[f32; 3]> {
             let mut f = vec![[0f32; 3]; coefficient_count(3)];
@@ -536,7 +536,7 @@ mod tests {
 
     #[test]
     fn normals_of_a_stack_are_nearer_to_the_surface_than_those_of_its_members() {
-        let ball = scenes::sphere(8000);
+        let ball = synthetic::sphere(8000);
         // Four times as wide as they are apart.
         let mut stack = ball.clone();
         for (i, n) in ball.positions.iter().enumerate() {
@@ -556,7 +556,7 @@ mod tests {
 
     #[test]
     fn a_sheet_stays_as_it_was_stored_and_is_a_guess() {
-        let sheet = scenes::sheet(12);
+        let sheet = synthetic::sheet(12);
         let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
         assert!(fronts.of.iter().all(|f| !f.is_turned() && f.is_guess()));
         assert!(fronts.of.iter().all(|f| !f.is_one_sided()));
@@ -564,12 +564,12 @@ mod tests {
 
     #[test]
     fn what_the_user_sees_from_outside_is_the_front() {
-        let mut sheet = scenes::sheet(12);
+        let mut sheet = synthetic::sheet(12);
         sheet.outside_from = vec![Vec3::new(0.3, 0.2, -4.0)];
         let fronts = Fronts::find(&sheet, &no_progress).expect("not cancelled");
         assert!(fronts.of.iter().all(|f| f.is_turned() && !f.is_guess()));
         // It says nothing of what is not seen from there.
-        let mut ball = scenes::sphere(1500);
+        let mut ball = synthetic::sphere(1500);
         turn_every_third(&mut ball);
         ball.outside_from = vec![Vec3::new(0.0, 0.0, 5.0)];
         for (i, n) in find(&ball).into_iter().enumerate() {

@@ -499,12 +499,12 @@ mod tests {
     use super::*;
     use crate::oracle;
     use crate::progress::no_progress;
-    use crate::scenes;
     use crate::sh::refining_order;
+    use crate::synthetic;
 
     #[test]
     fn production_follows_the_oracle() {
-        let cloud = scenes::sphere_over_plate(400);
+        let cloud = synthetic::sphere_over_plate(400);
         let settings = BakeSettings { directions: 16 };
         let input = BakeInput::new(&cloud, &settings);
         let open = bake_harmonic(&input, &no_progress).expect("not cancelled");
@@ -525,7 +525,7 @@ mod tests {
 
     #[test]
     fn a_convex_object_sees_its_upper_half() {
-        let cloud = scenes::sphere(1500);
+        let cloud = synthetic::sphere(1500);
         let visibility =
             bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
         let lattice = fibonacci_sphere(DEFAULT_DIRECTIONS);
@@ -549,7 +549,7 @@ mod tests {
 
     #[test]
     fn turned_normals_are_turned_back() {
-        let mut cloud = scenes::sphere(1000);
+        let mut cloud = synthetic::sphere(1000);
         for i in (0..1000).step_by(3) {
             cloud.tangents[i].swap(0, 1);
             let s = cloud.scales[i];
@@ -571,7 +571,7 @@ mod tests {
 
     #[test]
     fn a_lone_sheet_is_two_sided() {
-        let cloud = scenes::sheet(20);
+        let cloud = synthetic::sheet(20);
         let visibility =
             bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
         assert!(visibility.two_sided.iter().all(|t| *t));
@@ -579,7 +579,7 @@ mod tests {
 
     #[test]
     fn all_open_projects_to_one() {
-        let cloud = scenes::sphere(10);
+        let cloud = synthetic::sphere(10);
         let visibility = HarmonicBake::all_open(&cloud, 16);
         let v = visibility.coefficients(0);
         assert!(
@@ -590,7 +590,7 @@ mod tests {
 
     #[test]
     fn coefficients_and_cosine_transfer_follow_the_oracle() {
-        let cloud = scenes::sphere_over_plate(60);
+        let cloud = synthetic::sphere_over_plate(60);
         let visibility =
             bake(&cloud, &BakeSettings { directions: 100 }, &no_progress).expect("not cancelled");
         for degree in [0, 3, 8] {
@@ -613,7 +613,7 @@ mod tests {
     #[test]
     fn a_blurred_visibility_keeps_its_lower_bands() {
         let visibility = bake(
-            &scenes::sphere(40),
+            &synthetic::sphere(40),
             &BakeSettings { directions: 64 },
             &no_progress,
         );
@@ -631,7 +631,7 @@ mod tests {
     #[test]
     fn light_times_cosine_transfer_is_the_irradiance() {
         // Open sky and a light of degree 2: E(n) by its closed form (paper eq. 3).
-        let cloud = scenes::sphere(40);
+        let cloud = synthetic::sphere(40);
         let visibility = HarmonicBake::all_open(&cloud, 4096);
         let transfer = visibility.cosine_transfer(2);
         let light = [1.0f32, 0.3, -0.2, 0.5, 0.1, -0.4, 0.25, 0.05, 0.15];
@@ -649,7 +649,7 @@ mod tests {
 
     #[test]
     fn cancelling_stops() {
-        let cloud = scenes::sphere(100);
+        let cloud = synthetic::sphere(100);
         let stop = |_: f64| ControlFlow::Break(());
         let result = bake(&cloud, &BakeSettings::default(), &stop);
         assert!(matches!(result, Err(Error::Cancelled)));
@@ -657,7 +657,7 @@ mod tests {
 
     #[test]
     fn an_unfinished_bake_is_close_to_the_finished_one() {
-        let cloud = scenes::sphere_over_plate(1500);
+        let cloud = synthetic::sphere_over_plate(1500);
         let settings = BakeSettings::default();
         let whole = bake(&cloud, &settings, &no_progress).expect("a bake");
         let order = refining_order(settings.directions);

@@ -133,8 +133,8 @@ mod tests {
     use super::*;
     use crate::bake::front::Fronts;
     use crate::progress::no_progress;
-    use crate::scenes;
     use crate::surfels::SurfelCloud;
+    use crate::synthetic;
 
     #[test]
     fn a_ball_and_a_sheet_are_open_and_a_ball_over_a_plate_is_not() {
@@ -142,16 +142,16 @@ mod tests {
             let fronts = Fronts::find(&cloud, &no_progress).expect("not cancelled");
             OpenObject::probe(&Tracer::new(&cloud, fronts))
         };
-        let ball = scenes::sphere(2000);
+        let ball = synthetic::sphere(2000);
         let open = probe(ball.clone()).expect("convex");
         assert!(open.mean_error < 0.01, "{}", open.mean_error);
         for (i, sides) in open.open.iter().enumerate() {
             let outward = ball.stored_normal(i).dot(ball.positions[i]) > 0.0;
             assert_eq!(*sides, [outward, !outward]);
         }
-        let sheet = probe(scenes::sheet(20)).expect("nothing blocks it");
+        let sheet = probe(synthetic::sheet(20)).expect("nothing blocks it");
         assert!(sheet.open.iter().all(|s| *s == [true, true]));
-        assert!(probe(scenes::sphere_over_plate(2000)).is_none());
-        assert_eq!(probe(scenes::sphere(0)).map(|o| o.mean_error), Some(0.0));
+        assert!(probe(synthetic::sphere_over_plate(2000)).is_none());
+        assert_eq!(probe(synthetic::sphere(0)).map(|o| o.mean_error), Some(0.0));
     }
 }

@@ -141,11 +141,11 @@ fn transmittance(
 mod tests {
     use super::*;
     use crate::oracle;
-    use crate::scenes;
+    use crate::synthetic;
 
     #[test]
     fn it_is_what_all_surfels_between_let_through() {
-        let mut cloud = scenes::sphere_over_plate(300);
+        let mut cloud = synthetic::sphere_over_plate(300);
         for (i, o) in cloud.opacities.iter_mut().enumerate() {
             *o = 0.05 + 0.9 * ((i * 7 % 11) as f32 / 11.0);
             // No two in one plane: either may be in front of the other.

@@ -10,6 +10,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::map::EnvironmentMap;
+use crate::color::luminance;
 
 /// Light from one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,6 +134,16 @@ impl Beams {
         Self {
             suns: Vec::new(),
             cells: [&self.cells[..], &self.suns[..]].concat(),
+        }
+    }
+
+    /// Adds a compact source; one too many makes the dimmest sky.
+    pub fn add(&mut self, beam: Beam) {
+        self.suns.push(beam);
+        self.suns
+            .sort_by(|a, b| luminance(b.energy).total_cmp(&luminance(a.energy)));
+        if self.suns.len() > MAX_SUNS {
+            self.cells.extend(self.suns.pop());
         }
     }
 

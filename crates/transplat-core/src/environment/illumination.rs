@@ -2,7 +2,7 @@
 
 use glam::DMat3;
 
-use super::beams::Beams;
+use super::beams::{Beam, Beams};
 use super::map::EnvironmentMap;
 use super::radiance::{IncidentRadiance, project_environment};
 use crate::error::{Error, Result};
@@ -77,6 +77,14 @@ impl Illumination {
     /// The light with its strength multiplied.
     pub fn scaled(&self, gain: f32) -> Self {
         self.tinted([gain; 3])
+    }
+
+    /// Adds a source without extent.
+    pub fn add(&mut self, beam: Beam) {
+        self.radiance.add(beam.direction, beam.energy);
+        if let Some(beams) = &mut self.beams {
+            beams.add(beam);
+        }
     }
 
     /// [`IncidentRadiance::mean_irradiance`].

@@ -2,12 +2,13 @@
 
 use std::f64::consts::PI;
 
-use glam::DMat3;
+use glam::{DMat3, Vec3};
 use rayon::prelude::*;
 
 use super::map::{EnvironmentMap, azimuth};
 use crate::sh::{
-    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, rotate_coefficients,
+    MAX_DEGREE, SQRT_4PI, band_of, basis_constants, coefficient_count, evaluate_basis,
+    rotate_coefficients,
 };
 
 /// A light as the transfer sees it: SH coefficients of incident radiance `L` to a degree.
@@ -69,6 +70,15 @@ impl IncidentRadiance {
                 .iter()
                 .map(|c| std::array::from_fn(|i| c[i] * gain[i]))
                 .collect(),
+        }
+    }
+
+    /// Adds light from one direction, radiance times solid angle.
+    pub fn add(&mut self, direction: Vec3, energy: [f32; 3]) {
+        let mut basis = vec![0f32; self.coefficients.len()];
+        evaluate_basis(direction.to_array(), self.degree, &mut basis);
+        for (c, y) in self.coefficients.iter_mut().zip(basis) {
+            *c = std::array::from_fn(|i| c[i] + y * energy[i]);
         }
     }
 

@@ -8,7 +8,7 @@ use super::*;
 use crate::color::Encoding;
 use crate::oracle::EstimateProblem;
 use crate::progress::no_progress;
-use crate::scenes;
+use crate::synthetic;
 
 /// A ball over a plate in stripes of three albedos, matte, under a light; what bounces once included.
 fn lit(
@@ -16,7 +16,7 @@ fn lit(
     sky: impl Fn(Vec3) -> [f32; 3],
     sun: Option<(Vec3, f32)>,
 ) -> (SurfelCloud, Arc<DirectionalBake>) {
-    let mut cloud = scenes::sphere_over_slab(n);
+    let mut cloud = synthetic::sphere_over_slab(n);
     let bake = Arc::new(DirectionalBake::bake(&cloud, &no_progress).expect("it is small"));
     let albedo = |i: usize| match (cloud.positions[i].y * 2.0).floor() as i32 & 1 {
         0 => [0.6, 0.55, 0.5],
@@ -179,7 +179,7 @@ fn what_cannot_be_told_is_said() {
     check(&|_| [0.0; 3], Obstacle::Black);
     check(&|_| [f32::NAN; 3], Obstacle::Black);
     // Grey patches all over, as bright as chance has it: paint that no light explains.
-    let cells: Vec<f32> = scenes::sphere_over_slab(1500)
+    let cells: Vec<f32> = synthetic::sphere_over_slab(1500)
         .positions
         .iter()
         .map(|p| {
@@ -191,8 +191,12 @@ fn what_cannot_be_told_is_said() {
     let noise = |i: usize| [cells[i]; 3];
     check(&noise, Obstacle::Noise);
     // Two paints, one above the other, under even light: their edge is no shading.
-    let z: Vec<f32> = scenes::sphere(3000).positions.iter().map(|p| p.z).collect();
-    let mut ball = scenes::sphere(3000);
+    let z: Vec<f32> = synthetic::sphere(3000)
+        .positions
+        .iter()
+        .map(|p| p.z)
+        .collect();
+    let mut ball = synthetic::sphere(3000);
     let painted: Vec<[f32; 3]> = z
         .iter()
         .map(|z| [if *z > 0.0 { 0.6 } else { 0.2 }; 3])
@@ -200,7 +204,11 @@ fn what_cannot_be_told_is_said() {
     paint(&mut ball, &painted);
     let bake = DirectionalBake::bake(&ball, &no_progress).expect("small");
     assert!(!estimate_light(&ball, &bake).is_good());
-    for few in [scenes::sphere(0), scenes::sphere(1), scenes::sphere(20)] {
+    for few in [
+        synthetic::sphere(0),
+        synthetic::sphere(1),
+        synthetic::sphere(20),
+    ] {
         let bake = DirectionalBake::bake(&few, &no_progress).expect("small");
         assert_eq!(
             estimate_light(&few, &bake).obstacle,
@@ -213,13 +221,13 @@ fn what_cannot_be_told_is_said() {
         estimate_light(&unseen, &bake).obstacle,
         Some(Obstacle::TooLittle)
     );
-    let flat = scenes::sheet(40);
+    let flat = synthetic::sheet(40);
     let bake = DirectionalBake::bake(&flat, &no_progress).expect("small");
     assert_eq!(
         estimate_light(&flat, &bake).obstacle,
         Some(Obstacle::OneWay)
     );
-    let mut at_one_place = scenes::sphere(500);
+    let mut at_one_place = synthetic::sphere(500);
     at_one_place.positions.fill(Vec3::ONE);
     let bake = DirectionalBake::bake(&at_one_place, &no_progress).expect("small");
     assert!(!estimate_light(&at_one_place, &bake).is_good());
@@ -244,7 +252,7 @@ fn a_few_broken_surfels_change_little() {
 fn a_black_backdrop_changes_little() {
     let (mut cloud, _) = lit(1500, slanted, None);
     // Below the plate, where it takes no light from the rest, and much larger.
-    let plate = scenes::sheet(40);
+    let plate = synthetic::sheet(40);
     let n = cloud.len();
     cloud
         .positions

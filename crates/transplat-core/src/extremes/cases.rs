@@ -6,10 +6,10 @@ use super::case::{Case, Input, REFUSED, Trial, bake, relative_error};
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
-use crate::scenes;
 use crate::settings::{Method, TransferSettings};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
+use crate::synthetic;
 use crate::transfer::directional::mean_radiance;
 use crate::transfer::{Part, PreparedTransfer, Relit};
 
@@ -52,7 +52,7 @@ fn nothing_more(_: &Trial<'_>) -> std::result::Result<(), String> {
 // ---- inputs ----
 
 fn cloud() -> SurfelCloud {
-    let mut cloud = scenes::glossy_sphere_over_plate(SURFELS, 3);
+    let mut cloud = synthetic::glossy_sphere_over_plate(SURFELS, 3);
     // As trainers store it.
     cloud.encoding = Encoding::Stored;
     for sh in &mut cloud.sh {
@@ -496,13 +496,13 @@ fn assets() -> Vec<Case> {
         case(
             "no surfel",
             FINITE,
-            || with_cloud(|c| *c = scenes::sphere(0)),
+            || with_cloud(|c| *c = synthetic::sphere(0)),
             nothing_more,
         ),
         case(
             "one surfel",
             "bounded",
-            || with_cloud(|c| *c = scenes::sphere(1)),
+            || with_cloud(|c| *c = synthetic::sphere(1)),
             bounded,
         ),
         case(
@@ -560,7 +560,7 @@ fn assets() -> Vec<Case> {
             "bounded",
             || {
                 with_cloud(|c| {
-                    let shell = scenes::sphere(400);
+                    let shell = synthetic::sphere(400);
                     c.positions.iter_mut().for_each(|p| *p *= 0.05);
                     c.scales.iter_mut().for_each(|s| *s *= 0.05);
                     let k = coefficient_count(c.sh_degree);
@@ -606,7 +606,7 @@ fn assets() -> Vec<Case> {
             "scale-invariant",
             || {
                 let mut input = usual();
-                input.cloud = scenes::glossy_sphere_over_plate(SURFELS, 8);
+                input.cloud = synthetic::glossy_sphere_over_plate(SURFELS, 8);
                 Ok(input)
             },
             scale_invariant,

@@ -245,11 +245,11 @@ mod tests {
     use crate::bake::harmonic::{BakeSettings, bake};
     use crate::files::save_bake;
     use crate::progress::no_progress;
-    use crate::scenes;
+    use crate::synthetic;
 
     #[test]
     fn a_bake_comes_back_and_knows_its_asset() {
-        let cloud = scenes::sphere_over_plate(50);
+        let cloud = synthetic::sphere_over_plate(50);
         let visibility = bake(&cloud, &BakeSettings { directions: 32 }, &no_progress);
         let directional = DirectionalBake::bake(&cloud, &no_progress);
         let bakes = [

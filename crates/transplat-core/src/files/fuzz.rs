@@ -17,9 +17,10 @@ use crate::estimate::estimate_light;
 use crate::files::{ExrFloats, PngBits, save_bake, save_estimate, save_look, write_exr, write_png};
 use crate::progress::no_progress;
 use crate::rasterize::Raster;
-use crate::scenes;
+use crate::scene::Scene;
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::SurfelCloud;
+use crate::synthetic;
 use crate::transfer::{Part, PreparedTransfer};
 
 /// Files a loader in the tests.
@@ -174,7 +175,7 @@ fn ply(format: &str) -> Vec<u8> {
 
 /// A splat of `n` rows, each changed by `change`: position, DC, opacity, scales, rotation, and nine of the rest.
 fn ply_of(n: usize, format: &str, change: impl Fn(usize, &mut Vec<f32>)) -> Vec<u8> {
-    let cloud = scenes::sphere(n);
+    let cloud = synthetic::sphere(n);
     let mut text = format!(
         "ply\nformat {format} 1.0\ncomment of the tests\nelement vertex {}\n",
         cloud.len()
@@ -352,7 +353,7 @@ fn pictures() {
 
 #[test]
 fn bakes() {
-    let cloud = scenes::sphere_over_plate(12);
+    let cloud = synthetic::sphere_over_plate(12);
     for method in Method::ALL {
         let settings = BakeSettings { directions: 16 };
         let bake = Bake::new(&cloud, method, &settings, &no_progress).expect("not cancelled");
@@ -371,7 +372,7 @@ fn bakes() {
 
 #[test]
 fn estimates() {
-    let cloud = scenes::sphere(200);
+    let cloud = synthetic::sphere(200);
     let directional = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
     let estimate = estimate_light(&cloud, &Arc::new(directional));
     let whole = written(|path| save_estimate(path, &cloud, &estimate));
@@ -385,10 +386,8 @@ fn estimates() {
 
 #[test]
 fn looks() {
-    let look = Look {
-        asset: Some(PathBuf::from("a.ply")),
-        ..Look::default()
-    };
+    let mut look = Scene::default();
+    look.objects[0].asset = Some(PathBuf::from("a.ply"));
     fuzz(&written(|path| save_look(path, &look)), load_look);
 }
 

@@ -13,7 +13,6 @@ use super::read::open;
 use crate::bake::Bake;
 use crate::error::{Error, Result};
 use crate::estimate::Estimate;
-use crate::look::Look;
 use crate::rasterize::Raster;
 use crate::surfels::SurfelCloud;
 
@@ -48,7 +47,7 @@ pub fn check_output(path: &Path) -> Result<()> {
     Ok(())
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -134,16 +133,6 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
             }
         }
     })
-}
-
-/// Writes a look, its paths relative to where it is written.
-///
-/// # Errors
-/// The file cannot be written; one that was there before is still there then.
-pub fn save_look(path: &Path, look: &Look) -> Result<()> {
-    let text = serde_json::to_string_pretty(&look.clone().relative_to(folder_of(path)))
-        .map_err(|e| Error::invalid(path, e.to_string()))?;
-    write_atomically(path, |out| writeln!(out, "{text}"))
 }
 
 /// Writes the asset again with other colour: every property, comment and trailing element that the file had, in its order.

@@ -5,18 +5,19 @@ use transplat_core::files::{check_output, save_bake};
 
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
+use crate::pipeline::settings::{asset_of, look_of};
+use crate::pipeline::{Pipeline, two_sided};
 use crate::report::Report;
-use crate::scene::{Scene, asset_of, look_of, two_sided};
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut report = Report::new("bake", &args.out);
-    let mut look = look_of(&args.asset.options, None)?;
-    look.transfer.method = args.preset.unwrap_or_default();
-    refuse_overwriting([&*asset_of(&args.asset, &look)], [&*args.output])?;
+    let mut scene = look_of(&args.asset.options, None)?;
+    scene.transfer.method = args.preset.unwrap_or_default();
+    refuse_overwriting([&*asset_of(&args.asset, &scene)], [&*args.output])?;
     check_output(&args.output)?;
-    let scene = Scene::load(&args.asset, look, &mut report)?;
-    let bake = scene.bake(None, &mut report)?;
-    report.time("export", || save_bake(&args.output, &scene.cloud, &bake))?;
+    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
+    let bake = pipeline.bake(None, &mut report)?;
+    report.time("export", || save_bake(&args.output, &pipeline.cloud, &bake))?;
     report.set("output", args.output.display().to_string());
     report.finish(&format!(
         "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",

@@ -10,14 +10,14 @@ use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
     load_look,
 };
-use transplat_core::look::Look;
+use transplat_core::scene::Scene;
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{DeviceChoice, InfoArgs};
-use crate::commands::estimate;
 use crate::device::Device;
+use crate::pipeline::Pipeline;
+use crate::pipeline::estimate::estimate_in_words;
 use crate::report::Report;
-use crate::scene::Scene;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
     let mut report = Report::new("info", &args.out);
@@ -33,9 +33,9 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             asset(&cloud, &file, &mut report, &mut lines);
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
-                let scene = Scene::of(cloud, file, Look::default(), device);
-                let told = scene.estimate(None, &mut report)?;
-                lines.push(estimate::summary(told, scene.cloud.up));
+                let pipeline = Pipeline::of(cloud, file, Scene::default(), device);
+                let told = pipeline.estimate(None, &mut report)?;
+                lines.push(estimate_in_words(told, pipeline.cloud.up));
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
@@ -57,10 +57,10 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             ));
         }
         FileKind::Look => {
-            let look = load_look(path)?;
+            let scene = load_look(path)?;
             report.set("kind", "look");
-            report.set("look", json!(look));
-            lines.push(format!("look: {}", serde_json::to_string_pretty(&look)?));
+            report.set("look", json!(scene));
+            lines.push(format!("look: {}", serde_json::to_string_pretty(&scene)?));
         }
     }
     report.finish(&lines.join("\n  "))

@@ -6,21 +6,22 @@ use anyhow::{Result, bail};
 use transplat_core::files::{check_output, write_relit_ply};
 use transplat_core::transfer::Part;
 
-use crate::cli::RelightArgs;
+use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::pipeline::Pipeline;
+use crate::pipeline::settings::{asset_of, look_of, targets_of};
 use crate::report::Report;
-use crate::scene::{Scene, asset_of, look_of, targets_of};
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut report = Report::new("relight", &args.out);
-    let look = look_of(&args.asset.options, Some(&args.light))?;
-    let named = targets_of(&args.light, &look)?;
-    if look.source.file.is_none() || named.is_empty() {
-        crate::commands::usage(
+    let scene = look_of(&args.asset.options, Some(&args.light))?;
+    let named = targets_of(&args.light, &scene)?;
+    if scene.objects[0].source.file.is_none() || named.is_empty() {
+        usage(
             "relight needs --source and --target (each an environment; --source estimate for a light that nobody knows)",
         );
     }
-    let asset = asset_of(&args.asset, &look);
+    let asset = asset_of(&args.asset, &scene);
     let many = args.light.target.len() > 1
         || args.light.target.iter().any(|t| t.is_dir())
         || args.output.to_string_lossy().ends_with('/');
@@ -40,7 +41,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         );
     }
     let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
-    let inputs = args.light.inputs(&look, &named).chain([&*asset]);
+    let inputs = args.light.inputs(&scene, &named).chain([&*asset]);
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
     if !many {
         check_output(&args.output)?;
@@ -51,25 +52,26 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             args.output.display()
         );
     }
-    let scene = Scene::load(&args.asset, look, &mut report)?;
-    let lights = scene.lights(&args.light, &mut report)?;
+    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
+    let lights = pipeline.lights(&args.light, &mut report)?;
     if many {
         make_folder(&args.output)?;
     }
-    let bake = scene.bake(args.light.bake.as_deref(), &mut report)?;
-    let source = lights.oriented(&scene, &lights.targets[0])[0].clone();
-    let prepared = scene.prepare(&bake, &source, &mut report)?;
-    let (mut transfer, warning) = scene.device.transfer(&prepared)?;
+    let bake = pipeline.bake(args.light.bake.as_deref(), &mut report)?;
+    let source = lights.oriented(&pipeline, &lights.targets[0])[0].clone();
+    let prepared = pipeline.prepare(&bake, &source, &mut report)?;
+    let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
     if let Some(warning) = warning {
         report.warn(warning);
     }
     for (target, output) in lights.targets.iter().zip(&outputs) {
-        let [_, light] = lights.oriented(&scene, target);
+        let [_, light] = lights.oriented(&pipeline, target);
         let wanted = (&light, Part::Whole, &[][..]);
-        let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, &mut report)?;
+        let relit =
+            pipeline.relight(&prepared, &mut transfer, &target.name, wanted, &mut report)?;
         report.time("export", || {
-            let stored = relit.stored(&scene.cloud);
-            write_relit_ply(&scene.file, &stored, output)
+            let stored = relit.stored(&pipeline.cloud);
+            write_relit_ply(&pipeline.file, &stored, output)
         })?;
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();

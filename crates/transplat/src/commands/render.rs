@@ -9,57 +9,56 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{ExrFloats, PngBits, load_cameras, write_exr, write_png};
-use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
+use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skipped;
 use transplat_core::surfels::SurfelCloud;
 
-use crate::cli::{CameraArgs, PictureFormat, RenderArgs};
+use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::pipeline::settings::{asset_of, look_of, targets_of};
+use crate::pipeline::{Lights, Pipeline, progress_bar};
 use crate::report::Report;
-use crate::scene::{Lights, Scene, asset_of, look_of, progress_bar, targets_of};
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
 pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     let mut report = Report::new("render", &args.out);
-    let look = settings(args)?;
+    let scene = settings(args)?;
     let has_camera = args.camera.cameras.is_some()
         || args.camera.turntable.is_some()
         || args.camera.eye.is_some()
-        || look.camera.is_some();
+        || scene.camera.is_some();
     if !has_camera {
-        crate::commands::usage(
+        usage(
             "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
         );
     }
-    let relit = look.source.file.is_some();
-    let targets = targets_of(&args.light, &look)?;
+    let relit = scene.objects[0].source.file.is_some();
+    let targets = targets_of(&args.light, &scene)?;
     if relit == targets.is_empty() {
-        crate::commands::usage(
+        usage(
             "--source and --target belong together; --source estimate stands for a light that nobody knows",
         );
     }
-    if look.background == Background::Environment && !relit {
-        crate::commands::usage("--background environment needs --source and --target");
+    if scene.background == Background::Environment && !relit {
+        usage("--background environment needs --source and --target");
     }
     let view = match (args.view, relit) {
-        (None, false) if look.view == View::After => View::Before,
-        (_, false) if look.view.needs_relit() => {
-            crate::commands::usage("this view needs --source and --target")
-        }
-        _ => look.view,
+        (None, false) if scene.view == View::After => View::Before,
+        (_, false) if scene.view.needs_relit() => usage("this view needs --source and --target"),
+        _ => scene.view,
     };
-    let asset = asset_of(&args.asset, &look);
-    let scene = Scene::load(&args.asset, look, &mut report)?;
-    let frames = frames(args, &scene)?;
+    let asset = asset_of(&args.asset, &scene);
+    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
+    let frames = frames(args, &pipeline)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
     let inputs = args
         .light
-        .inputs(&scene.look, &targets)
+        .inputs(&pipeline.scene, &targets)
         .chain([&*asset])
         .chain(cameras);
     refuse_overwriting(
@@ -70,42 +69,48 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             .map(PathBuf::as_path),
     )?;
     let linear = output.format == PictureFormat::Exr;
-    if linear && (scene.look.false_color || !scene.look.display.is_identity()) {
+    if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
         report.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
     }
     // Matching the background's strength takes the lights as well.
     let needs_lights = view.needs_relit()
-        || scene.look.shadow_catcher
-        || (scene.look.match_strength && scene.look.background == Background::Environment);
+        || pipeline.scene.shadow_catcher
+        || (pipeline.scene.match_strength && pipeline.scene.background == Background::Environment);
     let lights = if needs_lights && relit {
-        Some(scene.lights(&args.light, &mut report)?)
+        Some(pipeline.lights(&args.light, &mut report)?)
     } else {
         None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
     let bake = if needs_bake {
-        Some(scene.bake(args.light.bake.as_deref(), &mut report)?)
+        Some(pipeline.bake(args.light.bake.as_deref(), &mut report)?)
     } else {
         report.skip("bake", "this view needs no visibility");
         None
     };
-    let (painter, warning) = scene.device.painter(&scene.cloud)?;
+    let (painter, warning) = pipeline.device.painter(&pipeline.cloud)?;
     if let Some(warning) = warning {
         report.warn(warning);
     }
-    let mut studio = Studio::new(&scene.cloud, scene.look.clone(), view, linear, painter);
+    let mut studio = Studio::new(
+        &pipeline.cloud,
+        (pipeline.scene.clone(), 0),
+        view,
+        linear,
+        painter,
+    );
     if let (Some(bake), View::Visibility) = (&bake, view) {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
-    if scene.look.shadow_catcher && lights.is_some() {
-        studio.ground = Some(scene.bake_ground(&mut report)?);
+    if pipeline.scene.shadow_catcher && lights.is_some() {
+        studio.ground = Some(pipeline.bake_ground(&mut report)?);
     }
     let shots = Shots {
         args,
         frames: &frames,
         output: &output,
         studio,
-        scene: &scene,
+        pipeline: &pipeline,
     };
     let written = match (&lights, &bake) {
         (Some(lights), Some(bake)) if view.needs_relit() => {
@@ -137,26 +142,26 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     ))
 }
 
-fn settings(args: &RenderArgs) -> Result<Look> {
-    let mut look = look_of(&args.asset.options, Some(&args.light))?;
+fn settings(args: &RenderArgs) -> Result<Scene> {
+    let mut scene = look_of(&args.asset.options, Some(&args.light))?;
     if let Some(view) = args.view {
-        look.view = view;
+        scene.view = view;
     }
     if let Some(background) = args.background {
-        look.background = background;
+        scene.background = background;
     }
     if let Some(tone_map) = args.tone_map {
-        look.display.tone_map = tone_map;
+        scene.display.tone_map = tone_map;
     }
     if let Some(stops) = args.exposure {
-        look.display.exposure = stops.clamp(-60.0, 60.0) as f32;
+        scene.display.exposure = stops.clamp(-60.0, 60.0) as f32;
     }
-    Ok(look)
+    Ok(scene)
 }
 
 /// The cameras to draw, each with its own number.
-fn frames(args: &RenderArgs, scene: &Scene) -> Result<Vec<(usize, Camera)>> {
-    let all = cameras(&args.camera, args.size, &scene.look, &scene.cloud)?;
+fn frames(args: &RenderArgs, pipeline: &Pipeline) -> Result<Vec<(usize, Camera)>> {
+    let all = cameras(&args.camera, args.size, &pipeline.scene, &pipeline.cloud)?;
     let samples = all.first().map_or(0, |c| {
         c.width * c.height * usize::from(args.supersample).pow(2)
     });
@@ -180,7 +185,7 @@ fn frames(args: &RenderArgs, scene: &Scene) -> Result<Vec<(usize, Camera)>> {
 fn cameras(
     args: &CameraArgs,
     size: Option<[usize; 2]>,
-    look: &Look,
+    scene: &Scene,
     cloud: &SurfelCloud,
 ) -> Result<Vec<Camera>> {
     let bounds = cloud.bounds();
@@ -202,7 +207,7 @@ fn cameras(
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
         return Ok(vec![camera]);
     }
-    if let (Some(pose), None) = (&look.camera, args.turntable) {
+    if let (Some(pose), None) = (&scene.camera, args.turntable) {
         let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
         return Ok(vec![camera]);
     }
@@ -304,23 +309,23 @@ struct Shots<'a> {
     frames: &'a [(usize, Camera)],
     output: &'a Output<'a>,
     studio: Studio,
-    scene: &'a Scene,
+    pipeline: &'a Pipeline,
 }
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
     fn relit(&self, lights: &Lights, bake: &Bake, report: &mut Report) -> Result<usize> {
-        let scene = self.scene;
-        let source = lights.oriented(scene, &lights.targets[0])[0].clone();
-        let prepared = scene.prepare(bake, &source, report)?;
-        let (mut transfer, warning) = scene.device.transfer(&prepared)?;
+        let pipeline = self.pipeline;
+        let source = lights.oriented(pipeline, &lights.targets[0])[0].clone();
+        let prepared = pipeline.prepare(bake, &source, report)?;
+        let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
         if let Some(warning) = warning {
             report.warn(warning);
         }
         let mut written = 0;
         for target in &lights.targets {
-            let light = lights.oriented(scene, target);
-            let unseen = if scene.look.transfer.skips.unseen {
+            let light = lights.oriented(pipeline, target);
+            let unseen = if pipeline.scene.transfer.skips.unseen {
                 &self.studio.hidden[..]
             } else {
                 &[]
@@ -329,8 +334,8 @@ impl Shots<'_> {
                 report.skipped(skipped);
             }
             let wanted = (&light[1], self.studio.view.part(), unseen);
-            let relit = scene.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
-            let mut lit = Lit::of(self.studio.view, relit, &scene.cloud, bake, &prepared);
+            let relit = pipeline.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
+            let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
             let maps = [&lights.source, &target.light];
             self.surround(&mut lit, &target.path, Some(maps), report)?;
             written += self.take(Some(&target.name), &lit, report)?;
@@ -347,20 +352,26 @@ impl Shots<'_> {
         maps: Option<[&Illumination; 2]>,
         report: &mut Report,
     ) -> Result<()> {
-        let look = &self.scene.look;
-        let up = self.scene.cloud.up;
+        let scene = &self.pipeline.scene;
+        let up = self.pipeline.cloud.up;
         if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
-            lit.ground = lit_ground(ground, look, maps, up);
+            lit.ground = lit_ground(ground, scene, self.pipeline.object(), maps, up);
         }
         // The studio's own: channels that are no light show no environment, and its map is not read.
-        if self.studio.look.background != Background::Environment {
+        if self.studio.scene.background != Background::Environment {
             return Ok(());
         }
         let view = self.studio.view;
-        let matched = maps.map_or(1.0, |[source, target]| look.match_gain(source, target));
+        let matched = maps.map_or(1.0, |[source, target]| {
+            scene.match_gain(self.pipeline.object(), [source, target])
+        });
         let sides = [
-            (look.source.file.as_deref(), &look.source, 1.0),
-            (Some(target), &look.target, matched),
+            (
+                scene.objects[0].source.file.as_deref(),
+                &scene.objects[0].source,
+                1.0,
+            ),
+            (Some(target), &scene.environment, matched),
         ];
         for (side, (path, settings, gain)) in sides.into_iter().enumerate() {
             let shown = view.backdrops()[side];
@@ -368,9 +379,9 @@ impl Shots<'_> {
                 continue;
             };
             let saved = self.args.light.bake.as_deref();
-            let map = self.scene.load_light(path, saved, report)?;
+            let map = self.pipeline.load_light(path, saved, report)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
-            let map = Arc::new(map.blurred(look.background_blur));
+            let map = Arc::new(map.blurred(scene.background_blur));
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
         }
         Ok(())

@@ -15,16 +15,17 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use transplat_core::files::load_environment;
-use transplat_core::look::{Look, is_file};
+use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
 use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
-use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart};
+use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart, usage};
 use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::device::Device;
+use crate::pipeline::settings::look_of;
+use crate::pipeline::{Pipeline, progress_bar};
 use crate::report::Report;
-use crate::scene::{Scene, progress_bar};
 use crate::sweep::{self, Effort, Subject, Sweep};
 use crate::truth::TruthObject;
 use crate::truth::views::{Views, light};
@@ -39,12 +40,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let parts = args.parts();
     let of_truth = parts.contains(&ReportPart::Truth);
     if of_truth && args.asset.is_some() && args.ground_truth.is_none() {
-        crate::commands::usage("the part truth of a splat needs --ground-truth DIR");
+        usage("the part truth of a splat needs --ground-truth DIR");
     }
     if !of_truth && (args.unknown_light || !args.objects.is_empty()) {
-        crate::commands::usage(
-            "--objects and --unknown-light are of the part truth (--only truth, --ground-truth)",
-        );
+        usage("--objects and --unknown-light are of the part truth (--only truth, --ground-truth)");
     }
     let objects = match &args.ground_truth {
         _ if !of_truth => Vec::new(),
@@ -141,9 +140,7 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
         });
     };
     let Some(source) = &args.source else {
-        crate::commands::usage(
-            "a report on a splat needs --source (an environment, \"estimate\" or \"even\")",
-        );
+        usage("a report on a splat needs --source (an environment, \"estimate\" or \"even\")");
     };
     let target = match &args.target {
         Some(target) => target.clone(),
@@ -155,22 +152,23 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
             target.display()
         );
     }
-    let mut look = crate::scene::look_of(&args.options, None)?;
-    look.source.set_file(source.clone());
+    let mut scene = look_of(&args.options, None)?;
+    scene.objects[0].source.set_file(source.clone());
     let asset = AssetArgs {
         asset: Some(asset.clone()),
         options: args.options.clone(),
     };
-    let scene = Scene::load(&asset, look, report)?;
+    let pipeline = Pipeline::load(&asset, scene, report)?;
     let map = load_environment(&target)?;
     let lights = [
-        scene.light_of(source, None, report)?,
+        pipeline.light_of(source, None, report)?,
         device.light(&map, Method::Directional)?,
     ];
-    let up = scene.cloud.up;
-    let lights = Look::default().lights(&lights[0], &lights[1], up);
+    let up = pipeline.cloud.up;
+    let plain = Scene::default();
+    let lights = plain.lights_on(&plain.objects[0], lights.each_ref(), up);
     Ok(Subject {
-        cloud: scene.cloud.clone(),
+        cloud: pipeline.cloud.clone(),
         map: Some(map),
         lights,
         views: None,

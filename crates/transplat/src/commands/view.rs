@@ -1,11 +1,11 @@
 //! `transplat` without a command: the viewer.
 
 use anyhow::{Context, Result};
-use transplat_core::look::Look;
+use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
-use crate::cli::{DeviceChoice, ViewArgs};
-use crate::scene::{look_of, look_over};
+use crate::cli::{DeviceChoice, ViewArgs, usage};
+use crate::pipeline::settings::{look_of, look_over};
 use crate::viewer::{self, Opening};
 
 pub fn run(args: &ViewArgs) -> Result<()> {
@@ -14,7 +14,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         let found = std::fs::metadata(file);
         let is_word = file.extension().is_none() && file.components().count() == 1;
         if found.is_err() && is_word {
-            crate::commands::usage(&format!(
+            usage(&format!(
                 "{}: neither a command nor a file; see transplat --help",
                 file.display()
             ));
@@ -22,14 +22,12 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
-    let told = look_of(&options, Some(&light))? != Look::default() || light.preset.is_some();
+    let told = look_of(&options, Some(&light))? != Scene::default() || light.preset.is_some();
     if light.target.len() > 1 {
-        crate::commands::usage(
-            "the viewer takes one --target; give more lights as files, for the shelf",
-        );
+        usage("the viewer takes one --target; give more lights as files, for the shelf");
     }
     let bake = light.bake.clone();
-    let settings = move |mut kept: Look| {
+    let settings = move |mut kept: Scene| {
         // Terms that are switched off are the default method's, unless another is named.
         if light.preset.is_none() && !light.without.is_empty() {
             kept.transfer = TransferSettings::default();

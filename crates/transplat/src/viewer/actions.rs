@@ -73,7 +73,7 @@ impl Viewer {
     pub(super) fn act(&mut self, action: Action, fine: bool) {
         let step = if fine { 1.0 } else { 5.0 };
         let session = &mut self.session;
-        let target = &mut session.look.target;
+        let target = &mut session.scene.environment;
         match action {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
@@ -90,20 +90,20 @@ impl Viewer {
             Action::Top => navigation::look_from(&mut session.pose, Preset::Top),
             Action::NextCompare => {
                 let ways = COMPARE.map(|(_, view, _)| view);
-                let at = ways.iter().position(|v| *v == session.look.view);
-                session.look.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
+                let at = ways.iter().position(|v| *v == session.scene.view);
+                session.scene.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
             }
             Action::Pin => session.pin(),
-            Action::Grid => session.grid = !session.grid,
+            Action::Grid => session.overlays.grid = !session.overlays.grid,
             Action::Probes => self.preferences.probes = !self.preferences.probes,
-            Action::Marks => session.show_marks = !session.show_marks,
+            Action::Marks => session.overlays.marks = !session.overlays.marks,
             Action::Background => {
-                session.look.background = match session.look.background {
+                session.scene.background = match session.scene.background {
                     Background::Environment => Background::Color([0.18; 3]),
                     _ => Background::Environment,
                 };
             }
-            Action::Match => session.look.match_strength = !session.look.match_strength,
+            Action::Match => session.scene.match_strength = !session.scene.match_strength,
             Action::Swap => session.swap_lights(),
             Action::Panels => self.show_panels = !self.show_panels,
             Action::Help => self.show_help = !self.show_help,
@@ -118,20 +118,20 @@ impl Viewer {
         let name = format!(
             "{}_{}.json",
             self.asset_name(),
-            self.session.sides[TARGET].name()
+            self.session.light(TARGET).name()
         );
         ask(&mut self.session, Dialog::Save(SaveKind::Look, name));
     }
 
     pub(super) fn undo(&mut self) {
-        if let Some(look) = self.undoer.undo(&self.session.look).cloned() {
-            self.session.apply_look(look);
+        if let Some(scene) = self.undoer.undo(&self.session.scene).cloned() {
+            self.session.apply(scene);
         }
     }
 
     pub(super) fn redo(&mut self) {
-        if let Some(look) = self.undoer.redo(&self.session.look).cloned() {
-            self.session.apply_look(look);
+        if let Some(scene) = self.undoer.redo(&self.session.scene).cloned() {
+            self.session.apply(scene);
         }
     }
 }

@@ -24,7 +24,7 @@ pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
 }
 
 fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
-    let [left, right] = if session.against_pinned && session.pinned.is_some() {
+    let [left, right] = if session.compared().is_some() {
         ["pinned look", "this look"]
     } else {
         ["before", "after"]
@@ -33,7 +33,7 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
     let at = |share: f32| egui::pos2(rect.left() + share * rect.width(), top);
     match view {
         View::Split => {
-            let x = at(session.look.wipe).x;
+            let x = at(session.scene.wipe).x;
             tag(
                 painter,
                 egui::pos2(x - margin, top),
@@ -58,7 +58,7 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
         View::Difference => {
             let text = format!(
                 "{right} minus {left}, x {:.1}",
-                session.look.difference_scale
+                session.scene.difference_scale
             );
             tag(painter, at(0.5), Align2::CENTER_TOP, &text);
         }
@@ -88,8 +88,13 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
             .map(|(t, c)| (encoded(c), t))
             .collect();
     }
-    if view == View::Doubts || session.show_marks {
-        let shares = session.shares.unwrap_or_default();
+    if view == View::Doubts || session.overlays.marks {
+        let shares = session
+            .state()
+            .doubts
+            .get()
+            .map(|d| d.shares)
+            .unwrap_or_default();
         let entry = |(doubt, share): (&Doubt, f32)| {
             let text = format!("{} ({:.1} %)", doubt_name(*doubt), 100.0 * share);
             (encoded(doubt.color()), text)
@@ -100,7 +105,7 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         }
         return entries;
     }
-    if session.look.false_color && view.is_light() {
+    if session.scene.false_color && view.is_light() {
         let bounds = FALSE_COLORS.map(|(to, _)| to);
         let text = |i: usize| match i {
             0 => format!("under {:+.1} stops from middle grey", bounds[0]),
@@ -137,8 +142,8 @@ fn encoded(color: [f32; 3]) -> Color32 {
 
 /// The crop box, where one is set.
 pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
-    let hide = &session.look.hide;
-    let (Some(asset), true) = (&session.asset, hide.crop) else {
+    let hide = &session.object().hide;
+    let (Some(asset), true) = (session.asset(), hide.crop) else {
         return;
     };
     let corner = |i: usize| {
@@ -169,7 +174,7 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
 
 /// A ring around the surfel that is inspected.
 pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surfel: Option<usize>) {
-    let position = |i: usize| session.asset.as_ref()?.cloud.positions.get(i).copied();
+    let position = |i: usize| session.asset()?.cloud.positions.get(i).copied();
     let Some(position) = surfel.and_then(position) else {
         return;
     };

@@ -5,22 +5,22 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui;
 use transplat_core::files::{FileKind, file_kind, load_look};
-use transplat_core::look::{ESTIMATE, EVEN, Look, is_file};
+use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
 use transplat_gpu::live::Passes;
 
-use super::asset::{Capture, Reading, Settings};
+use super::asset::OpenedWith;
 use super::export::{self, Task};
 use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::probes::Probe;
-use super::session::{Event, SOURCE, SaveKind, Session, Stages, TARGET};
+use super::session::{Event, SOURCE, SaveKind, Session, StageCounts, TARGET};
 use super::shelf::Shelf;
 use super::viewport::Viewport;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::pipeline::settings::environments_in;
 use crate::savings::Saved;
-use crate::scene;
 
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";
@@ -34,7 +34,7 @@ pub struct Opening {
     /// Splats, environments, folders and looks in any order.
     pub files: Vec<PathBuf>,
     /// Puts the settings of the command line over those that were kept.
-    pub settings: Option<Box<dyn FnOnce(Look) -> Look>>,
+    pub settings: Option<Box<dyn FnOnce(Scene) -> Scene>>,
     /// A saved bake of the splat.
     pub bake: Option<PathBuf>,
     /// Gets what ended the window against the user's will.
@@ -49,7 +49,7 @@ pub struct Viewer {
     pub(super) viewport: Viewport,
     pub(super) directions_draft: Option<usize>,
     pub(super) shelf: Shelf,
-    pub(super) undoer: egui::util::undoer::Undoer<Look>,
+    pub(super) undoer: egui::util::undoer::Undoer<Scene>,
     pub(super) probes: [Option<Probe>; 2],
     pub(super) show_help: bool,
     pub(super) show_about: bool,
@@ -99,9 +99,9 @@ impl Viewer {
             context,
             state.target_format,
             &cc.egui_ctx,
-            preferences.look(),
+            preferences.scene(),
         );
-        session.grid = preferences.grid;
+        session.overlays.grid = preferences.grid;
         let mut viewer = Self {
             shelf: Shelf::default(),
             session,
@@ -146,65 +146,50 @@ impl Viewer {
                 self.shelf.absent.push(path.clone());
             }
         }
-        let mut look = self.session.look.clone();
+        let mut scene = self.session.scene.clone();
         self.settings_for_once = opening.settings.is_some();
         if let Some(settings) = opening.settings {
-            look = settings(look);
+            scene = settings(scene);
         }
-        for light in [&mut look.source, &mut look.target] {
+        let camera = scene.camera.take();
+        let sources = scene.objects.iter_mut().map(|o| &mut o.source);
+        for light in sources.chain([&mut scene.environment]) {
             if let Some(file) = light.file.as_mut().filter(|f| is_file(f)) {
                 *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
             }
         }
-        self.session.bake = opening.bake;
-        if look.target.file.is_none() {
-            let second = lights.get(1).cloned();
-            look.target.file = Some(second.unwrap_or_else(|| EVEN.into()));
-        }
+        self.session.state_mut().saved_bake = opening.bake;
+        let second = || lights.get(1).cloned().unwrap_or_else(|| EVEN.into());
+        scene.environment.file.get_or_insert_with(second);
         let is = |file: &PathBuf, kind| file_kind(file).is_ok_and(|k| k == kind);
         let splat = opening.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
         let by_look = opening.files.iter().any(|f| is(f, FileKind::Look));
-        let bundled_splat = bundled(BUNDLED_SPLAT);
-        let nothing_told = splat.is_none() && look.asset.is_none() && !by_look;
+        let object = &mut scene.objects[self.session.selected];
+        let nothing_told = splat.is_none() && object.asset.is_none() && !by_look;
         // The light is known only where somebody tells it, as for the bundled scene.
         let known = lights.first().filter(|_| nothing_told).cloned();
-        let source = look
-            .source
-            .file
-            .get_or_insert(known.unwrap_or_else(|| ESTIMATE.into()));
-        self.session.request_light(&source.clone());
-        let settings = Settings::Capture(Box::new(Capture {
-            source: look.source.clone(),
-            up: look.up,
-            reading: Reading::of(&look),
-            hide: look.hide,
-            camera: look.camera,
-        }));
-        let asset = splat.clone().or(look.asset.clone());
-        self.session.look = Look {
-            camera: None,
-            ..look
-        };
-        if let Some(asset) = asset {
+        let source = known.unwrap_or_else(|| ESTIMATE.into());
+        object.source.file.get_or_insert(source);
+        let asset = splat.clone().or(object.asset.take());
+        let opened_with = OpenedWith::Object(Box::new(object.clone()), camera);
+        self.session.scene = scene;
+        if let Some(asset) = &asset {
             self.unproven.push(asset.clone());
-            self.session.load_asset(asset, settings);
-        } else if nothing_told {
-            match bundled_splat {
-                Some(bundled) => self.session.load_asset(bundled, settings),
-                None => self
-                    .session
-                    .error("the bundled scene is not installed; drop a splat on the window"),
-            }
+        }
+        match asset.or_else(|| bundled(BUNDLED_SPLAT).filter(|_| nothing_told)) {
+            Some(asset) => (self.session).load_asset(self.session.selected, asset, opened_with),
+            None if nothing_told => self
+                .session
+                .error("the bundled scene is not installed; drop a splat on the window"),
+            None => {}
         }
         for file in opening.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
                 // A look beside a splat is for that splat.
-                (Some(_), Ok(look)) if is(&file, FileKind::Look) => {
-                    self.session.apply_look(Look {
-                        asset: None,
-                        ..look
-                    });
+                (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
+                    scene.objects.iter_mut().for_each(|o| o.asset = None);
+                    self.session.apply(scene);
                 }
                 _ => self.open(&file),
             }
@@ -217,7 +202,7 @@ impl Viewer {
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         if path.is_dir() {
-            match scene::environments_in(&path) {
+            match environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(format!(
                     "{}: the folder holds no environment (.hdr, .exr)",
                     path.display()
@@ -234,7 +219,7 @@ impl Viewer {
         if let Ok(kind) = file_kind(&path) {
             self.unproven.push(path.clone());
             if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
-                self.session.reread_light(&path);
+                self.session.environments.request_again(&path);
                 self.shelf.add(&mut self.session, &path);
             }
         }
@@ -268,7 +253,7 @@ impl Viewer {
             let kind = file_kind(&path);
             match (slot, kind) {
                 (Some(side), Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)) => {
-                    self.session.reread_light(&path);
+                    self.session.environments.request_again(&path);
                     self.shelf.add(&mut self.session, &path);
                     self.session.set_light(side, path);
                 }
@@ -289,12 +274,9 @@ impl Viewer {
             })
         };
         let same = |other: &Path| other.canonicalize().ok() == path.canonicalize().ok();
-        let session = &self.session;
-        let open = session.asset.iter().map(|a| &a.path);
-        let bakes = session.bakes.values().filter_map(|b| b.file.as_ref());
-        let open = open.chain(&self.shelf.paths).chain(bakes);
-        let mut open = open.chain(session.sides.iter().map(|s| &s.path));
-        if path.exists() && open.any(|p| same(p)) {
+        let open = self.session.open_files();
+        let is_open = open.iter().chain(&self.shelf.paths).any(|p| same(p));
+        if path.exists() && is_open {
             self.session.error(format!(
                 "{}: is open here and would be lost; choose another name",
                 path.display()
@@ -311,7 +293,7 @@ impl Viewer {
     }
 
     fn save_look(&mut self, path: &Path) {
-        match transplat_core::files::save_look(path, &self.session.look_to_save()) {
+        match transplat_core::files::save_look(path, &self.session.scene_to_save()) {
             Ok(()) => {
                 self.preferences.remember(path);
                 self.session.info(format!("saved {}", path.display()));
@@ -321,7 +303,7 @@ impl Viewer {
     }
 
     pub(super) fn asset_name(&self) -> String {
-        let asset = self.session.asset.as_ref();
+        let asset = self.session.asset();
         asset.map_or_else(|| "asset".into(), |a| a.name())
     }
 
@@ -329,7 +311,7 @@ impl Viewer {
         let name = format!(
             "{}_{}.ply",
             self.asset_name(),
-            self.session.sides[TARGET].name()
+            self.session.light(TARGET).name()
         );
         ask(&mut self.session, Dialog::Save(SaveKind::Splat, name));
     }
@@ -357,14 +339,13 @@ impl Viewer {
             }
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
-            Event::LightFailed { path, .. } => self.shelf.forget(&path),
+            Event::NoLight(path) => self.shelf.forget(&path),
             Event::NoDialog => {
                 let note =
                     "The desktop shows no file dialog (neither a portal nor zenity answers).";
                 self.path_field = Some(PathField::new(Some(note)));
             }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
-            _ => {}
         }
     }
 
@@ -403,7 +384,7 @@ impl Viewer {
     /// What lights a side is on the shelf too, wherever it came from.
     pub(super) fn shelve_lights(&mut self) {
         for side in [SOURCE, TARGET] {
-            let light = &self.session.sides[side];
+            let light = &self.session.light(side);
             if light.is_file() && self.last_lights[side] != light.id {
                 self.last_lights[side] = light.id;
                 let path = light.path.clone();
@@ -420,7 +401,7 @@ impl Viewer {
     }
 
     /// How often the stages before them ran.
-    pub fn stages(&self) -> Stages {
+    pub fn stages(&self) -> StageCounts {
         self.session.stages
     }
 
@@ -433,10 +414,16 @@ impl Viewer {
     pub fn left_out(&self) -> Vec<Skipped> {
         let session = &self.session;
         let mut out = Vec::new();
-        if session.asset.is_none() {
+        if session.asset().is_none() {
             return out;
         }
-        out.extend(Skipped::of_unseen(&session.hidden));
+        let state = session.state();
+        out.extend(
+            state
+                .hidden
+                .get()
+                .and_then(|h| Skipped::of_unseen(&h.unseen)),
+        );
         if session.source_is_assumed() {
             out.push(Skipped::exact(
                 Stage::Project,
@@ -448,21 +435,21 @@ impl Viewer {
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
             out.push(Skipped::exact(Stage::Bake, "bake", "a kept one is used"));
         } else if let Some(baked) = baked {
-            out.extend(baked.bake.iter().flat_map(|b| b.left_out()));
+            out.extend(baked.bake.left_out());
         }
-        if let Some(prepared) = &session.prepared {
-            out.extend(session.transfer_skips.iter().cloned());
+        if let Some(made) = state.prepared.get() {
+            out.extend(made.left_out.iter().cloned());
             let [_, target] = session.oriented_lights();
-            out.extend(prepared.left_out_for(&target.light, session.relights_on_gpu));
+            out.extend(made.prepared.left_out_for(&target.light, made.on_gpu));
         }
         out
     }
 
     /// Why something was left out, and what that saved: as it was measured on this object, or else estimated from what the stage took.
     pub fn left_out_in_words(&self, skipped: &Skipped) -> String {
-        let method = self.session.look.transfer.method;
+        let method = self.session.scene.transfer.method;
         let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.method == method;
-        let mut measured = self.session.saved.iter();
+        let mut measured = self.session.state().measured.saved.iter();
         // What is hidden has changed since.
         let is_kept = skipped.skip.is_some_and(|s| s != Skip::Unseen);
         match measured.find(is_it).filter(|_| is_kept) {
@@ -477,7 +464,7 @@ impl Viewer {
         match stage {
             Stage::Bake => session.baked().map(|b| b.ms),
             Stage::Transfer => Some(session.transfer_ms()),
-            Stage::Prepare => Some(session.times.prepare),
+            Stage::Prepare => session.state().prepared.get().map(|p| p.ms),
             Stage::Project => None,
         }
     }
@@ -491,7 +478,7 @@ impl Viewer {
         let kept = self.recovery.clone().filter(|path| {
             let folder = path.parent();
             let made = folder.is_none_or(|f| std::fs::create_dir_all(f).is_ok());
-            made && transplat_core::files::save_look(path, &self.session.look_to_save()).is_ok()
+            made && transplat_core::files::save_look(path, &self.session.scene_to_save()).is_ok()
         });
         let mut text = "the graphics device was lost; its driver may have been updated or reset, or have run out of memory".to_owned();
         if let Some(path) = kept {

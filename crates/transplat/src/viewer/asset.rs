@@ -8,9 +8,8 @@ use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::estimate::Estimate;
 use transplat_core::files::AssetFile;
-use transplat_core::look::{ESTIMATE, LightSettings, Look};
-use transplat_core::surfels::{Bounds, Hide, SurfelCloud, UpAxis};
-use transplat_core::transfer::TransferAsset;
+use transplat_core::scene::{Object, Scene};
+use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_gpu::live::LiveAsset;
 
 /// An asset as it is open.
@@ -28,6 +27,8 @@ pub struct Asset {
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
+    /// Whether its colour was to be taken otherwise when it was last asked for.
+    pub(super) reload_asked: Option<bool>,
 }
 
 impl Asset {
@@ -39,127 +40,72 @@ impl Asset {
             .to_string_lossy()
             .into_owned()
     }
+
+    /// Whether its colour was taken for linear.
+    pub fn is_linear(&self) -> bool {
+        self.cloud.encoding == Encoding::StoredLinear
+    }
 }
 
 /// A loaded asset on its way to the screen.
 pub struct LoadedAsset {
     pub asset: Asset,
     pub live: LiveAsset,
-    pub transfer: TransferAsset,
     /// What was kept of an estimate of its light.
     pub estimate: Option<Estimate>,
-    pub settings: Settings,
+    pub opened_with: OpenedWith,
     /// The settings as they were when it was asked for.
-    pub asked: Look,
+    pub asked: Scene,
 }
 
 /// What a splat is opened with.
 #[derive(Clone, Debug)]
-pub enum Settings {
-    /// What is told of its capture; everything else stays as it is when the splat is there, and so does what was changed meanwhile.
-    Capture(Box<Capture>),
-    /// The open splat again, read otherwise.
-    Again(Reading),
+pub enum OpenedWith {
+    /// What is told of it, and where it is looked at from; everything else stays as it is when the splat is there, and so does what was
+    /// changed meanwhile.
+    Object(Box<Object>, Option<CameraPose>),
+    /// The open splat again, its colour taken otherwise.
+    Again(Box<Object>),
     /// All settings.
-    Look(Box<Look>),
+    Scene(Box<Scene>),
 }
 
-/// What of the settings the splat itself is: another one, and it is loaded again.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reading {
-    /// Whether its colour is linear.
-    pub linear: bool,
-    /// Places that see its outside.
-    pub outside_from: Vec<Vec3>,
-}
-
-impl Reading {
-    /// As a look has it.
-    pub fn of(look: &Look) -> Self {
-        Self {
-            linear: look.linear,
-            outside_from: look.outside_from.clone(),
-        }
-    }
-
-    /// As an open splat has it.
-    pub fn of_cloud(cloud: &SurfelCloud) -> Self {
-        Self {
-            linear: cloud.encoding == Encoding::StoredLinear,
-            outside_from: cloud.outside_from.clone(),
-        }
-    }
-
-    /// That look, the splat read so.
-    pub fn over(self, look: Look) -> Look {
-        Look {
-            linear: self.linear,
-            outside_from: self.outside_from,
-            ..look
-        }
-    }
-}
-
-/// What is told of a splat's capture.
-#[derive(Clone, Debug)]
-pub struct Capture {
-    /// Its light; estimated from the splat where nobody knows it.
-    pub source: LightSettings,
-    /// Its up axis, where the file is not to be believed.
-    pub up: Option<UpAxis>,
-    /// How it is read.
-    pub reading: Reading,
-    /// What of it is hidden.
-    pub hide: Hide,
-    /// Where it is looked at from; all of it otherwise.
-    pub camera: Option<CameraPose>,
-}
-
-impl Default for Capture {
-    fn default() -> Self {
-        Self {
-            source: LightSettings::of(ESTIMATE),
-            up: None,
-            reading: Reading::default(),
-            hide: Hide::default(),
-            camera: None,
-        }
-    }
-}
-
-impl Settings {
-    pub fn reading(&self) -> Reading {
+impl OpenedWith {
+    /// How the splat `at` in the scene is read.
+    pub fn object(&self, at: usize) -> &Object {
         match self {
-            Self::Capture(capture) => capture.reading.clone(),
-            Self::Again(reading) => reading.clone(),
-            Self::Look(look) => Reading::of(look),
+            Self::Object(object, _) | Self::Again(object) => object,
+            Self::Scene(scene) => &scene.objects[at],
         }
     }
 
-    /// The look that the splat is shown with, given that of when it was asked for and that of now.
-    pub fn over(self, asked: &Look, now: &Look, pose: CameraPose) -> Look {
+    /// The scene that the splat is shown in, given that of when it was asked for and that of now.
+    pub fn over(self, at: usize, asked: &Scene, now: &Scene, pose: CameraPose) -> Scene {
         /// What the user changed while the splat was loading wins.
         fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
             if *asked == now { new } else { now }
         }
-        let now = now.clone();
+        let mut now = now.clone();
         match self {
-            Self::Capture(capture) => {
-                let [before, after] = [asked, &now].map(Reading::of);
-                kept(capture.reading, &before, after).over(Look {
-                    source: kept(capture.source, &asked.source, now.source),
-                    up: kept(capture.up, &asked.up, now.up),
-                    hide: kept(capture.hide, &asked.hide, now.hide),
-                    camera: capture.camera,
-                    ..now
-                })
+            Self::Object(told, camera) => {
+                let (asked, object) = (&asked.objects[at], now.objects[at].clone());
+                now.objects[at] = Object {
+                    source: kept(told.source, &asked.source, object.source),
+                    up: kept(told.up, &asked.up, object.up),
+                    linear: kept(told.linear, &asked.linear, object.linear),
+                    outside_from: kept(told.outside_from, &asked.outside_from, object.outside_from),
+                    hide: kept(told.hide, &asked.hide, object.hide),
+                    ..object
+                };
+                now.camera = camera;
+                now
             }
             // What was asked for meanwhile is loaded next.
-            Self::Again(_) => Look {
+            Self::Again(_) => Scene {
                 camera: Some(pose),
                 ..now
             },
-            Self::Look(look) => *look,
+            Self::Scene(scene) => *scene,
         }
     }
 }

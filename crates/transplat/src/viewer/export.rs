@@ -14,17 +14,17 @@ use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{AssetFile, ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
 use transplat_core::ground::Ground;
-use transplat_core::look::Look;
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
+use transplat_core::scene::Scene;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::adapter::BackgroundDevice;
+use super::environments::{Environment, load_map};
 use super::jobs::{Handle, Kind};
-use super::lights::{Light, load_map};
 use super::navigation::wrap;
-use super::session::{Event, Pinned, SOURCE, Session, TARGET};
+use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
 use crate::device::{Painter, Transfer};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
@@ -158,6 +158,13 @@ impl Task {
     }
 }
 
+/// What an export made.
+enum Made {
+    Files(Vec<PathBuf>),
+    /// Width, height, straight RGBA bytes.
+    Picture([usize; 2], Vec<u8>),
+}
+
 /// Everything that an export reads, as it was when it was asked for, and what is made of it once.
 struct Snapshot {
     /// Of the look's source: no target changes it.
@@ -172,7 +179,7 @@ struct Snapshot {
     cloud: Arc<SurfelCloud>,
     file: Arc<AssetFile>,
     name: String,
-    look: Look,
+    scene: Scene,
     pose: CameraPose,
     up: UpAxis,
     radius: f32,
@@ -181,8 +188,10 @@ struct Snapshot {
     /// Whole ones of any method.
     bakes: Vec<Arc<Bake>>,
     ground: Option<Ground>,
-    lights: [Arc<Light>; 2],
-    shelf: Vec<Arc<Light>>,
+    /// Which of the look's objects it is.
+    object: usize,
+    lights: [Arc<Environment>; 2],
+    shelf: Vec<Arc<Environment>>,
     /// A pinned look, where that is compared with.
     pinned: Option<Pinned>,
     settings: ExportSettings,
@@ -190,7 +199,7 @@ struct Snapshot {
 
 /// Starts an export; what cannot be started is told.
 pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {
-    let (Some(asset), Some(bake)) = (&session.asset, session.bake_so_far()) else {
+    let (Some(asset), Some(bake)) = (session.asset(), session.bake_so_far()) else {
         session.error("there is nothing to save yet");
         return;
     };
@@ -201,9 +210,9 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
-    let mut look = session.look.clone();
+    let mut scene = session.scene.clone();
     if settings.transparent {
-        look.background = Background::Transparent;
+        scene.background = Background::Transparent;
     }
     let snapshot = Snapshot {
         prepared: OnceCell::new(),
@@ -218,16 +227,17 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         up: session.up(),
         radius: asset.bounds.radius,
         bake: bake.clone(),
-        bakes: session.whole_bakes().cloned().collect(),
-        ground: session.ground(),
-        lights: session.sides.clone(),
+        bakes: session.state().whole_bakes().cloned().collect(),
+        ground: session.ground().cloned(),
+        object: session.selected,
+        lights: [SOURCE, TARGET].map(|side| session.light(side).clone()),
         shelf: shelf
             .iter()
-            .filter_map(|p| session.lights.get(p).cloned())
+            .filter_map(|p| session.environments.get(p).cloned())
             .collect(),
-        pinned: session.pinned.clone().filter(|_| session.against_pinned),
+        pinned: session.compared().cloned(),
         settings,
-        look,
+        scene,
     };
     if session.bake_share() < 1.0 {
         let percent = 100.0 * session.bake_share();
@@ -246,16 +256,15 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         Task::Clipboard => "drawing a picture for the clipboard".into(),
         _ => "drawing pictures".to_owned(),
     };
-    let work = move |handle: &Handle<Event>| match snapshot.run(&task, handle) {
-        Ok(event) => Some(event),
-        Err(_) if handle.is_cancelled() => None,
-        Err(error) => Some(Event::Failed(format!("{error:#}"))),
-    };
-    session.jobs.start(Kind::Export, label, work, Event::Failed);
+    let work = move |handle: &Handle<Outcome>| snapshot.run(&task, handle);
+    session.start(Kind::Export, label, work, |session, made| match made {
+        Made::Files(paths) => session.info(saved(&paths)),
+        Made::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
+    });
 }
 
 impl Snapshot {
-    fn run(mut self, task: &Task, handle: &Handle<Event>) -> Result<Event> {
+    fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {
         if let Task::Splat(path) = task {
             return self.write_splat(path, handle);
         }
@@ -266,9 +275,9 @@ impl Snapshot {
                 "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible"
             );
         }
-        if self.look.shadow_catcher && self.ground.is_none() {
+        if self.scene.shadow_catcher && self.ground.is_none() {
             let settings = BakeSettings {
-                directions: self.look.directions,
+                directions: self.scene.directions,
             };
             let report = |_| handle.progress(0.0);
             self.ground = Some(Ground::bake(&self.cloud, self.up, &settings, &report)?);
@@ -278,10 +287,10 @@ impl Snapshot {
         }
         match task {
             Task::Screenshot(Some(path)) => {
-                let raster = self.picture(self.look.view, &self.lights[TARGET])?;
+                let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
                 handle_step(handle, 0, 1)?;
                 self.write(path, &raster)?;
-                Ok(saved(std::slice::from_ref(path)))
+                Ok(Made::Files(vec![path.clone()]))
             }
             Task::Screenshot(None) => {
                 let views = self.views();
@@ -295,28 +304,28 @@ impl Snapshot {
                     self.write(&path, &raster)?;
                     written.push(path);
                 }
-                Ok(saved(&written))
+                Ok(Made::Files(written))
             }
             Task::Clipboard => {
-                let raster = self.picture(self.look.view, &self.lights[TARGET])?;
+                let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
                 let bytes = present::straight(&raster)
                     .iter()
                     .flatten()
                     .map(|v| (v * 255.0 + 0.5) as u8)
                     .collect();
-                Ok(Event::Clipboard([raster.width, raster.height], bytes))
+                Ok(Made::Picture([raster.width, raster.height], bytes))
             }
             Task::EachLight => {
                 let mut written = Vec::new();
                 self.need_shelf()?;
                 for (i, light) in self.shelf.iter().enumerate() {
                     handle_step(handle, i, self.shelf.len())?;
-                    let raster = self.picture(self.look.view, light)?;
-                    let path = self.named(&light.name(), self.look.view, None);
+                    let raster = self.picture(self.scene.view, light)?;
+                    let path = self.named(&light.name(), self.scene.view, None);
                     self.write(&path, &raster)?;
                     written.push(path);
                 }
-                Ok(saved(&written))
+                Ok(Made::Files(written))
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
@@ -325,17 +334,17 @@ impl Snapshot {
     }
 
     /// The bake of a pinned look whose method has none yet.
-    fn missing_bake(&self, handle: &Handle<Event>) -> Result<Option<Arc<Bake>>> {
-        let Some(Pinned { look, .. }) = &self.pinned else {
+    fn missing_bake(&self, handle: &Handle<Outcome>) -> Result<Option<Arc<Bake>>> {
+        let Some(Pinned { scene, .. }) = &self.pinned else {
             return Ok(None);
         };
-        let method = look.transfer.method;
+        let method = scene.transfer.method;
         let mut there = self.bakes.iter().chain([&self.bake]);
         if there.any(|bake| bake.method() == method) {
             return Ok(None);
         }
         let settings = BakeSettings {
-            directions: look.directions,
+            directions: scene.directions,
         };
         let report = |done| handle.progress(done);
         let bake = Bake::new(&self.cloud, method, &settings, &report)?;
@@ -351,7 +360,7 @@ impl Snapshot {
 
     fn views(&self) -> Vec<View> {
         match self.settings.sides {
-            Sides::Shown => vec![self.look.view],
+            Sides::Shown => vec![self.scene.view],
             Sides::Each => vec![View::Before, View::After],
         }
     }
@@ -364,16 +373,22 @@ impl Snapshot {
         Ok(self.device.fastest().painter(&self.cloud)?.0)
     }
 
-    fn picture(&self, view: View, target: &Arc<Light>) -> Result<Raster> {
+    fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
         let studio = self.studio(view)?;
-        let lit = self.lit(&self.look, view, target)?;
+        let lit = self.lit(&self.scene, view, target)?;
         studio.take(&self.camera(), self.settings.supersample, &lit)
     }
 
     fn studio(&self, view: View) -> Result<Studio> {
         let linear = self.settings.format.is_linear();
-        let look = self.look.clone();
-        let mut studio = Studio::new(&self.cloud, look, view, linear, self.painter()?);
+        let scene = self.scene.clone();
+        let mut studio = Studio::new(
+            &self.cloud,
+            (scene, self.object),
+            view,
+            linear,
+            self.painter()?,
+        );
         if view == View::Visibility {
             studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }
@@ -382,11 +397,16 @@ impl Snapshot {
     }
 
     /// Relights by a target: the source's part is the same for all of them.
-    fn relit(&self, look: &Look, target: &Light, part: Part) -> Result<(&PreparedTransfer, Relit)> {
+    fn relit(
+        &self,
+        scene: &Scene,
+        target: &Environment,
+        part: Part,
+    ) -> Result<(&PreparedTransfer, Relit)> {
         let maps = [&self.lights[SOURCE].illumination, &target.illumination];
-        let [source, target] = look.lights(maps[0], maps[1], self.up);
+        let [source, target] = scene.lights_on(&scene.objects[self.object], maps, self.up);
         if self.prepared.get().is_none() {
-            let prepared = self.prepare(look, &source)?;
+            let prepared = self.prepare(scene, &source)?;
             let _ = self.prepared.set(prepared);
         }
         let prepared = self.prepared.get().context("a transfer is prepared")?;
@@ -400,8 +420,8 @@ impl Snapshot {
         Ok((prepared, transfer.result()?))
     }
 
-    fn prepare(&self, look: &Look, source: &Illumination) -> Result<PreparedTransfer> {
-        let (cloud, settings) = (&self.cloud, &look.transfer);
+    fn prepare(&self, scene: &Scene, source: &Illumination) -> Result<PreparedTransfer> {
+        let (cloud, settings) = (&self.cloud, &scene.transfer);
         if settings.method == self.bake.method() {
             return Ok(PreparedTransfer::new(cloud, &self.bake, source, settings)?);
         }
@@ -413,11 +433,11 @@ impl Snapshot {
     }
 
     /// A light's map as it is seen behind the object.
-    fn backdrop_map(&self, light: &Light) -> Result<Arc<EnvironmentMap>> {
+    fn backdrop_map(&self, light: &Environment) -> Result<Arc<EnvironmentMap>> {
         if let Some(map) = self.maps.borrow().get(&light.id) {
             return Ok(map.clone());
         }
-        let map = Arc::new(load_map(light)?.blurred(self.look.background_blur));
+        let map = Arc::new(load_map(light)?.blurred(self.scene.background_blur));
         // A sheet of many lights is not to hold all their maps.
         let mut maps = self.maps.borrow_mut();
         if maps.len() >= 2 {
@@ -427,24 +447,25 @@ impl Snapshot {
         Ok(map)
     }
 
+    fn maps_of<'a>(&self, pinned: &'a Pinned) -> [&'a Illumination; 2] {
+        [&pinned.sources[self.object], &pinned.environment].map(|light| &light.illumination)
+    }
+
     /// What the lights make of the asset, for a view.
-    fn lit(&self, look: &Look, view: View, target: &Arc<Light>) -> Result<Lit> {
+    fn lit(&self, scene: &Scene, view: View, target: &Arc<Environment>) -> Result<Lit> {
         let source = &self.lights[SOURCE];
         let mut lit = if view.needs_relit() {
-            let (prepared, relit) = self.relit(look, target, view.part())?;
+            let (prepared, relit) = self.relit(scene, target, view.part())?;
             Lit::of(view, relit, &self.cloud, &self.bake, prepared)
         } else {
             Lit::default()
         };
         if let (Some(pinned), true) = (&self.pinned, view.has_two_sides()) {
-            let Pinned {
-                look: pinned,
-                sides: lights,
-            } = pinned;
+            let scene = &pinned.scene;
             if self.pinned_relit.get().is_none() {
-                let maps = [&lights[SOURCE].illumination, &lights[TARGET].illumination];
-                let [source, target] = pinned.lights(maps[0], maps[1], self.up);
-                let prepared = self.prepare(pinned, &source)?;
+                let object = &scene.objects[self.object];
+                let [source, target] = scene.lights_on(object, self.maps_of(pinned), self.up);
+                let prepared = self.prepare(scene, &source)?;
                 let mut transfer = self.device.fastest().transfer(&prepared)?.0;
                 transfer.change_light(&target, Part::Whole, &[])?;
                 let _ = self.pinned_relit.set(transfer.result()?);
@@ -453,27 +474,27 @@ impl Snapshot {
                 .pinned_relit
                 .get()
                 .context("the pinned look is relit")?;
-            lit.before = Some((relit.clone(), pinned.display));
+            lit.before = Some((relit.clone(), scene.display));
         }
         if let Some(ground) = &self.ground {
             let maps = [&source.illumination, &target.illumination];
-            lit.ground = lit_ground(ground, look, maps, self.up);
+            lit.ground = lit_ground(ground, scene, &scene.objects[self.object], maps, self.up);
         }
-        if view.background(look.background) == Background::Environment {
-            let matched = look.match_gain(&source.illumination, &target.illumination);
+        if view.background(scene.background) == Background::Environment {
+            let object = &scene.objects[self.object];
+            let maps = [&source.illumination, &target.illumination];
+            let matched = scene.match_gain(object, maps);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
-                Some(Pinned {
-                    look: pinned,
-                    sides: lights,
-                }) if view.has_two_sides() => {
-                    let gain = pinned
-                        .match_gain(&lights[SOURCE].illumination, &lights[TARGET].illumination);
-                    (&lights[TARGET], &pinned.target, gain)
+                Some(pinned) if view.has_two_sides() => {
+                    let scene = &pinned.scene;
+                    let object = &scene.objects[self.object];
+                    let gain = scene.match_gain(object, self.maps_of(pinned));
+                    (&pinned.environment, &scene.environment, gain)
                 }
-                _ => (source, &look.source, 1.0),
+                _ => (source, &object.source, 1.0),
             };
-            let sides = [left, (target, &look.target, matched)];
+            let sides = [left, (target, &scene.environment, matched)];
             for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
                 if view.backdrops()[side] {
                     let map = self.backdrop_map(light)?;
@@ -527,7 +548,7 @@ impl Snapshot {
     }
 
     /// Pictures in rows, as wide as high about, each with its light's map in the corner.
-    fn contact_sheet(&self, handle: &Handle<Event>) -> Result<Event> {
+    fn contact_sheet(&self, handle: &Handle<Outcome>) -> Result<Made> {
         self.need_shelf()?;
         let count = self.shelf.len();
         let columns = (count as f64).sqrt().ceil() as usize;
@@ -549,19 +570,19 @@ impl Snapshot {
         };
         for (i, light) in self.shelf.iter().enumerate() {
             handle_step(handle, i, count)?;
-            let mut picture = self.picture(self.look.view, light)?;
+            let mut picture = self.picture(self.scene.view, light)?;
             self.add_map(&mut picture, light);
             let origin = (i / columns) * height * sheet.width + (i % columns) * width;
             for (y, row) in picture.pixels.chunks_exact(width).enumerate() {
                 sheet.pixels[origin + y * sheet.width..][..width].copy_from_slice(row);
             }
         }
-        let path = self.named("lights", self.look.view, None);
+        let path = self.named("lights", self.scene.view, None);
         self.write(&path, &sheet)?;
-        Ok(saved(&[path]))
+        Ok(Made::Files(vec![path]))
     }
 
-    fn add_map(&self, picture: &mut Raster, light: &Light) {
+    fn add_map(&self, picture: &mut Raster, light: &Environment) {
         let edge = picture.width.min(picture.height) / 20;
         let room = picture.height - edge;
         let height = (picture.width / 8).min(room);
@@ -587,14 +608,14 @@ impl Snapshot {
         }
     }
 
-    fn turntable(&self, handle: &Handle<Event>) -> Result<Event> {
+    fn turntable(&self, handle: &Handle<Outcome>) -> Result<Made> {
         let frames = self.settings.frames.max(1);
         let target = &self.lights[TARGET];
-        let view = self.look.view;
+        let view = self.scene.view;
         let studio = self.studio(view)?;
         // The camera's turn changes no light: one relight does for all frames.
         let fixed = match self.settings.turn {
-            Turn::Camera => Some(self.lit(&self.look, view, target)?),
+            Turn::Camera => Some(self.lit(&self.scene, view, target)?),
             Turn::Light => None,
         };
         let mut written = Vec::new();
@@ -609,9 +630,9 @@ impl Snapshot {
                     lit
                 }
                 None => {
-                    let mut look = self.look.clone();
-                    look.target.rotation += turn;
-                    turned = self.lit(&look, view, target)?;
+                    let mut scene = self.scene.clone();
+                    scene.environment.rotation += turn;
+                    turned = self.lit(&scene, view, target)?;
                     &turned
                 }
             };
@@ -621,10 +642,10 @@ impl Snapshot {
             self.write(&path, &raster)?;
             written.push(path);
         }
-        Ok(saved(&written))
+        Ok(Made::Files(written))
     }
 
-    fn write_splat(&self, path: &Path, handle: &Handle<Event>) -> Result<Event> {
+    fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
         if path.canonicalize().ok() == self.file.path.canonicalize().ok() && path.exists() {
             bail!(
                 "{}: is the capture itself and would be lost; choose another name",
@@ -632,22 +653,23 @@ impl Snapshot {
             );
         }
         let target = &self.lights[TARGET];
-        let (_, relit) = self.relit(&self.look, target, Part::Whole)?;
+        let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;
         handle_step(handle, 0, 1)?;
         write_relit_ply(&self.file, &relit.stored(&self.cloud), path)?;
-        Ok(saved(&[path.to_owned()]))
+        Ok(Made::Files(vec![path.to_owned()]))
     }
 }
 
-fn handle_step(handle: &Handle<Event>, done: usize, of: usize) -> Result<()> {
+fn handle_step(handle: &Handle<Outcome>, done: usize, of: usize) -> Result<()> {
     if handle.progress(done as f64 / of as f64).is_break() {
         bail!("cancelled");
     }
     Ok(())
 }
 
-fn saved(paths: &[PathBuf]) -> Event {
-    Event::Done(match paths {
+/// For the user.
+fn saved(paths: &[PathBuf]) -> String {
+    match paths {
         [one] => format!("saved {}", one.display()),
         [first, .., last] => format!(
             "saved {} pictures, {} to {}",
@@ -656,7 +678,7 @@ fn saved(paths: &[PathBuf]) -> Event {
             last.file_name().unwrap_or_default().to_string_lossy()
         ),
         [] => "nothing was saved".into(),
-    })
+    }
 }
 
 /// `folder/stem.extension`, or with the first number that is free.

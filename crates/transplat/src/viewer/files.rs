@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::jobs::{Handle, Kind};
+use super::jobs::Kind;
 use super::session::{Event, SaveKind, Session};
 
 /// What the window "By path" asks for.
@@ -37,17 +37,16 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
     if session.jobs.is_running(Kind::Dialog) {
         return;
     }
-    let work = move |_: &Handle<Event>| {
+    let work = move |_: &_| {
         let start = Instant::now();
         // A person takes longer than this to say no: there was nobody to ask.
-        show(dialog).or_else(|| (start.elapsed().as_secs_f32() < 0.3).then_some(Event::NoDialog))
+        let none = || (start.elapsed().as_secs_f32() < 0.3).then_some(Event::NoDialog);
+        Ok(show(dialog).or_else(none))
     };
-    session.jobs.start(
-        Kind::Dialog,
-        "waiting for the file dialog",
-        work,
-        Event::Failed,
-    );
+    let label = "waiting for the file dialog";
+    session.start(Kind::Dialog, label, work, |session, event| {
+        session.events.extend(event);
+    });
 }
 
 fn show(dialog: Dialog) -> Option<Event> {

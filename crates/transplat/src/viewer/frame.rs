@@ -4,19 +4,20 @@ use std::sync::Arc;
 
 use transplat_core::camera::Camera;
 use transplat_core::ground::GROUND_REACH;
-use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::{Background, View};
+use transplat_core::scene::{EnvironmentLight, Scene};
 use transplat_gpu::live::Frame;
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
-use super::lights::Light;
-use super::session::{Pinned, SOURCE, Session, TARGET};
+use super::environments::Environment;
+use super::object::ObjectState;
+use super::session::{SOURCE, Session, TARGET};
 use crate::picture::half;
 
 impl Session {
     /// What a viewport of a size shows with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
-        let asset = self.asset.as_ref()?;
+        let asset = self.asset()?;
         let up = self.up();
         let whole = Camera::from_pose(&self.pose, up, size, asset.bounds.radius);
         let camera = if view == View::SideBySide {
@@ -24,7 +25,7 @@ impl Session {
         } else {
             whole
         };
-        let look = &self.look;
+        let scene = &self.scene;
         let light = |side: usize| {
             let (_, settings, gain) = self.behind(side, view);
             BackdropLight {
@@ -34,15 +35,13 @@ impl Session {
         };
         let (center, axes) = asset.ground;
         let ready = |side: usize| {
-            let shown = &self.backdrop_for[side];
-            shown
-                .as_ref()
-                .is_some_and(|k| k.light == self.behind(side, view).0.id)
+            let shown = self.backdrops[side].made_from();
+            shown.is_some_and(|k| k.light == self.behind(side, view).0.id)
         };
         let [source, target] = view.backdrops();
         // Until its map is read, an environment behind the object is a plain grey.
         let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
-        let background = match view.background(look.background) {
+        let background = match view.background(scene.background) {
             Background::Environment if waits => Background::Color([0.25; 3]),
             other => other,
         };
@@ -51,50 +50,64 @@ impl Session {
                 camera,
                 size,
                 view,
-                wipe: look.wipe,
-                difference_scale: look.difference_scale,
-                display: look.display,
-                false_color: look.false_color,
+                wipe: scene.wipe,
+                difference_scale: scene.difference_scale,
+                display: scene.display,
+                false_color: scene.false_color,
                 background,
                 lights: [light(SOURCE), light(TARGET)],
                 ground: GroundPlane {
                     center,
                     axes,
                     half: GROUND_REACH * asset.bounds.radius,
-                    catches: look.shadow_catcher && self.ground_lit_for.is_some(),
-                    grid: self.grid.then(|| grid_spacing(asset.bounds.radius)),
+                    catches: scene.shadow_catcher && self.state().ground_lit.get().is_some(),
+                    grid: self
+                        .overlays
+                        .grid
+                        .then(|| grid_spacing(asset.bounds.radius)),
                 },
                 bounds: asset.bounds,
                 depth_unit: 1.0,
             },
-            against_pinned: self.against_pinned,
-            marks: self.show_marks,
-            hidden: (self.hidden.clone(), self.hidden_version),
+            against_pinned: self.compared().is_some(),
+            marks: self.overlays.marks,
+            hidden: self.states.iter().map(hidden).collect(),
         })
     }
 
     /// The light that is seen behind a side, as it is turned, and what it is brought to the source's strength by. Behind a pinned look it
     /// is that look's.
-    pub(super) fn behind(&self, side: usize, view: View) -> (&Arc<Light>, &LightSettings, f32) {
-        let target_of = |look: &Look, lights: [&Light; 2]| {
-            look.match_gain(&lights[0].illumination, &lights[1].illumination)
+    pub(super) fn behind(
+        &self,
+        side: usize,
+        view: View,
+    ) -> (&Arc<Environment>, &EnvironmentLight, f32) {
+        let at = self.selected;
+        let pinned = self.compared();
+        if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
+            let maps = [&pinned.sources[at], &pinned.environment];
+            let gain = match_gain(&pinned.scene, at, maps);
+            return (&pinned.environment, &pinned.scene.environment, gain);
+        }
+        let sides = self.sides_of(at);
+        let gain = match side {
+            SOURCE => 1.0,
+            _ => match_gain(&self.scene, at, sides.map(|(_, there)| &there.light)),
         };
-        if side == SOURCE
-            && view.has_two_sides()
-            && let Some(Pinned { look, sides }) =
-                self.pinned.as_ref().filter(|_| self.against_pinned)
-        {
-            let [source, target] = sides;
-            let gain = target_of(look, [source, target]);
-            return (target, &look.target, gain);
-        }
-        let [source, target] = &self.sides;
-        if side == SOURCE {
-            return (source, &self.look.source, 1.0);
-        }
-        let gain = target_of(&self.look, [source, target]);
-        (target, &self.look.target, gain)
+        let (settings, there) = sides[side];
+        (&there.light, settings, gain)
     }
+}
+
+fn match_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
+    let maps = lights.map(|light| &light.illumination);
+    scene.match_gain(&scene.objects[at], maps)
+}
+
+/// What of an object is not drawn, and its version.
+fn hidden(state: &ObjectState) -> (Arc<Vec<bool>>, u64) {
+    let hidden = state.hidden.get().map(|h| h.unseen.clone());
+    (hidden.unwrap_or_default(), state.hidden.version())
 }
 
 /// A round spacing of the grid, a quarter of the object's radius and more.

@@ -9,13 +9,12 @@ use super::session::{Session, TARGET};
 impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
-        let degree = self.asset.as_ref()?.cloud.sh_degree;
-        if let Some(PreparedTransfer::Directional(_)) = &self.prepared {
+        let degree = self.asset()?.cloud.sh_degree;
+        if let Some(PreparedTransfer::Directional(_)) = self.prepared() {
             // None while a newer one is on its way.
-            let (of, relit) = self.readout.as_ref()?;
-            if *of != (self.asset_id, self.relit_version) {
-                return None;
-            }
+            let state = self.state();
+            let shown = state.relit.made_from()?.shown();
+            let relit = state.readout.of(&shown)?;
             let k = coefficient_count(relit.degree);
             let sh = relit.sh.get(i * k..(i + 1) * k)?;
             let linear = match relit.encoding {
@@ -25,7 +24,7 @@ impl Session {
             let linear = with_degree(linear, relit.degree, degree);
             return Some((*relit.tau.get(i)?, linear));
         }
-        let Some(PreparedTransfer::Harmonic(harmonic)) = &self.prepared else {
+        let Some(PreparedTransfer::Harmonic(harmonic)) = self.prepared() else {
             return None;
         };
         if i >= harmonic.surfels {

@@ -7,25 +7,33 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
+use anyhow::{Result, anyhow};
 use eframe::egui;
 use transplat_core::settings::Method;
 
 /// What a job is doing, for those who must not start it twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
+    /// A stage of an object, by the number of its state.
+    Of(u64, Work),
+    Light,
+    Backdrop(usize),
+    Export,
+    Extremes,
+    Dialog,
+}
+
+/// What is done to an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
     Load,
     Bake(Method),
     Ground,
-    Light,
     Estimate,
     Prepare,
     Relight,
     Doubts,
-    Backdrop(usize),
-    Export,
     Measure,
-    Extremes,
-    Dialog,
 }
 
 /// A job that runs.
@@ -54,11 +62,8 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Load
-                | Kind::Bake(_)
-                | Kind::Ground
+            Kind::Of(_, Work::Load | Work::Bake(_) | Work::Ground | Work::Measure)
                 | Kind::Export
-                | Kind::Measure
                 | Kind::Extremes
         )
     }
@@ -150,14 +155,14 @@ impl<E: Send + 'static> Jobs<E> {
         }
     }
 
-    /// Starts one; `failed` makes an event of the message should it break down.
-    pub fn start(
+    /// Starts one; `finish` makes an event of its result.
+    pub fn start<T>(
         &mut self,
         kind: Kind,
         label: impl Into<String>,
-        work: impl FnOnce(&Handle<E>) -> Option<E> + Send + 'static,
-        failed: impl FnOnce(String) -> E + Send + 'static,
-    ) -> u64 {
+        work: impl FnOnce(&Handle<E>) -> Result<T> + Send + 'static,
+        finish: impl FnOnce(Result<T>) -> E + Send + 'static,
+    ) {
         let id = self.next;
         self.next += 1;
         let signals = Arc::<Signals>::default();
@@ -176,12 +181,10 @@ impl<E: Send + 'static> Jobs<E> {
         });
         std::thread::spawn(move || {
             let result = catch_unwind(AssertUnwindSafe(|| work(&handle)));
-            let event = result.unwrap_or_else(|_| {
-                Some(failed("an internal error; the scene is as it was".into()))
-            });
-            handle.post(event, true);
+            let internal = |_| Err(anyhow!("an internal error; the scene is as it was"));
+            let result = result.unwrap_or_else(internal);
+            handle.post(Some(finish(result)), true);
         });
-        id
     }
 
     /// Everything that was yielded since the last call; of cancelled jobs nothing.
@@ -217,6 +220,12 @@ impl<E: Send + 'static> Jobs<E> {
     pub fn is_awaited(&self, kind: Kind) -> bool {
         let mut of_kind = self.running.iter().filter(|j| j.kind == kind);
         of_kind.any(|j| !j.is_cancelled())
+    }
+
+    /// Cancels all that is done to an object.
+    pub fn cancel_object(&self, id: u64) {
+        let is_its = |job: &&Job| matches!(job.kind, Kind::Of(of, _) if of == id);
+        self.running.iter().filter(is_its).for_each(Job::cancel);
     }
 
     /// Cancels all jobs of a kind.

@@ -1,13 +1,15 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
+use anyhow::bail;
 use transplat_core::extremes;
 use transplat_core::settings::Method;
 
-use super::jobs::{Handle, Kind, beside_the_rest};
-use super::session::{Event, Session};
+use super::jobs::{Handle, Kind, Work, beside_the_rest};
+use super::object::Measured;
+use super::session::{Outcome, Session};
 use crate::device::Device;
-use crate::savings;
-use crate::sweep::{Effort, Setting, Subject, Sweep};
+use crate::savings::{self};
+use crate::sweep::{Effort, Setting, Subject, Sweep, in_words};
 
 /// Repeats of a transfer with and without what is left out.
 const REPEATS: usize = 7;
@@ -15,19 +17,18 @@ const REPEATS: usize = 7;
 impl Session {
     /// Measures the settings that the user can choose, under the lights as they are.
     pub fn measure(&mut self) {
-        let Some(asset) = &self.asset else {
+        let state = self.state();
+        let (id, kind) = (state.id, Kind::Of(state.id, Work::Measure));
+        let Some(asset) = state.asset.as_ref().filter(|_| !self.jobs.is_running(kind)) else {
             return;
         };
-        if self.jobs.is_running(Kind::Measure) {
-            return;
-        }
-        let [source, target] = self.oriented_lights();
+        let lights = self.oriented_lights().map(|light| (*light.light).clone());
         let subject = Subject {
             cloud: asset.cloud.clone(),
             map: None,
-            lights: [(*source.light).clone(), (*target.light).clone()],
+            lights,
             views: None,
-            bakes: self.whole_bakes().map(|bake| (**bake).clone()).collect(),
+            bakes: state.whole_bakes().map(|bake| (**bake).clone()).collect(),
         };
         let mut devices = vec![Device::Cpu];
         // A driver that computes on the CPU is not what the user would buy time with.
@@ -38,24 +39,25 @@ impl Session {
                 .map(Device::Gpu),
         );
         let label = format!("measuring settings on {}", asset.name());
-        let id = self.asset_id;
-        let work = move |handle: &Handle<Event>| {
+        let work = move |handle: &Handle<Outcome>| {
             let half = |start: f64| move |done: f64, _: &str| handle.progress(start + 0.5 * done);
             let measure = || {
                 let points = Sweep::run(&subject, &devices, Effort::Offered, &half(0.0))?;
-                anyhow::Ok((points, savings::measure(&subject, REPEATS, &half(0.5))?))
-            };
-            Some(match beside_the_rest(measure) {
-                Ok((points, savings)) => Event::Measured {
-                    asset: id,
+                let savings = savings::measure(&subject, REPEATS, &half(0.5))?;
+                anyhow::Ok(Measured {
+                    words: in_words(&points),
                     points,
-                    savings,
-                },
-                Err(_) if handle.is_cancelled() => return None,
-                Err(error) => Event::Failed(format!("nothing could be measured: {error:#}")),
-            })
+                    saved: savings.saved,
+                    is_new: true,
+                })
+            };
+            beside_the_rest(measure).map_err(|e| e.context("nothing could be measured"))
         };
-        self.jobs.start(Kind::Measure, label, work, Event::Failed);
+        self.start(kind, label, work, move |session, measured| {
+            if let Some(at) = session.at(id) {
+                session.states[at].measured = measured;
+            }
+        });
     }
 
     /// Tries the extreme cases, which have scenes of their own, on this machine.
@@ -63,25 +65,27 @@ impl Session {
         if self.jobs.is_running(Kind::Extremes) {
             return;
         }
-        let work = |handle: &Handle<Event>| {
+        let work = |handle: &Handle<Outcome>| {
             let cases = extremes::all();
             let mut outcomes = Vec::new();
             for (i, case) in cases.iter().enumerate() {
                 if handle.progress(i as f64 / cases.len() as f64).is_break() {
-                    return None;
+                    bail!("cancelled");
                 }
                 let each = || Method::ALL.map(|method| extremes::run(case, method, None));
                 outcomes.extend(beside_the_rest(each));
             }
-            Some(Event::Extremes(extremes::in_words(&outcomes)))
+            Ok(extremes::in_words(&outcomes))
         };
         let label = "trying the extreme cases";
-        self.jobs.start(Kind::Extremes, label, work, Event::Failed);
+        self.start(Kind::Extremes, label, work, |session, words| {
+            session.extremes = words;
+        });
     }
 
     /// Takes a setting that was measured; epsilon stays as it is.
     pub fn apply_setting(&mut self, setting: &Setting) {
-        let transfer = &mut self.look.transfer;
+        let transfer = &mut self.scene.transfer;
         transfer.method = setting.settings.method;
         transfer.sh_degree = setting.settings.sh_degree;
         transfer.terms = setting.settings.terms;

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use eframe::egui::{self, Ui};
-use transplat_core::look::{LightSettings, Look};
 use transplat_core::present::View;
+use transplat_core::scene::{EnvironmentLight, Object, Scene};
 
 use super::app::Viewer;
-use super::asset::Settings;
+use super::asset::OpenedWith;
 use super::export::Task;
 use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
@@ -20,33 +20,35 @@ impl Viewer {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("Edit", |ui| {
-                let look = self.session.look.clone();
+                let scene = self.session.scene.clone();
                 let item = |ui: &mut Ui, name: &str, action, enabled| {
                     let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
                     ui.add_enabled(enabled, button).clicked()
                 };
-                if item(ui, "Undo", Action::Undo, self.undoer.has_undo(&look)) {
+                if item(ui, "Undo", Action::Undo, self.undoer.has_undo(&scene)) {
                     self.undo();
                     ui.close();
                 }
-                if item(ui, "Redo", Action::Redo, self.undoer.has_redo(&look)) {
+                if item(ui, "Redo", Action::Redo, self.undoer.has_redo(&scene)) {
                     self.redo();
                     ui.close();
                 }
                 ui.separator();
                 if ui.button("Reset all settings").clicked() {
-                    let kept = &self.session.look;
-                    self.session.look = Look {
-                        asset: kept.asset.clone(),
-                        source: LightSettings {
-                            file: kept.source.file.clone(),
-                            ..Default::default()
-                        },
-                        target: LightSettings {
-                            file: kept.target.file.clone(),
-                            ..Default::default()
-                        },
-                        ..Preferences::default().look()
+                    let kept = &self.session.scene;
+                    let same = |light: &EnvironmentLight| EnvironmentLight {
+                        file: light.file.clone(),
+                        ..EnvironmentLight::default()
+                    };
+                    let object = |object: &Object| Object {
+                        asset: object.asset.clone(),
+                        source: same(&object.source),
+                        ..Object::default()
+                    };
+                    self.session.scene = Scene {
+                        objects: kept.objects.iter().map(object).collect(),
+                        environment: same(&kept.environment),
+                        ..Preferences::default().scene()
                     };
                     ui.close();
                 }
@@ -142,16 +144,16 @@ impl Viewer {
             self.session.error("the bundled scene is not installed");
             return;
         };
-        let mut look = self.preferences.look();
+        let mut scene = self.preferences.scene();
         let lights: Vec<PathBuf> = BUNDLED_LIGHTS.iter().filter_map(|n| bundled(n)).collect();
-        look.source.file = lights.first().cloned();
-        look.target.file = lights.get(1).cloned();
-        look.asset = Some(splat.clone());
+        scene.objects[0].source.file = lights.first().cloned();
+        scene.environment.file = lights.get(1).cloned();
+        scene.objects[0].asset = Some(splat.clone());
         for path in &lights {
             self.shelf.add(&mut self.session, path);
         }
-        self.session
-            .load_asset(splat, Settings::Look(Box::new(look)));
+        let opened_with = OpenedWith::Scene(Box::new(scene));
+        self.session.load_asset(0, splat, opened_with);
     }
 
     pub(super) fn view_menu(&mut self, ui: &mut Ui) {
@@ -181,27 +183,27 @@ impl Viewer {
         ui.separator();
         ui.checkbox(&mut self.show_panels, "Panels");
         ui.checkbox(&mut self.preferences.probes, "Light probes");
-        ui.checkbox(&mut self.session.grid, "Grid");
-        ui.checkbox(&mut self.session.show_marks, "Mark doubtful surfels");
+        ui.checkbox(&mut self.session.overlays.grid, "Grid");
+        ui.checkbox(&mut self.session.overlays.marks, "Mark doubtful surfels");
     }
 
     pub(super) fn compare_bar(&mut self, ui: &mut Ui) {
         let session = &mut self.session;
         for (name, view, tip) in COMPARE {
-            ui.selectable_value(&mut session.look.view, view, name)
+            ui.selectable_value(&mut session.scene.view, view, name)
                 .on_hover_text(tip);
         }
         ui.separator();
         let current = CHANNELS
             .iter()
-            .find(|(_, view, _)| *view == session.look.view);
+            .find(|(_, view, _)| *view == session.scene.view);
         egui::ComboBox::from_id_salt("channel")
             .selected_text(current.map_or("Channel", |(name, ..)| name))
             .width(96.0)
             .show_ui(ui, |ui| {
-                ui.selectable_value(&mut session.look.view, View::After, "Final");
+                ui.selectable_value(&mut session.scene.view, View::After, "Final");
                 for (name, view, tip) in CHANNELS {
-                    ui.selectable_value(&mut session.look.view, view, name)
+                    ui.selectable_value(&mut session.scene.view, view, name)
                         .on_hover_text(tip);
                 }
             })
@@ -215,8 +217,8 @@ impl Viewer {
         if pin.clicked() {
             session.pin();
         }
-        if session.pinned.is_some() {
-            ui.checkbox(&mut session.against_pinned, "against pinned")
+        if let Some(pinned) = &mut session.pinned {
+            ui.checkbox(&mut pinned.is_compared, "against pinned")
                 .on_hover_text("Compare with the pinned look instead of the capture.");
             if ui
                 .button("Swap")
@@ -227,7 +229,6 @@ impl Viewer {
             }
             if ui.button("Unpin").clicked() {
                 session.pinned = None;
-                session.against_pinned = false;
             }
         }
     }

@@ -1,31 +1,36 @@
-//! What is opened: splats, lights, looks.
+//! What is opened: splats, environments, looks.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Instant;
 
 use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::ground::ground_plane;
-use transplat_core::look::{ESTIMATE, LightSettings, Look, is_estimate, is_even, is_file};
-use transplat_core::settings::Method;
+use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_core::surfels::{SurfelCloud, is_faint};
-use transplat_core::transfer::TransferAsset;
 use transplat_gpu::live::LiveAsset;
 
-use super::asset::{Asset, LoadedAsset, Settings};
-use super::estimating::{DROP_IT, kept_estimate};
-use super::jobs::{Handle, Kind};
-use super::lights::{Light, light_name};
+use super::asset::{Asset, LoadedAsset, OpenedWith};
+use super::environments::{Environment, light_name};
+use super::jobs::{Kind, Work};
 use super::navigation;
-use super::session::{Event, SOURCE, Session, TARGET};
-use crate::scene::asset_warnings;
-
-/// Environments that are read at the same time.
-const LIGHTS_AT_ONCE: usize = 2;
+use super::object::ObjectState;
+use super::session::{Event, Session, TARGET};
+use super::stages::DROP_IT;
+use crate::pipeline::estimate;
+use crate::pipeline::warnings::asset_warnings;
 
 fn never_seen(cloud: &SurfelCloud) -> usize {
     let opacities = cloud.opacities.iter();
     opacities.filter(|o| is_faint(**o)).count()
+}
+
+/// An object of which nothing is told: its light is estimated.
+pub fn unknown_object() -> Object {
+    Object {
+        source: EnvironmentLight::of(ESTIMATE),
+        ..Object::default()
+    }
 }
 
 impl Session {
@@ -33,12 +38,13 @@ impl Session {
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
             Ok(FileKind::Ply) => {
-                self.load_asset(path.to_owned(), Settings::Capture(Box::default()));
+                let opened_with = OpenedWith::Object(Box::new(unknown_object()), None);
+                self.load_asset(self.selected, path.to_owned(), opened_with);
             }
             Ok(FileKind::Look) => match load_look(path) {
-                Ok(look) => {
+                Ok(scene) => {
                     self.opened.push(path.to_owned());
-                    self.apply_look(look);
+                    self.apply(scene);
                 }
                 Err(error) => self.error(error.to_string()),
             },
@@ -53,227 +59,212 @@ impl Session {
         }
     }
 
-    /// Applies a look: at once, or once its asset is loaded.
-    pub fn apply_look(&mut self, look: Look) {
-        let open = self.asset.as_ref().map(|a| &a.path);
-        match &look.asset {
-            Some(path) if open != Some(path) => {
-                self.load_asset(path.clone(), Settings::Look(Box::new(look)));
+    /// Takes over a scene's settings: at once, or once its assets are loaded.
+    pub fn apply(&mut self, scene: Scene) {
+        let count = scene.objects.len().max(self.states.len());
+        self.states.resize_with(count, || ObjectState::new(None));
+        let open = |at: usize| self.states.get(at)?.asset.as_ref().map(|a| &a.path);
+        let mut assets = scene.objects.iter().map(|o| o.asset.as_ref()).enumerate();
+        let missing = assets.find(|(at, asset)| asset.is_some() && *asset != open(*at));
+        match missing {
+            Some((at, Some(path))) => {
+                let path = path.clone();
+                self.load_asset(at, path, OpenedWith::Scene(Box::new(scene)));
             }
             _ => {
-                if let Some(camera) = look.camera {
+                if let Some(camera) = scene.camera {
                     self.pose = camera;
                 }
-                self.look = Look {
+                self.scene = Scene {
                     camera: None,
-                    ..look
+                    ..scene
                 };
             }
         }
     }
 
     /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
-    pub fn load_asset(&mut self, path: PathBuf, settings: Settings) {
-        self.jobs.cancel(Kind::Load);
+    pub fn load_asset(&mut self, at: usize, path: PathBuf, opened_with: OpenedWith) {
+        let id = self.states[at].id;
+        let kind = Kind::Of(id, Work::Load);
+        self.jobs.cancel(kind);
         let context = self.context.clone();
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let asked = self.look.clone();
-        let failed = Event::LoadFailed;
-        let work = move |handle: &Handle<Event>| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let label = format!("loading {name}");
+        let asked = self.scene.clone();
+        let work = move |_: &_| {
             let start = Instant::now();
-            let loaded =
-                load_asset(&path)
-                    .map_err(anyhow::Error::from)
-                    .and_then(|(mut cloud, file)| {
-                        let file_up = cloud.up;
-                        let reading = settings.reading();
-                        reading.over(Look::default()).apply_to(&mut cloud);
-                        let cloud = Arc::new(cloud);
-                        let live = LiveAsset::new(&context, &cloud)?;
-                        let estimate = kept_estimate(&path, &cloud);
-                        Ok(LoadedAsset {
-                            asset: Asset {
-                                bounds: cloud.bounds(),
-                                never_seen: never_seen(&cloud),
-                                ground: ground_plane(&cloud, cloud.up),
-                                up: cloud.up,
-                                warnings: asset_warnings(&path, &file),
-                                load_ms: start.elapsed().as_secs_f64() * 1e3,
-                                file_up,
-                                file: Arc::new(file),
-                                cloud,
-                                path,
-                            },
-                            live,
-                            transfer: TransferAsset::default(),
-                            estimate,
-                            settings,
-                            asked,
-                        })
-                    });
-            if handle.is_cancelled() {
-                return None;
-            }
-            Some(match loaded {
-                Ok(loaded) => Event::Asset(Box::new(loaded)),
-                Err(error) => Event::LoadFailed(format!("{error:#}")),
+            let (mut cloud, file) = load_asset(&path)?;
+            let file_up = cloud.up;
+            opened_with.object(at).apply_to(&mut cloud);
+            let cloud = Arc::new(cloud);
+            let live = LiveAsset::new(&context, &cloud)?;
+            let estimate = estimate::kept(&path, &cloud);
+            Ok(LoadedAsset {
+                asset: Asset {
+                    bounds: cloud.bounds(),
+                    never_seen: never_seen(&cloud),
+                    ground: ground_plane(&cloud, cloud.up),
+                    up: cloud.up,
+                    warnings: asset_warnings(&path, &file),
+                    load_ms: start.elapsed().as_secs_f64() * 1e3,
+                    file_up,
+                    file: Arc::new(file),
+                    cloud,
+                    path,
+                    reload_asked: None,
+                },
+                live,
+                estimate,
+                opened_with,
+                asked,
             })
         };
-        self.jobs
-            .start(Kind::Load, format!("loading {name}"), work, failed);
+        self.start_or_else(kind, label, work, move |session, loaded| {
+            let Some(at) = session.at(id) else {
+                return;
+            };
+            match loaded {
+                Ok(loaded) => session.show_asset(at, loaded),
+                Err(error) => {
+                    // What could not be loaded again stays as it was loaded.
+                    if let Some(asset) = &session.states[at].asset {
+                        session.scene.objects[at].linear = asset.is_linear();
+                    }
+                    session.error(format!("{error:#}"));
+                }
+            }
+        });
     }
 
     /// Shows a loaded splat; nothing of the last one is left.
-    pub(super) fn show_asset(&mut self, loaded: LoadedAsset) {
+    fn show_asset(&mut self, at: usize, loaded: LoadedAsset) {
         let LoadedAsset {
             asset,
             live,
-            transfer,
             estimate,
-            settings,
+            opened_with,
             asked,
         } = loaded;
-        let is_new = self.asset.as_ref().is_none_or(|a| a.path != asset.path);
-        let mut look = settings.over(&asked, &self.look, self.pose);
+        let mut scene = opened_with.over(at, &asked, &self.scene, self.pose);
+        let object = &mut scene.objects[at];
+        object.asset = Some(asset.path.clone());
         // Where nobody tells it, and as long as what is told cannot be read.
-        look.source.file.get_or_insert(ESTIMATE.into());
-        if is_new {
-            self.resolved[SOURCE] = LightSettings::of(ESTIMATE);
-        }
-        for kind in [
-            Kind::Bake(Method::Directional),
-            Kind::Bake(Method::Harmonic),
-            Kind::Ground,
-            Kind::Prepare,
-            Kind::Relight,
-            Kind::Doubts,
-            Kind::Measure,
-        ] {
-            self.jobs.cancel(kind);
-        }
-        self.stages.load += 1;
-        self.asset_id += 1;
-        self.live().set_asset(live);
-        self.bakes.clear();
-        self.prepared = None;
-        // What is still on its way belongs to the last one.
-        self.prepared_version += 1;
-        self.readout = None;
-        self.measured.clear();
-        self.measured_words.clear();
-        self.saved.clear();
-        self.relit_asked = None;
-        // A bake that was named belongs to the asset that came with it.
-        if self.asset_id > 1 {
-            self.bake = None;
-        }
-        self.pinned = None;
-        self.against_pinned = false;
-        self.shares = None;
-        self.doubts = Arc::default();
-        self.ground = None;
-        self.ground_for = None;
-        self.ground_asked = None;
-        self.ground_lit_for = None;
-        self.relit_for = None;
-        self.transfer_asset = Some(Arc::new(Mutex::new(transfer)));
-        self.pose = look.camera.unwrap_or_else(|| {
-            let size = self.viewport;
-            navigation::first_pose(
-                &asset.cloud,
-                look.up.unwrap_or(asset.file_up),
-                &asset.bounds,
-                size,
-            )
+        object.source.file.get_or_insert(ESTIMATE.into());
+        let source_is_even = object.source.file.as_deref().is_some_and(is_even);
+        let size = self.viewport;
+        self.pose = scene.camera.take().unwrap_or_else(|| {
+            let up = object.up.unwrap_or(asset.file_up);
+            navigation::first_pose(&asset.cloud, up, &asset.bounds, size)
         });
+        let last = &self.states[at];
+        self.jobs.cancel_object(last.id);
+        self.stages.load += 1;
+        self.live().set_asset(at, live);
         self.opened.push(asset.path.clone());
         for warning in asset.warnings.clone() {
             self.info(warning);
         }
-        if look.source.file.as_deref().is_some_and(is_even) {
+        if source_is_even {
             self.info(format!(
                 "what it was captured under is not known: even light is assumed. {DROP_IT}"
             ));
         }
-        self.reset_estimate(estimate);
-        self.look = Look {
-            camera: None,
-            asset: Some(asset.path.clone()),
-            ..look
+        let last = &mut self.states[at];
+        let mut source = last.source.clone();
+        if last.asset.as_ref().is_none_or(|a| a.path != asset.path) {
+            source.settings = EnvironmentLight::of(ESTIMATE);
+        }
+        // A bake that was named belongs to the asset that came with it.
+        let saved_bake = last.saved_bake.take_if(|_| last.asset.is_none());
+        let outside_from = asset.cloud.outside_from.clone();
+        *last = ObjectState {
+            source,
+            saved_bake,
+            ..ObjectState::new(Some(asset))
         };
-        self.asset = Some(asset);
+        if let Some(estimate) = estimate {
+            last.estimate.set(outside_from, estimate);
+        }
+        self.pinned = None;
+        self.scene = scene;
     }
 
     /// Puts a light on a side; it is shown once it is loaded.
     pub fn set_light(&mut self, side: usize, path: PathBuf) {
-        self.request_light(&path);
-        let settings = if side == SOURCE {
-            &mut self.look.source
-        } else {
-            &mut self.look.target
-        };
-        settings.set_file(path);
+        self.environments.request(&path);
+        self.side_mut(side).set_file(path);
     }
 
-    /// Has an environment read unless it is there.
-    pub fn request_light(&mut self, path: &Path) {
-        if is_file(path) && !self.lights.contains_key(path) && !self.is_loading(path) {
-            self.waiting_lights.push_back(path.to_owned());
-        }
-    }
-
-    /// Has an environment read again, whatever is known of it: the file may have changed.
-    pub fn reread_light(&mut self, path: &Path) {
-        if is_file(path) {
-            self.lights.remove(path);
-            self.request_light(path);
-        }
-    }
-
-    /// Reads what waits, those on the two sides first, and few at a time: maps are large.
+    /// Reads the environments that wait, and those that the settings name.
     pub(super) fn start_lights(&mut self) {
-        while self.loading.len() < LIGHTS_AT_ONCE && !self.waiting_lights.is_empty() {
-            let wanted = [&self.look.source.file, &self.look.target.file];
-            let on_side = |p: &PathBuf| wanted.iter().any(|w| w.as_ref() == Some(p));
-            let at = self.waiting_lights.iter().position(on_side).unwrap_or(0);
-            if let Some(path) = self.waiting_lights.remove(at) {
-                self.start_light(path);
-            }
+        let sources = self.scene.objects.iter().map(|o| &o.source);
+        let shown: Vec<PathBuf> = sources
+            .chain([&self.scene.environment])
+            .filter_map(|light| light.file.clone())
+            .collect();
+        let shown: Vec<&Path> = shown.iter().map(PathBuf::as_path).collect();
+        for path in &shown {
+            self.environments.request(path);
+        }
+        while let Some(path) = self.environments.next(&shown) {
+            self.start_light(path);
         }
     }
 
     fn start_light(&mut self, path: PathBuf) {
-        self.loading.push(path.clone());
         let background = self.background.clone();
         let label = format!("reading {}", light_name(&path));
-        let failed = {
-            let path = path.clone();
-            move |why: String| Event::LightFailed { path, why }
-        };
-        let work = move |_: &Handle<Event>| {
-            Some(match Light::load(&background, &path) {
-                Ok(light) => Event::Light(Box::new(light)),
-                Err(error) => Event::LightFailed {
-                    path,
-                    why: format!("{error:#}"),
-                },
-            })
-        };
-        self.jobs.start(Kind::Light, label, work, failed);
+        let file = path.clone();
+        let work = move |_: &_| Environment::load(&background, &file);
+        self.start_or_else(Kind::Light, label, work, move |session, read| {
+            let (read, why) = match read {
+                Ok(read) => (Some(read), None),
+                Err(why) => (None, Some(why)),
+            };
+            if let Some(read) = &read {
+                session.stages.project_environment += 1;
+                for warning in read.warnings.clone() {
+                    session.info(warning);
+                }
+                session.opened.push(path.clone());
+            }
+            session.environments.has_read(&path, read);
+            if let Some(why) = why {
+                session.error(format!("{why:#}"));
+                session.take_back(&path);
+                session.events.push(Event::NoLight(path));
+            }
+        });
     }
 
-    /// Whether a light is being read.
+    /// What cannot be read changes nothing.
+    fn take_back(&mut self, path: &Path) {
+        let objects = self.scene.objects.iter_mut().zip(&self.states);
+        let sources = objects.map(|(object, state)| (&mut object.source, &state.source));
+        let environment = (&mut self.scene.environment, &self.environment);
+        for (settings, resolved) in sources.chain([environment]) {
+            if settings.file.as_deref() == Some(path) {
+                *settings = resolved.settings.clone();
+            }
+        }
+    }
+
+    /// Whether a splat is being read.
+    pub(super) fn is_loading_asset(&self) -> bool {
+        let mut running = self.jobs.running().iter();
+        running.any(|job| matches!(job.kind, Kind::Of(_, Work::Load)))
+    }
+
+    /// Whether a light is being read, or estimated.
     pub fn is_loading(&self, path: &Path) -> bool {
-        let mut all = self.loading.iter().chain(&self.waiting_lights);
-        all.any(|p| p == path) || (is_estimate(path) && self.is_estimating())
+        let is_estimating = is_estimate(path) && self.is_estimating(self.selected);
+        is_estimating || self.environments.is_awaited(path)
     }
 
     /// Exchanges the two lights with their turns and strengths.
     pub fn swap_lights(&mut self) {
-        std::mem::swap(&mut self.look.source, &mut self.look.target);
+        let source = &mut self.scene.objects[self.selected].source;
+        std::mem::swap(source, &mut self.scene.environment);
     }
 }

@@ -8,7 +8,7 @@ use transplat_core::present::View;
 use transplat_core::settings::skips::Skipped;
 
 use super::app::Viewer;
-use super::jobs::Kind;
+use super::jobs::{Kind, Work};
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
@@ -22,18 +22,18 @@ impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
         ui.horizontal(|ui| {
-            let total = session.asset.as_ref().map_or(0, |a| a.cloud.len());
+            let total = session.asset().map_or(0, |a| a.cloud.len());
             let drawn = session.live().drawn();
             ui.label(format!("{} of {} surfels", thousands(drawn), thousands(total)))
                 .on_hover_text("Drawn, of all that the splat has: what is hidden or behind the camera is not drawn.");
             ui.separator();
-            ui.label(format!("frame {}", milliseconds(session.frame_timer.ms())))
+            ui.label(format!("frame {}", milliseconds(session.timers.frame.ms())))
                 .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
             ui.separator();
             ui.label(format!("transfer {}", milliseconds(session.transfer_ms())))
                 .on_hover_text("The last change of light, from the click to its end.");
             ui.separator();
-            let running = session.jobs.running().iter().find(|j| matches!(j.kind, Kind::Bake(_)));
+            let running = session.jobs.running().iter().find(|j| matches!(j.kind, Kind::Of(_, Work::Bake(_))));
             let bake = if let Some(job) = running {
                 format!("bake {:.0} %", 100.0 * job.progress())
             } else if session.bake_share() < 1.0 {
@@ -163,7 +163,7 @@ impl Viewer {
     }
 
     pub(super) fn light_probes(&mut self, context: &egui::Context) {
-        if !self.preferences.probes || self.session.asset.is_none() {
+        if !self.preferences.probes || self.session.asset().is_none() {
             return;
         }
         let session = &self.session;
@@ -173,19 +173,15 @@ impl Viewer {
         };
         let lights = session.oriented_lights();
         for side in [SOURCE, TARGET] {
-            let settings = if side == SOURCE {
-                &session.look.source
-            } else {
-                &session.look.target
-            };
+            let settings = session.side(side);
             let shown = &frame.presentation.lights[side];
             let key = ProbeKey {
-                light: session.sides[side].id,
+                light: session.light(side).id,
                 oriented: lights[side].clone(),
-                transfer: session.look.transfer.clone(),
+                transfer: session.scene.transfer.clone(),
                 map_from_asset: settings.map_from_asset(session.up()),
                 gain: shown.gain,
-                display: session.look.display,
+                display: session.scene.display,
                 view: frame.presentation.camera.view_from_world,
             };
             let name = SIDES[side];
@@ -194,7 +190,7 @@ impl Viewer {
                 context,
                 name,
                 key,
-                &session.sides[side],
+                &session.light(side),
             );
         }
         let area = egui::Area::new(egui::Id::unique("probes"))

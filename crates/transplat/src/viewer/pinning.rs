@@ -7,59 +7,72 @@ use transplat_gpu::rasterize::ResidentSh;
 use super::session::{Pinned, Session};
 
 impl Session {
+    /// The pinned look, where that is compared with.
+    pub fn compared(&self) -> Option<&Pinned> {
+        self.pinned.as_ref().filter(|p| p.is_compared)
+    }
+
     /// Keeps the settings as they are, to compare others with them.
     pub fn pin(&mut self) {
-        if !self.live().has_relit() {
+        let relit = (0..self.states.len()).any(|at| self.live().has_relit(at));
+        if !relit {
             self.error("there is nothing relit to be pinned yet");
             return;
         }
-        if self.pin_what_is_shown(self.look.display) {
-            self.pinned = Some(self.to_pin());
-            self.against_pinned = true;
+        if self.pin_what_is_shown(self.scene.display) {
+            self.pinned = Some(self.to_pin(true));
         }
     }
 
     /// Exchanges the pinned settings with those of now.
     pub fn swap_pinned(&mut self) {
         // What is on the screen is what is pinned now.
-        if self.pinned.is_some() && self.pin_what_is_shown(self.look.display) {
-            let now = self.to_pin();
+        if self.pinned.is_some() && self.pin_what_is_shown(self.scene.display) {
+            let now = self.to_pin(self.compared().is_some());
             if let Some(pinned) = self.pinned.replace(now) {
-                self.look = pinned.look;
+                self.scene = pinned.scene;
             }
         }
     }
 
-    fn to_pin(&self) -> Pinned {
+    fn to_pin(&self, is_compared: bool) -> Pinned {
+        let sources = self.states.iter().map(|s| s.source.light.clone());
         Pinned {
-            look: self.look.clone(),
-            sides: self.sides.clone(),
+            scene: self.scene.clone(),
+            sources: sources.collect(),
+            environment: self.environment.light.clone(),
+            is_compared,
         }
     }
 
-    /// Keeps what is shown relit, all parts of it.
     fn pin_what_is_shown(&mut self, display: Display) -> bool {
-        let (Some(shown), Some(prepared)) = (&self.relit_for, &self.prepared) else {
+        (0..self.states.len()).all(|at| self.pin_object(at, display))
+    }
+
+    /// Keeps what is shown relit of an object, all parts of it.
+    fn pin_object(&mut self, at: usize, display: Display) -> bool {
+        let state = &self.states[at];
+        let (Some(shown), Some(made)) = (state.relit.made_from(), state.prepared.get()) else {
             return false;
         };
-        let unseen = self.unseen.0.clone();
-        let lacks_none = shown.unseen == self.unseen.1 && !self.unseen_hides;
+        let lacks_none = shown.unseen == state.unseen.version && !state.unseen.has_hidden;
         if shown.part == Part::Whole && lacks_none {
-            self.live().pin(display);
+            self.live().pin(at, display);
             return true;
         }
-        let pinned = if self.relights_on_gpu {
+        let target = &shown.target.light;
+        let pinned = if made.on_gpu {
             let mut live = self.live();
-            let whole = live.relight(&shown.target.light, Part::Whole, &[]);
+            let whole = live.relight(at, target, Part::Whole, &[]);
             whole.and_then(|()| {
-                live.pin(display);
-                live.relight(&shown.target.light, shown.part, &unseen)
+                live.pin(at, display);
+                live.relight(at, target, shown.part, &state.unseen.surfels)
             })
         } else {
-            let whole = prepared.relight(&shown.target.light, Part::Whole);
+            let whole = made.prepared.relight(target, Part::Whole);
             whole.map(|relit| {
                 let sh = ResidentSh::upload(&self.context, &relit.sh, relit.degree, relit.encoding);
-                self.live().pin_relit(sh, display);
+                self.live().pin_relit(at, sh, display);
             })
         };
         if let Err(error) = &pinned {

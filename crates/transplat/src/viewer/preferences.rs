@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::color::Display;
-use transplat_core::look::Look;
 use transplat_core::present::Background;
+use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use super::export::ExportSettings;
@@ -56,8 +56,8 @@ impl Default for Preferences {
 
 impl Preferences {
     /// A look with the settings that are kept; settings that are out of range (an older program wrote them) fall back to the defaults.
-    pub fn look(&self) -> Look {
-        let look = Look {
+    pub fn scene(&self) -> Scene {
+        let scene = Scene {
             transfer: self.transfer.clone(),
             display: self.display,
             background: self.background,
@@ -65,24 +65,24 @@ impl Preferences {
             match_strength: self.match_strength,
             directions: self.directions,
             shadow_catcher: self.shadow_catcher,
-            ..Look::default()
+            ..Scene::default()
         };
-        if look.validate().is_ok() {
-            look
+        if scene.validate().is_ok() {
+            scene
         } else {
-            Self::default().look()
+            Self::default().scene()
         }
     }
 
     /// Takes over what is kept of a look.
-    pub fn keep(&mut self, look: &Look) {
-        self.transfer = look.transfer.clone();
-        self.display = look.display;
-        self.background = look.background;
-        self.background_blur = look.background_blur;
-        self.match_strength = look.match_strength;
-        self.directions = look.directions;
-        self.shadow_catcher = look.shadow_catcher;
+    pub fn keep(&mut self, scene: &Scene) {
+        self.transfer = scene.transfer.clone();
+        self.display = scene.display;
+        self.background = scene.background;
+        self.background_blur = scene.background_blur;
+        self.match_strength = scene.match_strength;
+        self.directions = scene.directions;
+        self.shadow_catcher = scene.shadow_catcher;
     }
 
     /// Puts a file first among the recent ones.
@@ -100,15 +100,15 @@ mod tests {
     #[test]
     fn what_is_kept_comes_back_and_what_is_wrong_does_not() {
         let mut preferences = Preferences::default();
-        let mut look = preferences.look();
-        look.transfer.sh_degree = 5;
-        look.display.exposure = 1.5;
-        preferences.keep(&look);
+        let mut scene = preferences.scene();
+        scene.transfer.sh_degree = 5;
+        scene.display.exposure = 1.5;
+        preferences.keep(&scene);
         let text = serde_json::to_string(&preferences).expect("plain data");
         let back: Preferences = serde_json::from_str(&text).expect("its own text");
-        assert_eq!(back.look(), look);
+        assert_eq!(back.scene(), scene);
         preferences.transfer.sh_degree = 99;
-        assert_eq!(preferences.look(), Preferences::default().look());
+        assert_eq!(preferences.scene(), Preferences::default().scene());
     }
 
     #[test]

@@ -9,8 +9,8 @@ use transplat_core::environment::{EnvironmentMap, Illumination, IncidentRadiance
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
 
-use super::lights::Light;
-use super::oriented::OrientedLight;
+use super::environments::Environment;
+use super::object::OrientedLight;
 
 /// Pixels across a ball.
 const BALL: usize = 64;
@@ -50,7 +50,7 @@ impl Probe {
         context: &egui::Context,
         name: &str,
         key: Key,
-        light: &Light,
+        light: &Environment,
     ) {
         if probe.as_ref().is_some_and(|p| p.key == key) {
             return;
@@ -188,7 +188,7 @@ fn color(encoded: [f32; 3]) -> Color32 {
 }
 
 /// A light's thumbnail, at an exposure of its own.
-pub fn thumbnail(context: &egui::Context, light: &Light, width: usize) -> TextureHandle {
+pub fn thumbnail(context: &egui::Context, light: &Environment, width: usize) -> TextureHandle {
     let map: EnvironmentMap = light.small.reduced(width);
     let display = Display::default();
     let image = picture([map.width(), map.height()], |x, y| {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui};
 
-use super::lights::{Light, light_name};
+use super::environments::{Environment, light_name};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 
@@ -41,7 +41,7 @@ impl Shelf {
         if !self.paths.iter().any(|p| p == path) {
             self.paths.push(path.to_owned());
         }
-        session.request_light(path);
+        session.environments.request(path);
     }
 
     /// A light that could not be read leaves the shelf.
@@ -49,7 +49,7 @@ impl Shelf {
         self.paths.retain(|p| p != path);
     }
 
-    fn texture(&mut self, ui: &Ui, light: &Light) -> TextureHandle {
+    fn texture(&mut self, ui: &Ui, light: &Environment) -> TextureHandle {
         let new = || thumbnail(ui.ctx(), light, THUMBNAIL_PIXELS);
         self.thumbnails.entry(light.id).or_insert_with(new).clone()
     }
@@ -84,12 +84,8 @@ impl Shelf {
     }
 
     fn slot(&mut self, ui: &mut Ui, session: &mut Session, side: usize) {
-        let light = session.sides[side].clone();
-        let settings = if side == SOURCE {
-            &session.look.source
-        } else {
-            &session.look.target
-        };
+        let light = session.light(side).clone();
+        let settings = session.side(side);
         let wanted = settings.file.clone().unwrap_or_else(|| light.path.clone());
         ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);
@@ -125,7 +121,7 @@ impl Shelf {
             }
             response.context_menu(|ui| {
                 if ui.button("Even light").clicked() {
-                    session.set_light(side, transplat_core::look::EVEN.into());
+                    session.set_light(side, transplat_core::scene::EVEN.into());
                     ui.close();
                 }
                 if side == SOURCE && ui.button("Estimate it from the object").clicked() {
@@ -143,16 +139,16 @@ impl Shelf {
     fn entry(&mut self, ui: &mut Ui, session: &mut Session, index: usize) {
         let path = self.paths[index].clone();
         let name = light_name(&path);
-        let selected = session.sides[TARGET].path == path;
+        let selected = session.light(TARGET).path == path;
         let mut removed = false;
         ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);
             ui.add_space(17.0);
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
             response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Light {name}"))
+                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Environment {name}"))
             });
-            let light = session.lights.get(&path).cloned();
+            let light = session.environments.get(&path).cloned();
             let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
             if session.is_loading(&path) {
@@ -171,7 +167,7 @@ impl Shelf {
                 let at = index.min(self.paths.len());
                 self.paths.insert(at, dragged.0.clone());
             }
-            let tip = match session.lights.get(&path) {
+            let tip = match session.environments.get(&path) {
                 Some(light) => format!(
                     "{}\n{} x {} pixels\nClick: relight by it. Drag: onto a slot, or to another place. Right click: more.",
                     path.display(),

@@ -77,22 +77,32 @@ impl Viewport {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.rect = rect;
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Canvas, true, "Viewport"));
-        let before = (session.pose, session.look.target.clone(), session.look.wipe);
+        let before = (
+            session.pose,
+            session.scene.environment.clone(),
+            session.scene.wipe,
+        );
         self.navigate(ui, session, &response);
         if self.light_locked_to_camera {
             // As the camera was moved here, and by nothing else.
             let turned = navigation::wrap(session.pose.azimuth - before.0.azimuth);
-            let target = &mut session.look.target;
+            let target = &mut session.scene.environment;
             target.rotation = navigation::wrap(target.rotation + turned);
         }
         let now = ui.input(|i| i.time);
-        if before != (session.pose, session.look.target.clone(), session.look.wipe) {
+        if before
+            != (
+                session.pose,
+                session.scene.environment.clone(),
+                session.scene.wipe,
+            )
+        {
             self.last_move = now;
         }
         let view = if hold_before {
             View::Before
         } else {
-            session.look.view
+            session.scene.view
         };
         let pixels = self.picture_size(ui, session, now);
         session.viewport = pixels;
@@ -101,7 +111,7 @@ impl Viewport {
             let start = std::time::Instant::now();
             let ran = session.live().frame(&frame);
             if ran {
-                let timer = &session.frame_timer;
+                let timer = &session.timers.frame;
                 timer.measure(&session.context, start, ui.ctx());
             }
             let callback = Paint(session.live.clone());
@@ -125,7 +135,7 @@ impl Viewport {
     fn picture_size(&mut self, ui: &Ui, session: &Session, now: f64) -> [usize; 2] {
         let moving = now - self.last_move < SETTLE_S;
         if moving {
-            let (ms, frame) = (session.frame_timer.ms(), session.frame_timer.count());
+            let (ms, frame) = (session.timers.frame.ms(), session.timers.frame.count());
             // Once for each measured frame; and back only to what would be fast enough.
             if frame != self.judged {
                 self.judged = frame;
@@ -147,7 +157,7 @@ impl Viewport {
 
     /// The picture that a place belongs to: one of two side by side, or all of the viewport.
     fn part_at(&self, session: &Session, at: Option<Pos2>) -> Rect {
-        if session.look.view != View::SideBySide {
+        if session.scene.view != View::SideBySide {
             return self.rect;
         }
         let middle = self.rect.center().x;
@@ -163,14 +173,14 @@ impl Viewport {
 
     /// From a place in the window to the picture's pixels and its camera.
     fn camera_at(&self, session: &Session, at: Pos2) -> Option<(Camera, usize, usize)> {
-        let asset = session.asset.as_ref()?;
+        let asset = session.asset()?;
         let size = [
             self.rect.width().max(1.0) as usize,
             self.rect.height().max(1.0) as usize,
         ];
         let whole = Camera::from_pose(&session.pose, session.up(), size, asset.bounds.radius);
         let at = at - self.rect.min;
-        if session.look.view == View::SideBySide {
+        if session.scene.view == View::SideBySide {
             let half = crate::picture::half(&whole);
             let x = at.x as usize % half.width.max(1);
             return Some((half, x, at.y as usize));
@@ -180,13 +190,15 @@ impl Viewport {
 
     fn pick_at(&self, session: &Session, at: Pos2) -> Option<Pick> {
         let (camera, x, y) = self.camera_at(session, at)?;
-        let asset = session.asset.as_ref()?;
-        pick(&asset.cloud, &camera, &session.hidden, x, y)
+        let asset = session.asset()?;
+        let hidden = session.state().hidden.get();
+        let hidden = hidden.map_or(&[][..], |h| &h.unseen);
+        pick(&asset.cloud, &camera, hidden, x, y)
     }
 
     fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
         let up = session.up();
-        let radius = session.asset.as_ref().map_or(1.0, |a| a.bounds.radius);
+        let radius = session.asset().map_or(1.0, |a| a.bounds.radius);
         let part = self.part_at(session, response.hover_pos());
         let shorter = part.width().min(part.height()).max(1.0);
         let drag = self.drag_since_last_frame(ui, response);
@@ -203,7 +215,7 @@ impl Viewport {
             navigation::orbit(pose, drag);
         } else if held(PointerButton::Secondary) {
             if shift {
-                let target = &mut session.look.target;
+                let target = &mut session.scene.environment;
                 target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(drag.x));
                 target.tilt = navigation::wrap(target.tilt + 0.5 * f64::from(drag.y));
             } else {
@@ -264,11 +276,11 @@ impl Viewport {
     }
 
     fn drag_wipe(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
-        if session.look.view != View::Split {
+        if session.scene.view != View::Split {
             self.dragging_wipe = false;
             return;
         }
-        let line = self.rect.left() + session.look.wipe * self.rect.width();
+        let line = self.rect.left() + session.scene.wipe * self.rect.width();
         let near = |at: Option<Pos2>| at.is_some_and(|p| (p.x - line).abs() <= WIPE_REACH);
         if near(response.hover_pos()) || self.dragging_wipe {
             ui.set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
@@ -279,7 +291,7 @@ impl Viewport {
         if self.dragging_wipe {
             if let Some(at) = response.interact_pointer_pos() {
                 let share = (at.x - self.rect.left()) / self.rect.width().max(1.0);
-                session.look.wipe = share.clamp(0.0, 1.0);
+                session.scene.wipe = share.clamp(0.0, 1.0);
             }
             if response.drag_stopped() {
                 self.dragging_wipe = false;

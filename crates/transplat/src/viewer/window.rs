@@ -4,7 +4,6 @@ use eframe::egui::{self, Key, Ui};
 
 use super::app::{STORAGE_KEY, Viewer};
 use super::files::{Dialog, ask};
-use super::jobs::Kind;
 use super::panels;
 use super::shelf;
 
@@ -21,12 +20,12 @@ impl eframe::App for Viewer {
         }
         let time = context.input(|i| i.time);
         // While a splat is loading, its look is still to come.
-        if !self.session.jobs.is_running(Kind::Load) {
-            self.undoer.feed_state(time, &self.session.look);
+        if !self.session.is_loading_asset() {
+            self.undoer.feed_state(time, &self.session.scene);
         }
         self.shelve_lights();
         self.remember_opened();
-        let title = match &self.session.asset {
+        let title = match self.session.asset() {
             Some(asset) => format!("{} – transplat", asset.name()),
             None => "transplat".into(),
         };
@@ -64,9 +63,9 @@ impl eframe::App for Viewer {
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
         // Settings of one command line are for once.
         if !self.settings_for_once {
-            self.preferences.keep(&self.session.look);
+            self.preferences.keep(&self.session.scene);
         }
-        self.preferences.grid = self.session.grid;
+        self.preferences.grid = self.session.overlays.grid;
         let absent = self.shelf.absent.iter();
         self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());
         if let Ok(text) = serde_json::to_string(&self.preferences) {

@@ -7,9 +7,9 @@ use crate::bake::directional::DirectionalBake;
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
-use crate::scenes;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
+use crate::synthetic;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
     // By rays, also where a ball needs none.
@@ -49,7 +49,7 @@ fn sky(sun: DVec3, tint: [f32; 3]) -> Illumination {
 
 /// A sphere over a plate whose colour varies with the place and the view.
 fn glossy() -> SurfelCloud {
-    let mut cloud = scenes::sphere_over_plate(500);
+    let mut cloud = synthetic::sphere_over_plate(500);
     let k = coefficient_count(3);
     cloud.sh = cloud
         .sh
@@ -106,7 +106,7 @@ fn the_strength_of_both_lights_changes_nothing() {
 #[test]
 fn a_matte_sphere_takes_its_analytic_irradiance() {
     // Open all around: E of a gradient a + b z is pi a + 2 pi b n.z / 3, and the sphere was lit evenly.
-    let cloud = scenes::sphere(800);
+    let cloud = synthetic::sphere(800);
     let transfer = prepared(&asset_of(&cloud), &Illumination::even(3));
     let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
     let gradient = (0..128 * 64)
@@ -180,7 +180,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
     // Each surfel of a sphere shows what it mirrors (a metal), or its irradiance (plaster), under a sky with a sun.
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     for metal in [true, false] {
-        let mut cloud = scenes::sphere(600);
+        let mut cloud = synthetic::sphere(600);
         cloud.sh_degree = 3;
         cloud.encoding = Encoding::Linear;
         // Something in each band, so that none is left out; replaced below.
@@ -250,12 +250,12 @@ fn extreme_lights_are_finite_and_what_the_source_lacks_stays_bounded() {
 
 #[test]
 fn odd_assets_are_relit_to_numbers() {
-    let one = scenes::sphere(1);
-    let mut clear = scenes::sphere(50);
+    let one = synthetic::sphere(1);
+    let mut clear = synthetic::sphere(50);
     clear.opacities.fill(0.1);
-    let mut heap = scenes::sphere(300);
+    let mut heap = synthetic::sphere(300);
     heap.positions.fill(Vec3::new(1.0, 2.0, 3.0));
-    let mut flat = scenes::sheet(20);
+    let mut flat = synthetic::sheet(20);
     flat.scales[3] = glam::Vec2::ZERO;
     flat.scales[4] = glam::Vec2::splat(1e6);
     for (name, cloud) in [
@@ -274,7 +274,7 @@ fn odd_assets_are_relit_to_numbers() {
 #[test]
 fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
     let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
-    let mut cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    let mut cloud = synthetic::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
     // Linear colour, so that the parts add up; what the model misses is of neither.
     cloud.encoding = Encoding::Linear;
     let source = sky(sun, [1.0, 0.9, 0.8]);
@@ -303,7 +303,7 @@ fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
 #[test]
 fn production_follows_the_oracle() {
     let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
-    let cloud = scenes::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    let cloud = synthetic::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
     let bake = Arc::new(DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled"));
     assert!(bake.two_sided.iter().filter(|t| **t > 0.5).count() > 10);
     let source = sky(sun, [1.0, 0.9, 0.8]);
@@ -347,7 +347,7 @@ fn production_follows_the_oracle() {
 #[test]
 fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
     let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
-    let mut cloud = scenes::sphere_over_slab(200);
+    let mut cloud = synthetic::sphere_over_slab(200);
     cloud.encoding = Encoding::Linear;
     let asset = asset_of(&cloud);
     let even = Illumination::even(3);

@@ -3,10 +3,10 @@ use crate::bake::harmonic::{BakeSettings, bake};
 use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
-use crate::scenes;
 use crate::settings::Method;
 use crate::settings::skips::Skips;
 use crate::sh::rotate_coefficients;
+use crate::synthetic;
 use glam::{DMat3, DVec3};
 
 fn sky(seed: usize) -> EnvironmentMap {
@@ -26,7 +26,7 @@ fn light(seed: usize, degree: usize) -> IncidentRadiance {
 }
 
 fn glossy_scene(degree: usize) -> SurfelCloud {
-    scenes::glossy_sphere_over_plate(200, degree)
+    synthetic::glossy_sphere_over_plate(200, degree)
 }
 
 fn settings(sh_degree: usize) -> TransferSettings {
@@ -257,7 +257,7 @@ fn full_visibility_and_no_shadow_agree() {
 #[test]
 fn a_lambertian_sphere_takes_its_analytic_irradiance() {
     // Source: even light of radiance 1, E = pi. Target: radiance 1 + z, of which E = pi + 2 pi/3 n.z exactly.
-    let cloud = scenes::sphere(300);
+    let cloud = synthetic::sphere(300);
     let mut no_shadow = settings(2);
     no_shadow.terms.shadow = false;
     no_shadow.epsilon = Some(1e-6);
@@ -319,7 +319,7 @@ fn extreme_lights_and_assets_stay_finite() {
 
 #[test]
 fn what_a_scene_lacks_is_left_out() {
-    let cloud = scenes::sphere(100);
+    let cloud = synthetic::sphere(100);
     let visibility = HarmonicBake::all_open(&cloud, 16);
     let mut no_shadow = settings(3);
     no_shadow.terms.shadow = false;

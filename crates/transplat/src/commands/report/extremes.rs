@@ -16,8 +16,8 @@ use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
 use crate::device::Device;
+use crate::pipeline::progress_bar;
 use crate::report::Report;
-use crate::scene::progress_bar;
 use crate::sweep::Subject;
 
 /// The tables' names.

@@ -8,9 +8,9 @@ use anyhow::Result;
 use super::page::{Page, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
+use crate::pipeline::progress_bar;
 use crate::report::Report;
 use crate::savings::{self, Saved, Savings};
-use crate::scene::progress_bar;
 use crate::sweep::Subject;
 
 /// The table's name.

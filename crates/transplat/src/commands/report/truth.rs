@@ -23,8 +23,8 @@ use crate::cli::ReportArgs;
 use crate::commands::make_folder;
 use crate::device::Device;
 use crate::metrics::Picture;
+use crate::pipeline::progress_bar;
 use crate::report::Report;
-use crate::scene::progress_bar;
 use crate::truth::TruthObject;
 use crate::truth::views::{TruthTarget, Views, light};
 

@@ -4,11 +4,11 @@ use eframe::egui::{self, Ui};
 use glam::Vec3;
 use transplat_core::color::decode_sh;
 use transplat_core::files::AssetKind;
-use transplat_core::look::MOST_PLACES;
+use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
 
-use crate::scene::AMBIGUOUS_SHARE;
+use crate::pipeline::warnings::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
@@ -16,7 +16,7 @@ use crate::viewer::widgets::{Control, fact, file, switch, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let Some(asset) = &session.asset else {
+    let Some(asset) = session.asset() else {
         ui.label("No splat is open.");
         return;
     };
@@ -42,9 +42,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 "Which way is up in the splat's own coordinates. Lights, ground and camera follow.",
             );
             if chosen.clicked() && up != axis {
-                session.look.up = Some(axis);
+                session.object_mut().up = Some(axis);
                 let size = session.viewport;
-                if let Some(asset) = &session.asset {
+                if let Some(asset) = session.asset() {
                     session.pose = navigation::first_pose(&asset.cloud, axis, &asset.bounds, size);
                 }
             }
@@ -54,7 +54,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         "Colour is linear",
         "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
-        &mut session.look.linear,
+        &mut session.object_mut().linear,
     );
     front(ui, viewer);
     let mut turned = 0.0;
@@ -76,10 +76,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         // The object's turn is the camera's and the light's together the other way.
         let session = &mut viewer.session;
         session.pose.azimuth = navigation::wrap(session.pose.azimuth - turned);
-        session.look.target.rotation = navigation::wrap(session.look.target.rotation - turned);
+        session.scene.environment.rotation =
+            navigation::wrap(session.scene.environment.rotation - turned);
     }
     ui.separator();
-    hide(ui, &mut viewer.session.look.hide);
+    hide(ui, &mut viewer.session.object_mut().hide);
     ui.separator();
     inspected(ui, viewer);
 }
@@ -87,7 +88,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if session.look.transfer.method != Method::Directional {
+    if session.scene.transfer.method != Method::Directional {
         return;
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
@@ -95,15 +96,15 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
         let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
         if ui.button("This side is out").on_hover_text(tip).clicked() {
             let eye = navigation::eye(&session.pose, session.up());
-            let places = &mut session.look.outside_from;
+            let places = &mut session.object_mut().outside_from;
             if places.len() < MOST_PLACES && !places.contains(&eye) {
                 places.push(eye);
             }
         }
-        let count = session.look.outside_from.len();
+        let count = session.object().outside_from.len();
         let views = if count == 1 { "view" } else { "views" };
         if count > 0 && ui.button(format!("Forget {count} {views}")).clicked() {
-            session.look.outside_from.clear();
+            session.object_mut().outside_from.clear();
         }
         if let Some(share) = guessed {
             ui.weak(format!("ambiguous {:.1} %", 100.0 * share))
@@ -181,9 +182,9 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
 fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let mut close = false;
     let dragging = ui.input(|i| i.pointer.any_down());
-    viewer.session.wants_readout = viewer.viewport.inspected.is_some() && !dragging;
+    viewer.session.overlays.wants_readout = viewer.viewport.inspected.is_some() && !dragging;
     let session = &viewer.session;
-    let (Some(i), Some(asset)) = (viewer.viewport.inspected, &session.asset) else {
+    let (Some(i), Some(asset)) = (viewer.viewport.inspected, session.asset()) else {
         ui.weak("Click the object to inspect a surfel.");
         return;
     };
@@ -217,7 +218,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         fact(ui, "sees", format!("{:.0} % of the sphere", 100.0 * open));
         lobe(ui, &seen);
     }
-    if let (Some(prepared), Some((tau, relit))) = (&session.prepared, session.relit_surfel(i)) {
+    if let (Some(prepared), Some((tau, relit))) = (session.prepared(), session.relit_surfel(i)) {
         let linear = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
         fact(
             ui,
@@ -243,7 +244,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
             .collect();
         fact(ui, "SH bands, before > after", bands.join("  "));
     }
-    if let Some(Some(doubt)) = session.doubts.get(i) {
+    if let Some(Some(doubt)) = session.state().doubts.get().and_then(|d| d.of.get(i)) {
         ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
     }
     if close {

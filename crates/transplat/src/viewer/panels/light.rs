@@ -4,15 +4,15 @@ use eframe::egui::Ui;
 use transplat_core::estimate::Estimate;
 use transplat_core::surfels::UpAxis;
 
-use crate::scene::what_stands_in;
+use crate::pipeline::estimate::what_stands_in;
 use crate::viewer::app::Viewer;
-use crate::viewer::estimating::DROP_IT;
 use crate::viewer::session::{SOURCE, Session, TARGET};
+use crate::viewer::stages::DROP_IT;
 use crate::viewer::widgets::{Control, angle, fact, file, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
-    let light = session.sides[side].clone();
+    let light = session.light(side).clone();
     if side == SOURCE && !light.is_file() {
         source_without_file(ui, session);
     } else if !light.is_file() {
@@ -30,13 +30,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
-    let is_wished = light.is_even && !transplat_core::look::is_estimate(&light.path);
+    let is_wished = light.is_even && !transplat_core::scene::is_estimate(&light.path);
     if !is_wished && ui.button("Use even light instead").clicked() {
-        session.set_light(side, transplat_core::look::EVEN.into());
+        session.set_light(side, transplat_core::scene::EVEN.into());
     }
-    let can_tell = session.estimate.as_ref().is_none_or(Estimate::is_good);
-    let is_estimated =
-        session.look.source.is_estimate() && (session.estimate.is_some() || is_on_its_way(session));
+    let can_tell = session.estimate().is_none_or(Estimate::is_good);
+    let is_estimated = session.object().source.is_estimate()
+        && (session.estimate().is_some() || is_on_its_way(session));
     if side == SOURCE
         && can_tell
         && !is_estimated
@@ -44,11 +44,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     {
         session.ask_for_estimate();
     }
-    let settings = if side == SOURCE {
-        &mut session.look.source
-    } else {
-        &mut session.look.target
-    };
+    let settings = session.side_mut(side);
     angle(
         ui,
         "Rotation",
@@ -106,14 +102,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
 }
 
 fn is_on_its_way(session: &Session) -> bool {
-    session.look.source.is_estimate() && session.is_estimating()
+    session.object().source.is_estimate() && session.is_estimating(session.selected)
 }
 
 /// What is said of the light of the capture where nobody told it.
 fn source_without_file(ui: &mut Ui, session: &mut Session) {
-    let is_even = session.sides[SOURCE].is_even;
+    let is_even = session.light(SOURCE).is_even;
     let is_on_its_way = is_on_its_way(session);
-    let estimate = session.estimate.as_ref();
+    let estimate = session.estimate();
     if is_on_its_way {
         ui.label("not known, until the light is estimated from the object");
     } else if is_even {
@@ -121,7 +117,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     } else {
         ui.label("estimated from the object");
     }
-    if let Some(estimate) = estimate.filter(|_| session.look.source.is_estimate()) {
+    if let Some(estimate) = estimate.filter(|_| session.object().source.is_estimate()) {
         fact(ui, "confidence", format!("{:.0} %", estimate.percent()));
         if estimate.may_lie_on_its_side(session.up()) {
             ui.weak(
@@ -133,7 +129,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                 ui.weak(format!(
                     "It cannot be told from the object: {}; {}.",
                     obstacle.reason(),
-                    what_stands_in(session.look.transfer.method, obstacle)
+                    what_stands_in(session.scene.transfer.method, obstacle)
                 ));
             }
             (None, false) => {
@@ -153,7 +149,12 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 
 fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let told = match session.stops_over_source {
+    let told = match session
+        .state()
+        .relit
+        .get()
+        .and_then(|r| r.stops_over_source)
+    {
         Some(stops) if stops.abs() < 0.05 => ": now as strong".into(),
         Some(stops) => {
             let word = if stops < 0.0 { "darker" } else { "brighter" };
@@ -165,7 +166,7 @@ fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         &format!("Match the source's strength{told}"),
         "Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)",
-        &mut session.look.match_strength,
+        &mut session.scene.match_strength,
     );
     let locked = &mut viewer.viewport.light_locked_to_camera;
     let response = ui

@@ -4,7 +4,7 @@ use eframe::egui::{self, Align, Button, Ui};
 
 use crate::sweep::{Point, Stage};
 use crate::viewer::app::Viewer;
-use crate::viewer::jobs::Kind;
+use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::widgets::{fact, thousands};
 use crate::words::milliseconds;
 
@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             ui.strong("ran");
             ui.strong("last");
             ui.end_row();
-            let load = session.asset.as_ref().map(|a| a.load_ms);
+            let load = session.asset().map(|a| a.load_ms);
             let rows = [
                 ("load", stages.load, load),
                 ("project environment", stages.project_environment, None),
@@ -29,12 +29,16 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                     stages.bake,
                     session.baked().map(|b| b.ms),
                 ),
-                ("prepare", stages.prepare, Some(session.times.prepare)),
+                (
+                    "prepare",
+                    stages.prepare,
+                    session.state().prepared.get().map(|p| p.ms),
+                ),
                 ("transfer", passes.transfer, Some(session.transfer_ms())),
                 ("sort", passes.sort, None),
                 ("project surfels", passes.project, None),
                 ("shade", passes.shade, None),
-                ("draw", passes.draw, Some(session.frame_timer.ms())),
+                ("draw", passes.draw, Some(session.timers.frame.ms())),
                 ("present", passes.present, None),
             ];
             for (name, ran, ms) in rows {
@@ -68,20 +72,22 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     ui.label("What settings cost, and what they are worth");
-    let is_running = session.jobs.is_running(Kind::Measure);
-    let can_measure = session.asset.is_some() && !is_running;
+    let is_running = session
+        .jobs
+        .is_running(Kind::Of(session.state().id, Work::Measure));
+    let can_measure = session.asset().is_some() && !is_running;
     let button = ui.add_enabled(can_measure, Button::new("Measure on this object"));
     let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while.");
     if button.clicked() {
         session.measure();
     }
-    if std::mem::take(&mut session.measured_is_new) {
+    if std::mem::take(&mut session.state_mut().measured.is_new) {
         ui.scroll_to_cursor(Some(Align::TOP));
     }
     let mut chosen = None;
     egui::Grid::new("settings").num_columns(4).striped(true).show(ui, |ui| {
         let offered = |p: &&Point| p.stage == Stage::Transfer && p.setting.is_offered;
-        for (i, point) in session.measured.iter().filter(offered).enumerate() {
+        for (i, point) in session.state().measured.points.iter().filter(offered).enumerate() {
             if i == 0 {
                 ui.strong("setting");
                 ui.strong("new light");
@@ -97,9 +103,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.label(point.time.map_or(String::new(), |t| milliseconds(t.ms)));
             let psnr = point.numeric.and_then(|n| n.psnr);
             ui.label(psnr.map_or(String::new(), |v| format!("{v:.1} dB")));
-            let is_set = session.look.transfer.method == point.setting.settings.method
-                && session.look.transfer.terms == point.setting.settings.terms
-                && session.look.transfer.sh_degree == point.setting.settings.sh_degree;
+            let is_set = session.scene.transfer.method == point.setting.settings.method
+                && session.scene.transfer.terms == point.setting.settings.terms
+                && session.scene.transfer.sh_degree == point.setting.settings.sh_degree;
             let button = ui.add_enabled(!is_set, Button::new("take").small());
             let button = button.on_hover_text(if point.on_front {
                 "Nothing that was measured is both quicker and nearer."
@@ -112,10 +118,10 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.end_row();
         }
     });
-    if !session.measured.is_empty() {
+    if !session.state().measured.points.is_empty() {
         ui.weak("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset.");
     }
-    for line in &session.measured_words {
+    for line in &session.state().measured.words {
         ui.weak(line);
     }
     if let Some(setting) = chosen {

@@ -11,7 +11,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::widgets::{Control, fact, name, switch};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    let transfer = &mut viewer.session.look.transfer;
+    let transfer = &mut viewer.session.scene.transfer;
     ui.horizontal(|ui| {
         name(ui, "Preset");
         for (method, tip) in [
@@ -132,7 +132,7 @@ fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
 
 fn directions(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let mut directions = viewer.directions_draft.unwrap_or(session.look.directions);
+    let mut directions = viewer.directions_draft.unwrap_or(session.scene.directions);
     let response = Control {
         label: "Directions",
         unit: "",
@@ -148,13 +148,13 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
         viewer.directions_draft = Some(directions);
     } else {
         viewer.directions_draft = None;
-        session.look.directions = directions;
+        session.scene.directions = directions;
     }
 }
 
 fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if session.bake_share() < 1.0 && !session.is_baking() {
+    if session.bake_share() < 1.0 && !session.is_baking(session.selected) {
         ui.label("The bake is not finished: shadows are coarse.");
         if ui
             .button("Bake on")
@@ -166,8 +166,8 @@ fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.separator();
     ui.label("How far the result can be trusted");
-    session.wants_doubts = !ui.input(|i| i.pointer.any_down());
-    match session.shares {
+    session.overlays.wants_doubts = !ui.input(|i| i.pointer.any_down());
+    match session.state().doubts.get().map(|d| d.shares) {
         Some(shares) => {
             for (doubt, share) in Doubt::ALL.iter().zip(shares) {
                 fact(ui, doubt_name(*doubt), format!("{:.1} %", 100.0 * share));
@@ -181,6 +181,6 @@ fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         "Mark them in the picture",
         "Paints doubtful surfels in their colours. (K)",
-        &mut session.show_marks,
+        &mut session.overlays.marks,
     );
 }

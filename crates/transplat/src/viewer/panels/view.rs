@@ -3,8 +3,8 @@
 use eframe::egui::Ui;
 use transplat_core::camera::FOV;
 use transplat_core::color::ToneMap;
-use transplat_core::look::{BLUR, DIFFERENCE_SCALE};
 use transplat_core::present::{Background, View};
+use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation::{self, Preset};
@@ -17,7 +17,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.separator();
     camera(ui, viewer);
     let session = &mut viewer.session;
-    if session.look.view == View::Difference {
+    if session.scene.view == View::Difference {
         ui.separator();
         Control {
             label: "Difference x",
@@ -28,12 +28,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             decimals: 1,
             logarithmic: true,
         }
-        .show(ui, &mut session.look.difference_scale);
+        .show(ui, &mut session.scene.difference_scale);
     }
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {
-    let look = &mut viewer.session.look;
+    let scene = &mut viewer.session.scene;
     Control {
         label: "Exposure",
         unit: " stops",
@@ -43,12 +43,12 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         decimals: 2,
         logarithmic: false,
     }
-    .show(ui, &mut look.display.exposure);
+    .show(ui, &mut scene.display.exposure);
     choice(
         ui,
         "Tone mapping",
         "How bright colours are brought into what a screen can show. sRGB without exposure shows “before” as it was trained.",
-        &mut look.display.tone_map,
+        &mut scene.display.tone_map,
         &[
             ("sRGB", ToneMap::Srgb),
             ("Khronos PBR neutral", ToneMap::Neutral),
@@ -61,7 +61,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         "False-colour exposure",
         "Shows how many stops from middle grey each part of the picture is.",
-        &mut look.false_color,
+        &mut scene.false_color,
     );
 }
 
@@ -74,8 +74,8 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         Checker,
         Transparent,
     }
-    let look = &mut viewer.session.look;
-    let mut kind = match look.background {
+    let scene = &mut viewer.session.scene;
+    let mut kind = match scene.background {
         Background::Environment => Kind::Environment,
         Background::Color(_) => Kind::Color,
         Background::Gradient(..) => Kind::Gradient,
@@ -96,7 +96,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         ],
     );
     if changed {
-        look.background = match kind {
+        scene.background = match kind {
             Kind::Environment => Background::Environment,
             Kind::Color => Background::Color([0.18; 3]),
             Kind::Gradient => Background::Gradient([0.32; 3], [0.12; 3]),
@@ -104,7 +104,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             Kind::Transparent => Background::Transparent,
         };
     }
-    match &mut look.background {
+    match &mut scene.background {
         Background::Environment => {
             Control {
                 label: "Blur",
@@ -115,7 +115,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
                 decimals: 1,
                 logarithmic: false,
             }
-            .show(ui, &mut look.background_blur);
+            .show(ui, &mut scene.background_blur);
         }
         Background::Color(color) => color_field(ui, "Colour", color),
         Background::Gradient(top, bottom) => {
@@ -128,7 +128,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         ui,
         "Shadow on the ground",
         "The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.",
-        &mut look.shadow_catcher,
+        &mut scene.shadow_catcher,
     );
 }
 
@@ -189,7 +189,12 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
     if changed {
         navigation::set_fov(&mut session.pose, fov);
     }
-    switch(ui, "Grid", "A grid on the ground. (G)", &mut session.grid);
+    switch(
+        ui,
+        "Grid",
+        "A grid on the ground. (G)",
+        &mut session.overlays.grid,
+    );
     switch(
         ui,
         "Light probes",
@@ -202,7 +207,7 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
 pub fn frame(viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let up = session.up();
-    if let Some(asset) = &session.asset {
+    if let Some(asset) = &session.states[session.selected].asset {
         navigation::frame_object(
             &asset.cloud,
             up,

@@ -1,5 +1,6 @@
-//! Environments as the viewer keeps them: their light, a small map for thumbnails and probes, and the whole map only while it is seen.
+//! Environments as the window keeps them: their light, a small map for thumbnails and probes, and the whole map only while it is seen.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,15 +10,104 @@ use transplat_core::color::luminance;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment;
-use transplat_core::look::{ESTIMATE, EVEN, is_estimate, is_even, is_file};
+use transplat_core::scene::{ESTIMATE, EVEN, EnvironmentLight, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
 use super::adapter::BackgroundDevice;
 use crate::device::Device;
-use crate::scene::map_warnings;
+use crate::pipeline::warnings::map_warnings;
 
-/// Number of the next light that is read.
+/// Environments that are read at the same time.
+const READ_AT_ONCE: usize = 2;
+
+/// Whole maps that are kept.
+const MAPS: usize = 3;
+
+/// All that were read, and those that are to be.
+pub struct Environments {
+    read: HashMap<PathBuf, Arc<Environment>>,
+    reading: Vec<PathBuf>,
+    waiting: Vec<PathBuf>,
+    /// Whole maps of the last that were seen behind the objects.
+    maps: Vec<(u64, Arc<EnvironmentMap>)>,
+}
+
+impl Default for Environments {
+    /// There is always even light.
+    fn default() -> Self {
+        let even = Arc::new(Environment::even());
+        Self {
+            read: HashMap::from([(even.path.clone(), even)]),
+            reading: Vec::new(),
+            waiting: Vec::new(),
+            maps: Vec::new(),
+        }
+    }
+}
+
+impl Environments {
+    /// One that was read.
+    pub fn get(&self, path: &Path) -> Option<&Arc<Environment>> {
+        self.read.get(path)
+    }
+
+    /// Whether one is to be read.
+    pub fn is_awaited(&self, path: &Path) -> bool {
+        self.reading.iter().chain(&self.waiting).any(|p| p == path)
+    }
+
+    /// Has a file read unless it is there.
+    pub fn request(&mut self, path: &Path) {
+        if is_file(path) && !self.read.contains_key(path) && !self.is_awaited(path) {
+            self.waiting.push(path.to_owned());
+        }
+    }
+
+    /// Has a file read again, whatever is known of it: it may have changed.
+    pub fn request_again(&mut self, path: &Path) {
+        if is_file(path) {
+            self.read.remove(path);
+            self.request(path);
+        }
+    }
+
+    /// The next to be read, one of those that are shown first, and few at a time: maps are large.
+    pub(super) fn next(&mut self, shown: &[&Path]) -> Option<PathBuf> {
+        if self.reading.len() >= READ_AT_ONCE || self.waiting.is_empty() {
+            return None;
+        }
+        let is_shown = |p: &PathBuf| shown.contains(&&**p);
+        let at = self.waiting.iter().position(is_shown).unwrap_or(0);
+        let path = self.waiting.remove(at);
+        self.reading.push(path.clone());
+        Some(path)
+    }
+
+    /// Takes in what a file holds, if it can be read.
+    pub(super) fn has_read(&mut self, path: &Path, environment: Option<Environment>) {
+        self.reading.retain(|p| p != path);
+        let read = environment.map(|made| (path.to_owned(), Arc::new(made)));
+        self.read.extend(read);
+    }
+
+    /// A whole map, if it is kept.
+    pub(super) fn kept_map(&self, id: u64) -> Option<Arc<EnvironmentMap>> {
+        let kept = self.maps.iter().find(|(of, _)| *of == id);
+        kept.map(|(_, map)| map.clone())
+    }
+
+    /// Keeps a whole map for the next time that it is seen, and of others the last few.
+    pub(super) fn keep_map(&mut self, id: u64, map: Arc<EnvironmentMap>) {
+        self.maps.retain(|(of, _)| *of != id);
+        self.maps.push((id, map));
+        if self.maps.len() > MAPS {
+            self.maps.remove(0);
+        }
+    }
+}
+
+/// Number of the next environment that is read.
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);
 
 /// Width of the small map.
@@ -25,7 +115,7 @@ const SMALL_WIDTH: usize = 256;
 
 /// What is kept of an environment.
 #[derive(Debug)]
-pub struct Light {
+pub struct Environment {
     /// Another one for each time that a file is read.
     pub id: u64,
     /// Its file, or `even` or `estimate`.
@@ -43,7 +133,7 @@ pub struct Light {
     map: Option<Arc<EnvironmentMap>>,
 }
 
-impl Light {
+impl Environment {
     /// Uniform white light.
     pub fn even() -> Self {
         Self {
@@ -154,9 +244,26 @@ pub fn light_name(path: &Path) -> String {
 }
 
 /// Reads the whole map again, to be seen behind the object.
-pub fn load_map(light: &Light) -> Result<Arc<EnvironmentMap>> {
+pub fn load_map(light: &Environment) -> Result<Arc<EnvironmentMap>> {
     match &light.map {
         Some(map) => Ok(map.clone()),
         None => Ok(Arc::new(load_environment(&light.path)?)),
+    }
+}
+
+/// What a side is lit by: what was asked for last, and could be loaded.
+#[derive(Clone)]
+pub struct Resolved {
+    pub light: Arc<Environment>,
+    /// And by which settings.
+    pub settings: EnvironmentLight,
+}
+
+impl Resolved {
+    pub fn even() -> Self {
+        Self {
+            light: Arc::new(Environment::even()),
+            settings: EnvironmentLight::of(EVEN),
+        }
     }
 }

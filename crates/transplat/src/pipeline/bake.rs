@@ -1,13 +1,16 @@
-//! The bake as the viewer wants it: from a file where there is one, else direction by direction, usable from the first ones on.
+//! Stage *bake* on either device: from start to end, or as the window wants it: from a file where there is one, else direction by direction,
+//! usable from the first ones on.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use anyhow::Result;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, fill_unfinished};
 use transplat_core::files::{geometry_key, load_bake, save_bake};
+use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
 use transplat_core::settings::skips::Skips;
 use transplat_core::sh::refining_order;
@@ -34,48 +37,58 @@ pub struct Baked {
 }
 
 /// What is to be baked.
-pub struct Wanted<'a> {
-    pub asset: &'a Path,
-    pub cloud: &'a Arc<SurfelCloud>,
+pub struct Wanted {
+    pub cloud: Arc<SurfelCloud>,
     pub method: Method,
+    /// Of the harmonic method.
     pub directions: usize,
     pub skips: Skips,
+    /// The asset beside which the bake may be kept.
+    pub beside: Option<PathBuf>,
 }
 
-impl Wanted<'_> {
+impl Wanted {
     /// Where the bake may be kept: beside the asset, or in the user's cache.
     pub fn cache_files(&self) -> Vec<PathBuf> {
+        let Some(asset) = &self.beside else {
+            return Vec::new();
+        };
         let kind = match self.method {
             Method::Harmonic => self.directions.to_string(),
             Method::Directional => "best".into(),
         };
-        let mut name = self.asset.file_name().unwrap_or_default().to_owned();
+        let mut name = asset.file_name().unwrap_or_default().to_owned();
         name.push(format!(".{kind}.bake"));
-        let beside = self.asset.with_file_name(name);
+        let beside = asset.with_file_name(name);
         let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
-            let key = geometry_key(self.cloud);
+            let key = geometry_key(&self.cloud);
             d.cache_dir().join(format!("{key:016x}.{kind}.bake"))
         });
         [Some(beside), cached].into_iter().flatten().collect()
     }
 }
 
-/// Bakes, or reads what was baked before: `saved` first of all, of as many directions as it has. `report` is told how far it is and may break off; `preview` gets what can be seen so far.
-pub fn bake(
+/// Bakes from start to end.
+pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Bake> {
+    in_stages(device, wanted, &[1], progress, &|_, _| ())
+}
+
+/// Bakes so that what there is can be used before it is whole, or reads what was baked before: `saved` first of all, of as many directions
+/// as it has. `progress` may break off; `preview` gets what can be seen so far.
+pub fn refined(
     device: &Device,
-    wanted: &Wanted<'_>,
+    wanted: &Wanted,
     saved: Option<&Path>,
-    report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
+    progress: Progress<'_>,
     preview: impl Fn(Baked),
-) -> anyhow::Result<Baked> {
+) -> Result<Baked> {
     let start = Instant::now();
-    let ms = || start.elapsed().as_secs_f64() * 1e3;
-    let read = |bake: Bake, file: &Path| Baked {
+    let baked = |bake: Bake, share: f32, file: Option<PathBuf>, complaint| Baked {
         bake,
-        share: 1.0,
-        ms: ms(),
-        file: Some(file.to_owned()),
-        complaint: None,
+        share,
+        ms: start.elapsed().as_secs_f64() * 1e3,
+        file,
+        complaint,
     };
     // A bake that leaves out nothing is for this time.
     let files = if wanted.skips == Skips::default() {
@@ -85,66 +98,69 @@ pub fn bake(
     };
     let mut complaint = None;
     if let Some(file) = saved {
-        let loaded = load_bake(file, wanted.cloud);
+        let loaded = load_bake(file, &wanted.cloud);
         match loaded.and_then(|b| b.of_method(wanted.method).cloned()) {
-            Ok(bake) => return Ok(read(bake, file)),
+            Ok(bake) => return Ok(baked(bake, 1.0, Some(file.to_owned()), None)),
             Err(error) => complaint = Some(format!("{error}; baking anew")),
         }
     }
     for file in &files {
         // One of another geometry, kind or size is as good as none.
-        if let Ok(bake) = load_bake(file, wanted.cloud)
+        if let Ok(bake) = load_bake(file, &wanted.cloud)
             && bake.method() == wanted.method
             && bake.directions() == wanted.directions
         {
-            return Ok(read(bake, file));
+            return Ok(baked(bake, 1.0, Some(file.clone()), None));
         }
     }
-    let so_far = |bake: Bake, share: f32| {
-        preview(Baked {
-            bake,
-            share,
-            ms: ms(),
-            file: None,
-            complaint: None,
-        });
+    let stages: &[usize] = match wanted.method {
+        Method::Harmonic => &STAGES,
+        Method::Directional => &STAGES_OF_DIRECTIONAL,
     };
-    let bake = match wanted.method {
-        Method::Harmonic => bake_harmonic(device, wanted, report, &so_far)?,
+    let so_far = |bake: Bake, share: f32| preview(baked(bake, share, None, None));
+    let bake = in_stages(device, wanted, stages, progress, &so_far)?;
+    let mut whole = baked(bake, 1.0, None, complaint);
+    match keep(&files, |file| save_bake(file, &wanted.cloud, &whole.bake)) {
+        Ok(file) => whole.file = Some(file),
+        Err(_) if files.is_empty() => {}
+        Err(why) => {
+            let why = format!("the bake could not be kept: {why}");
+            whole.complaint.get_or_insert(why);
+        }
+    }
+    Ok(whole)
+}
+
+/// Bakes by growing shares of the directions, of which each entry of `stages` is one over.
+fn in_stages(
+    device: &Device,
+    wanted: &Wanted,
+    stages: &[usize],
+    progress: Progress<'_>,
+    preview: &dyn Fn(Bake, f32),
+) -> Result<Bake> {
+    Ok(match wanted.method {
+        Method::Harmonic => harmonic(device, wanted, stages, progress, preview)?,
         Method::Directional => {
-            let so_far = |o: DirectionalBake, share| so_far(Bake::Directional(Arc::new(o)), share);
-            let stages = (&STAGES_OF_DIRECTIONAL[..], &wanted.skips);
-            let whole = device.bake_directional(wanted.cloud, stages, report, so_far)?;
+            let preview =
+                |o: DirectionalBake, share| preview(Bake::Directional(Arc::new(o)), share);
+            let stages = (stages, &wanted.skips);
+            let whole = device.bake_directional(&wanted.cloud, stages, progress, preview)?;
             Bake::Directional(Arc::new(whole))
         }
-    };
-    let ms = ms();
-    let file = match keep(&files, |file| save_bake(file, wanted.cloud, &bake)) {
-        Ok(file) => Some(file),
-        Err(_) if files.is_empty() => None,
-        Err(why) => {
-            complaint.get_or_insert(format!("the bake could not be kept: {why}"));
-            None
-        }
-    };
-    Ok(Baked {
-        bake,
-        share: 1.0,
-        ms,
-        file,
-        complaint,
     })
 }
 
 /// The harmonic method's bake, direction by direction.
-fn bake_harmonic(
+fn harmonic(
     device: &Device,
-    wanted: &Wanted<'_>,
-    report: &(dyn Fn(f64) -> std::ops::ControlFlow<()> + Sync),
+    wanted: &Wanted,
+    stages: &[usize],
+    progress: Progress<'_>,
     preview: &dyn Fn(Bake, f32),
-) -> anyhow::Result<Bake> {
-    let (cloud, directions) = (wanted.cloud, wanted.directions);
-    if report(0.0).is_break() {
+) -> Result<Bake> {
+    let (cloud, directions) = (&wanted.cloud, wanted.directions);
+    if progress(0.0).is_break() {
         return Err(transplat_core::Error::Cancelled.into());
     }
     if wanted.skips.open_object
@@ -157,12 +173,12 @@ fn bake_harmonic(
     let order = refining_order(directions);
     let mut open = vec![0u8; cloud.len() * directions];
     let mut done = 0;
-    for share in STAGES {
+    for &share in stages {
         let end = directions.div_ceil(share);
         let part = &order[done..end];
         input.frames = part.iter().map(|i| frames[*i]).collect();
-        let progress = |p: f64| report((done as f64 + p * part.len() as f64) / directions as f64);
-        let stage = device.bake_harmonic(&input, &progress)?;
+        let of_all = |p: f64| progress((done as f64 + p * part.len() as f64) / directions as f64);
+        let stage = device.bake_harmonic(&input, &of_all)?;
         for (row, stage) in open
             .chunks_exact_mut(directions)
             .zip(stage.chunks_exact(part.len()))
@@ -187,7 +203,7 @@ fn bake_harmonic(
 pub fn keep(
     files: &[PathBuf],
     save: impl Fn(&Path) -> transplat_core::Result<()>,
-) -> Result<PathBuf, String> {
+) -> std::result::Result<PathBuf, String> {
     let mut why = String::new();
     for file in files {
         if let Some(folder) = file.parent().filter(|f| !f.is_dir()) {
@@ -209,13 +225,13 @@ mod tests {
     use std::ops::ControlFlow;
     use transplat_core::bake::patches::DIRECTIONS;
     use transplat_core::progress::no_progress;
-    use transplat_core::scenes;
+    use transplat_core::synthetic;
 
     #[test]
     fn a_bake_refines_is_kept_and_is_found_again() {
         let folder = tempfile::tempdir().expect("a folder");
         let asset = folder.path().join("ball.ply");
-        let cloud = Arc::new(scenes::sphere_over_plate(400));
+        let cloud = Arc::new(synthetic::sphere_over_plate(400));
         let paper = (
             Method::Harmonic,
             64,
@@ -233,14 +249,13 @@ mod tests {
             let run = |cloud: &Arc<SurfelCloud>| {
                 let preview = |b: Baked| shares.borrow_mut().push(b.share);
                 let wanted = Wanted {
-                    asset: &asset,
-                    cloud,
+                    cloud: cloud.clone(),
                     method,
                     directions,
                     skips: Skips::default(),
+                    beside: Some(asset.clone()),
                 };
-                let report = |_| ControlFlow::Continue(());
-                bake(&Device::Cpu, &wanted, None, &report, preview).expect("a bake")
+                refined(&Device::Cpu, &wanted, None, &no_progress, preview).expect("a bake")
             };
             let first = run(&cloud);
             assert_eq!(*shares.borrow(), stages);
@@ -261,7 +276,7 @@ mod tests {
                 }
             }
             // Of another geometry it is not taken.
-            let other = Arc::new(scenes::sphere_over_plate(500));
+            let other = Arc::new(synthetic::sphere_over_plate(500));
             assert_eq!(run(&other).bake.len(), other.len());
         }
     }
@@ -270,20 +285,20 @@ mod tests {
     fn a_cancelled_bake_leaves_nothing() {
         let folder = tempfile::tempdir().expect("a folder");
         let asset = folder.path().join("ball.ply");
-        let cloud = Arc::new(scenes::sphere_over_plate(400));
+        let cloud = Arc::new(synthetic::sphere_over_plate(400));
         let stop = |done: f64| match done > 0.1 {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         };
         for method in Method::ALL {
             let wanted = Wanted {
-                asset: &asset,
-                cloud: &cloud,
+                cloud: cloud.clone(),
                 method,
                 directions: 32,
                 skips: Skips::default(),
+                beside: Some(asset.clone()),
             };
-            assert!(bake(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());
+            assert!(refined(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());
             let left = std::fs::read_dir(folder.path()).expect("it is there");
             assert_eq!(left.count(), 0);
         }

@@ -1,0 +1,153 @@
+//! What is made of something else, and made again when that has changed: a stage of a pipeline.
+
+/// A value, what it was made from, and what it was last asked to be made from.
+///
+/// Whoever drives a stage asks with the key as it is now, makes the value where that is new, there and then or beside the rest, and hands
+/// it in with the key it was made from. A value that nobody asks for any more is thrown away.
+#[derive(Clone, Debug)]
+pub struct Derived<Key, Value> {
+    asked: Option<Key>,
+    made: Option<(Key, Value)>,
+    version: u64,
+}
+
+impl<Key, Value> Default for Derived<Key, Value> {
+    fn default() -> Self {
+        Self {
+            asked: None,
+            made: None,
+            version: 0,
+        }
+    }
+}
+
+impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
+    /// Asks for the value of a key. Whether it was not asked for last, and is to be made.
+    pub fn ask(&mut self, key: &Key) -> bool {
+        let is_new = !self.is_asked(key);
+        if is_new {
+            self.asked = Some(key.clone());
+        }
+        is_new
+    }
+
+    /// Whether that is what was asked for last.
+    pub fn is_asked(&self, key: &Key) -> bool {
+        self.asked.as_ref() == Some(key)
+    }
+
+    /// Takes what was made of a key, if that is what was asked for last; whether it was.
+    pub fn accept(&mut self, key: Key, value: Value) -> bool {
+        let is_wanted = self.is_asked(&key);
+        if is_wanted {
+            self.made = Some((key, value));
+            self.version += 1;
+        }
+        is_wanted
+    }
+
+    /// Asks for a key and hands in its value.
+    pub fn set(&mut self, key: Key, value: Value) {
+        self.ask(&key);
+        self.accept(key, value);
+    }
+
+    /// The value of a key: the one that is there, or a new one.
+    ///
+    /// # Errors
+    /// It could not be made; the last one stays.
+    pub fn get_or_make<E>(
+        &mut self,
+        key: &Key,
+        make: impl FnOnce() -> Result<Value, E>,
+    ) -> Result<&mut Value, E> {
+        let made = match self.made.take() {
+            Some(made) if made.0 == *key => made,
+            last => match make() {
+                Ok(value) => {
+                    self.version += 1;
+                    (key.clone(), value)
+                }
+                Err(error) => {
+                    self.made = last;
+                    return Err(error);
+                }
+            },
+        };
+        self.ask(key);
+        Ok(&mut self.made.insert(made).1)
+    }
+
+    /// What is there, whatever it was made from.
+    pub fn get(&self) -> Option<&Value> {
+        self.made.as_ref().map(|(_, value)| value)
+    }
+
+    /// What that was made from.
+    pub fn made_from(&self) -> Option<&Key> {
+        self.made.as_ref().map(|(key, _)| key)
+    }
+
+    /// What is there, if it was made from a key.
+    pub fn of(&self, key: &Key) -> Option<&Value> {
+        self.get().filter(|_| self.made_from() == Some(key))
+    }
+
+    /// What is there, if it is what was asked for last.
+    pub fn current(&self) -> Option<&Value> {
+        self.asked.as_ref().and_then(|key| self.of(key))
+    }
+
+    /// Another one for each value that was made.
+    pub fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// Lets it be made again, as if it had never been asked for: what makes it was broken off. What is there stays.
+    pub fn ask_again(&mut self) {
+        self.asked = None;
+    }
+
+    /// Drops value and question.
+    pub fn clear(&mut self) {
+        self.asked = None;
+        self.made = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_takes_its_own_result_and_no_stale_one() {
+        let mut stage = Derived::default();
+        assert!(stage.ask(&1) && !stage.ask(&1));
+        assert!(stage.accept(1, "one"), "a preview");
+        assert!(stage.accept(1, "all of one"));
+        assert_eq!((stage.version(), stage.of(&1)), (2, Some(&"all of one")));
+        assert!(stage.ask(&2));
+        assert_eq!((stage.current(), stage.get()), (None, Some(&"all of one")));
+        assert!(!stage.accept(1, "too late"));
+        stage.ask_again();
+        assert!(!stage.accept(2, "broken off") && stage.ask(&2));
+        assert!(stage.accept(2, "two"));
+        assert_eq!((stage.made_from(), stage.of(&1)), (Some(&2), None));
+    }
+
+    #[test]
+    fn a_value_is_made_once_a_key_and_kept_where_the_next_cannot_be_made() {
+        let mut stage = Derived::default();
+        let mut made = 0;
+        for key in [1, 1, 2] {
+            let made_of = stage.get_or_make(&key, || {
+                made += 1;
+                Ok::<_, ()>(10 * key)
+            });
+            assert_eq!(made_of, Ok(&mut (10 * key)));
+        }
+        assert_eq!((made, stage.version()), (2, 2));
+        assert_eq!(stage.get_or_make(&3, || Err("no")), Err("no"));
+        assert_eq!(stage.current(), Some(&20));
+    }
+}

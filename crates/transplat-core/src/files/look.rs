@@ -1,0 +1,202 @@
+//! A look: a scene as it is saved, in readable JSON. What belongs to its object lies beside what belongs to the scene, and the environment
+//! is called the target.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::read::read_all;
+use super::write::{folder_of, write_atomically};
+use crate::error::{Error, Result};
+use crate::scene::{EnvironmentLight, Object, Scene, is_file};
+
+/// The version of looks that this program writes; it reads all up to it.
+pub const LOOK_VERSION: u64 = 2;
+
+/// What of a look is its object's.
+const OF_OBJECT: [&str; 6] = ["asset", "up", "linear", "outside_from", "source", "hide"];
+
+/// How a look is written.
+#[derive(Serialize)]
+struct Look<'a> {
+    version: u64,
+    #[serde(flatten)]
+    object: &'a Object,
+    target: &'a EnvironmentLight,
+    /// But for its objects and its environment.
+    #[serde(flatten)]
+    scene: &'a Scene,
+}
+
+/// Loads a saved look; its paths are resolved against its own folder.
+///
+/// # Errors
+/// The file cannot be read, is no look, or a setting is out of range.
+pub fn load_look(path: &Path) -> Result<Scene> {
+    let scene = parse(&read_all(path, 1 << 24)?).map_err(|e| Error::invalid(path, e))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    // Without `..` where it can be: a path is compared with others.
+    Ok(with_paths(scene, |path| {
+        let whole = folder.join(path);
+        whole.canonicalize().unwrap_or(whole)
+    }))
+}
+
+/// Writes a look, its paths relative to where it is written.
+///
+/// # Errors
+/// The file cannot be written; one that was there before is still there then.
+pub fn save_look(path: &Path, scene: &Scene) -> Result<()> {
+    let scene = with_paths(scene.clone(), |file| relative(file, folder_of(path)));
+    let text = look_text(&scene).map_err(|e| Error::invalid(path, e))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
+}
+
+/// A scene as a look, its paths as they are.
+///
+/// # Errors
+/// A look holds one object.
+pub fn look_text(scene: &Scene) -> std::result::Result<String, String> {
+    let [object] = &scene.objects[..] else {
+        return Err("a look holds one object".into());
+    };
+    let look = Look {
+        version: LOOK_VERSION,
+        object,
+        target: &scene.environment,
+        scene,
+    };
+    serde_json::to_string_pretty(&look).map_err(|e| e.to_string())
+}
+
+fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
+    let not_a_look = |e: serde_json::Error| format!("not a look: {e}");
+    let mut look: Map<String, Value> = serde_json::from_slice(text).map_err(not_a_look)?;
+    let version = look.remove("version").unwrap_or(LOOK_VERSION.into());
+    if !version
+        .as_u64()
+        .is_some_and(|v| (1..=LOOK_VERSION).contains(&v))
+    {
+        return Err(format!(
+            "a look of version {version}; this program reads versions up to {LOOK_VERSION}"
+        ));
+    }
+    let object = OF_OBJECT.iter().filter_map(|name| look.remove_entry(*name));
+    let objects = Value::Array(vec![Value::Object(object.collect())]);
+    let environment = look
+        .remove("target")
+        .unwrap_or_else(|| Value::Object(Map::new()));
+    for (name, value) in [("objects", objects), ("environment", environment)] {
+        if look.insert(name.into(), value).is_some() {
+            return Err(format!("not a look: it holds one object, and no `{name}`"));
+        }
+    }
+    let scene: Scene = serde_json::from_value(Value::Object(look)).map_err(not_a_look)?;
+    scene.validate().map_err(|e| e.to_string())?;
+    Ok(scene)
+}
+
+fn with_paths(mut scene: Scene, change: impl Fn(&Path) -> PathBuf) -> Scene {
+    let of_objects = scene
+        .objects
+        .iter_mut()
+        .flat_map(|o| [&mut o.asset, &mut o.source.file]);
+    for path in of_objects.chain([&mut scene.environment.file]).flatten() {
+        if is_file(path) {
+            *path = change(path);
+        }
+    }
+    scene
+}
+
+/// `path` as seen from `folder`, with `..` where needed; as it is where the two have no root in common.
+fn relative(path: &Path, folder: &Path) -> PathBuf {
+    let whole = |p: &Path| p.canonicalize().or_else(|_| std::path::absolute(p));
+    let (Ok(path_whole), Ok(folder)) = (whole(path), whole(folder)) else {
+        return path.to_owned();
+    };
+    let common = path_whole
+        .components()
+        .zip(folder.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    // Only the root in common: the path says more as it is.
+    if common < 2 {
+        return path_whole;
+    }
+    let up = folder.components().count() - common;
+    std::iter::repeat_n(Path::new("..").as_os_str(), up)
+        .chain(path_whole.components().skip(common).map(|c| c.as_os_str()))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::EVEN;
+    use crate::surfels::UpAxis;
+
+    #[test]
+    fn a_partial_look_keeps_the_defaults_and_a_misspelt_one_is_refused() {
+        let partial = r#"{"transfer": {"epsilon": 0.1, "terms": {"shadow": false}}, "up": "-y", "target": {"tilt": 7}}"#;
+        let scene = parse(partial.as_bytes()).expect("a good look");
+        assert_eq!(scene.transfer.sh_degree, 3);
+        assert!(!scene.transfer.terms.shadow && scene.transfer.terms.specular);
+        assert_eq!(scene.objects.len(), 1);
+        assert_eq!(scene.objects[0].up, Some(UpAxis::MinusY));
+        assert_eq!(scene.environment.tilt, 7.0);
+        for wrong in [
+            r#"{"epsilom": 1}"#,
+            r#"{"transfer": {"terms": {"shadows": false}}}"#,
+            r#"{"display": {"exposur": 1}}"#,
+            r#"{"target": {"rotatio": 1}}"#,
+            r#"{"source": {"rotatio": 1}}"#,
+            r#"{"target": null}"#,
+            r#"{"objects": []}"#,
+            r#"{"environment": {}}"#,
+            r#"{"display": {"exposure": 500}}"#,
+            r#"{"version": 3}"#,
+            r#"{"version": 0}"#,
+            r#"{"version": "2"}"#,
+            r#"{"wipe": 1.5}"#,
+            r#"{"target": {"tint": [1, -1, 1]}}"#,
+            r#"{"outside_from": [[1e13, 0, 0]]}"#,
+            "[]",
+        ] {
+            assert!(parse(wrong.as_bytes()).is_err(), "{wrong}");
+        }
+        let text = look_text(&scene).expect("plain data");
+        assert_eq!(parse(text.as_bytes()).expect("its own text"), scene);
+        // Numbers stay as short as they were typed.
+        assert!(text.contains("\"epsilon\": 0.1,"), "{text}");
+        let none = Scene {
+            objects: Vec::new(),
+            ..scene
+        };
+        assert!(look_text(&none).is_err());
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_look_and_come_back() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (looks, lights) = (folder.path().join("looks"), folder.path().join("lights"));
+        for made in [&looks, &lights] {
+            std::fs::create_dir_all(made).expect("room");
+        }
+        let light = lights.join("sky.hdr");
+        std::fs::write(&light, "x").expect("room");
+        let mut scene = Scene::default();
+        scene.objects[0].source.file = Some(EVEN.into());
+        scene.environment.file = Some(light.clone());
+        let look = looks.join("a.json");
+        save_look(&look, &scene).expect("room");
+        let text = std::fs::read_to_string(&look).expect("it is there");
+        assert!(text.contains("\"../lights/sky.hdr\""), "{text}");
+        assert!(text.contains("\"even\""), "{text}");
+        let back = load_look(&look).expect("its own file");
+        scene.environment.file = light.canonicalize().ok();
+        assert_eq!(back, scene);
+    }
+}

@@ -1,0 +1,217 @@
+//! A scene: objects, what each was captured under, what they are relit by, and how that is shown. Plain data; its file form is a look.
+
+mod light;
+mod object;
+
+use serde::{Deserialize, Serialize};
+
+use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
+use crate::camera::CameraPose;
+use crate::color::Display;
+use crate::environment::Illumination;
+use crate::error::{Error, Result};
+use crate::present::{Background, View};
+use crate::settings::TransferSettings;
+use crate::surfels::UpAxis;
+
+pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
+pub use object::{MOST_PLACES, Object, Transform};
+
+/// Every setting that changes the picture; what a file leaves out keeps its default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// At least one; what is set before a splat is open is the first one's.
+    #[serde(skip_serializing)]
+    pub objects: Vec<Object>,
+    /// What they are relit by.
+    #[serde(skip_serializing)]
+    pub environment: EnvironmentLight,
+    /// And what lights them beside it.
+    #[serde(skip)]
+    pub lights: Vec<Light>,
+    /// The environment's mean irradiance is brought to the source's, before its strength.
+    pub match_strength: bool,
+    /// Directions of the bake.
+    pub directions: usize,
+    /// The mathematics.
+    pub transfer: TransferSettings,
+    /// Exposure and tone curve.
+    pub display: Display,
+    /// Stops of exposure as colours instead of the picture.
+    pub false_color: bool,
+    /// What is shown.
+    pub view: View,
+    /// Where a split picture is split, from the left, 0 to 1.
+    pub wipe: f32,
+    /// What a difference is multiplied by.
+    pub difference_scale: f32,
+    /// What is behind it.
+    pub background: Background,
+    /// Blur of an environment behind it: standard deviation in degrees.
+    pub background_blur: f32,
+    /// The objects' shadow on the ground under them.
+    pub shadow_catcher: bool,
+    /// Where the camera is.
+    pub camera: Option<CameraPose>,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            objects: vec![Object::default()],
+            environment: EnvironmentLight::default(),
+            lights: Vec::new(),
+            match_strength: false,
+            directions: DEFAULT_DIRECTIONS,
+            transfer: TransferSettings::default(),
+            display: Display::default(),
+            false_color: false,
+            view: View::default(),
+            wipe: 0.5,
+            difference_scale: 1.0,
+            background: Background::default(),
+            background_blur: 0.0,
+            shadow_catcher: false,
+            camera: None,
+        }
+    }
+}
+
+/// Range of a background's blur in degrees.
+pub const BLUR: std::ops::RangeInclusive<f32> = 0.0..=60.0;
+
+/// Range of what differences are multiplied by.
+pub const DIFFERENCE_SCALE: std::ops::RangeInclusive<f32> = 0.1..=100.0;
+
+impl Scene {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// Says which setting is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.transfer.validate()?;
+        if !DIRECTIONS.contains(&self.directions) {
+            return Err(Error::Mismatch(format!(
+                "{} visibility directions are out of range {} to {}",
+                self.directions,
+                DIRECTIONS.start(),
+                DIRECTIONS.end()
+            )));
+        }
+        if !STOPS.contains(&self.display.exposure) {
+            return Err(Error::Mismatch(format!(
+                "exposure {} is out of range -60 to 60 stops",
+                self.display.exposure
+            )));
+        }
+        for (name, value, range) in [
+            ("wipe", self.wipe, 0.0..=1.0),
+            ("difference_scale", self.difference_scale, DIFFERENCE_SCALE),
+            ("background_blur", self.background_blur, BLUR),
+        ] {
+            if !range.contains(&value) {
+                return Err(Error::Mismatch(format!(
+                    "{name} {value} is out of range {} to {}",
+                    range.start(),
+                    range.end()
+                )));
+            }
+        }
+        for object in &self.objects {
+            object.validate()?;
+        }
+        self.environment.validate("target")?;
+        self.camera.map_or(Ok(()), |c| c.validate())
+    }
+
+    /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment
+    /// brought to the source's mean where that is wanted, and the other lights beside it.
+    pub fn lights_on(
+        &self,
+        object: &Object,
+        [source, environment]: [&Illumination; 2],
+        asset_up: UpAxis,
+    ) -> [Illumination; 2] {
+        let gain = self.match_gain(object, [source, environment]);
+        let source = object.source.orient(source, asset_up);
+        let mut target = self.environment.orient(environment, asset_up);
+        if gain != 1.0 {
+            target = target.scaled(gain);
+        }
+        for light in &self.lights {
+            light.add_to(&mut target, asset_up);
+        }
+        [source, target]
+    }
+
+    /// What brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as
+    /// their maps hold them. The environment's own strength and tint come on top; the source's count, since it is what is matched.
+    pub fn match_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
+        let source = maps[0]
+            .radiance
+            .tinted(object.source.gain())
+            .mean_irradiance();
+        let target = maps[1].mean_irradiance();
+        if self.match_strength && source > 0.0 && target > 0.0 {
+            (source / target).clamp(1e-20, 1e20)
+        } else {
+            1.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::MAX_SUNS;
+
+    #[test]
+    fn matched_lights_have_one_mean_and_keep_their_strength_on_top() {
+        let source = Illumination::even(3).scaled(5.0);
+        let target = Illumination::even(3).scaled(0.2);
+        let mut scene = Scene {
+            match_strength: true,
+            ..Scene::default()
+        };
+        scene.environment.strength = 1.0;
+        let lights =
+            |scene: &Scene| scene.lights_on(&scene.objects[0], [&source, &target], UpAxis::PlusZ);
+        let [s, t] = lights(&scene);
+        assert!((t.mean_irradiance() / s.mean_irradiance() - 2.0).abs() < 1e-4);
+        scene.match_strength = false;
+        let [_, t] = lights(&scene);
+        assert!((t.mean_irradiance() / target.mean_irradiance() - 2.0).abs() < 1e-5);
+    }
+
+    /// Irradiance adds up, whichever form of the light is asked; there is room for any number.
+    #[test]
+    fn lights_of_ones_own_come_on_top_of_the_environment() {
+        let even = Illumination::even(3);
+        let mut scene = Scene::default();
+        for i in 0..2 * MAX_SUNS {
+            scene.lights.push(Light::Distant {
+                toward: glam::DVec3::Z,
+                irradiance: [1.0 + i as f32; 3],
+            });
+        }
+        let [source, target] = scene.lights_on(&scene.objects[0], [&even, &even], UpAxis::MinusY);
+        let up = UpAxis::MinusY;
+        assert_eq!(source, scene.objects[0].source.orient(&even, up));
+        // A surface turned all ways sees a quarter of what one does that faces the light.
+        let more: f32 = (1..=2 * MAX_SUNS).map(|i| i as f32 / 4.0).sum();
+        let found = target.mean_irradiance() - even.mean_irradiance();
+        assert!((found / more - 1.0).abs() < 1e-3, "{found} {more}");
+        let of = |light: &Illumination| light.beams.as_ref().map_or(0.0, |b| b.mean_irradiance());
+        let found = of(&target) - of(&even);
+        assert!((found / more - 1.0).abs() < 1e-3, "{found} {more}");
+        let suns = target.beams.expect("read with them").suns;
+        assert_eq!(suns.len(), MAX_SUNS);
+        assert_eq!(
+            suns[0].energy,
+            [2.0 * MAX_SUNS as f32; 3],
+            "the brightest first"
+        );
+        assert!(suns[0].direction.distance(-glam::Vec3::Y) < 1e-6);
+    }
+}

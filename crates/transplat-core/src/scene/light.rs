@@ -1,0 +1,237 @@
+//! Lights as they are set: an environment all around, and those of one's own beside it.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::environment::{Beam, Illumination};
+use crate::error::{Error, Result};
+use crate::surfels::UpAxis;
+
+/// Range of exposure and strength in stops: 18 orders of magnitude either way.
+pub const STOPS: std::ops::RangeInclusive<f32> = -60.0..=60.0;
+
+/// The name that stands for uniform white light where a file is expected.
+pub const EVEN: &str = "even";
+
+/// The name that stands for the light that the asset itself tells of.
+pub const ESTIMATE: &str = "estimate";
+
+/// Light from all around: which environment, how it is turned, how strong it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EnvironmentLight {
+    /// The environment's file, or `even`, or of the source `estimate`; none where the look leaves it open.
+    pub file: Option<PathBuf>,
+    /// Turn about the up axis, in degrees, counter-clockwise seen from above.
+    pub rotation: f64,
+    /// Tilt about the world's X axis, before the turn, in degrees.
+    pub tilt: f64,
+    /// Mirrored left to right.
+    pub mirror: bool,
+    /// Which axis of the map points up; a map is drawn with +Z up.
+    pub up: UpAxis,
+    /// Strength in stops.
+    pub strength: f32,
+    /// Colour that the light is multiplied by, linear.
+    pub tint: [f32; 3],
+}
+
+impl Default for EnvironmentLight {
+    fn default() -> Self {
+        Self {
+            file: None,
+            rotation: 0.0,
+            tilt: 0.0,
+            mirror: false,
+            up: UpAxis::default(),
+            strength: 0.0,
+            tint: [1.0; 3],
+        }
+    }
+}
+
+impl EnvironmentLight {
+    /// A light as it is.
+    pub fn of(file: impl Into<PathBuf>) -> Self {
+        Self {
+            file: Some(file.into()),
+            ..Self::default()
+        }
+    }
+
+    /// Whether it is the light that the asset tells of.
+    pub fn is_estimate(&self) -> bool {
+        self.file.as_deref().is_some_and(is_estimate)
+    }
+
+    /// Takes another light. The estimate comes as the asset sees it: how a map was turned, and how strong it was, is nothing to it, nor
+    /// the other way round.
+    pub fn set_file(&mut self, file: PathBuf) {
+        if is_estimate(&file) != self.is_estimate() {
+            *self = Self::default();
+        }
+        self.file = Some(file);
+    }
+
+    /// The turn of the (mirrored) map in the Z-up world.
+    pub fn world_from_map(&self) -> DMat3 {
+        DMat3::from_rotation_z(self.rotation.to_radians())
+            * DMat3::from_rotation_x(self.tilt.to_radians())
+            * self.up.asset_from_world().transpose()
+    }
+
+    /// From directions of an asset whose up axis is `asset_up` to directions of the map as it lies in its file, the mirror included.
+    pub fn map_from_asset(&self, asset_up: UpAxis) -> DMat3 {
+        let turn = (asset_up.asset_from_world() * self.world_from_map()).transpose();
+        if self.mirror {
+            DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0)) * turn
+        } else {
+            turn
+        }
+    }
+
+    /// What the light's radiance is multiplied by, per channel.
+    pub fn gain(&self) -> [f32; 3] {
+        self.tint.map(|t| t * self.strength.exp2())
+    }
+
+    /// A map's light as the asset sees it: mirrored, turned, tinted, with its strength.
+    pub fn orient(&self, light: &Illumination, asset_up: UpAxis) -> Illumination {
+        let turn = asset_up.asset_from_world() * self.world_from_map();
+        let light = if self.mirror {
+            light.mirrored()
+        } else {
+            light.clone()
+        };
+        light.rotated(turn).tinted(self.gain())
+    }
+
+    pub(super) fn validate(&self, name: &str) -> Result<()> {
+        if !STOPS.contains(&self.strength) {
+            return Err(Error::Mismatch(format!(
+                "strength of the {name} {} is out of range -60 to 60 stops",
+                self.strength
+            )));
+        }
+        if !self.rotation.is_finite() || !self.tilt.is_finite() {
+            return Err(Error::Mismatch(format!(
+                "the turn of the {name} light is not a number"
+            )));
+        }
+        if self.tint.iter().any(|t| !(0.0..=1e3).contains(t)) {
+            return Err(Error::Mismatch(format!(
+                "the tint of the {name} light is out of range 0 to 1000"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Whether a light's name stands for uniform white light.
+pub fn is_even(path: &Path) -> bool {
+    path.as_os_str() == EVEN
+}
+
+/// Whether a light's name stands for the light that the asset tells of.
+pub fn is_estimate(path: &Path) -> bool {
+    path.as_os_str() == ESTIMATE
+}
+
+/// Whether a light's name is that of a file.
+pub fn is_file(path: &Path) -> bool {
+    !is_even(path) && !is_estimate(path)
+}
+
+/// A light of one's own, beside the environment.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Light {
+    /// From one direction: a sun without a disc.
+    Distant {
+        /// Unit vector towards it, in the Z-up world.
+        toward: DVec3,
+        /// On a surface that faces it, linear RGB.
+        irradiance: [f32; 3],
+    },
+}
+
+impl Light {
+    /// Adds it to what an asset with that up axis is lit by.
+    pub fn add_to(&self, light: &mut Illumination, asset_up: UpAxis) {
+        match self {
+            Self::Distant { toward, irradiance } => light.add(Beam {
+                direction: (asset_up.asset_from_world() * *toward).as_vec3(),
+                energy: *irradiance,
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::{Beams, EnvironmentMap, project_environment};
+
+    #[test]
+    fn a_light_keeps_its_turn_among_files_and_none_of_an_estimate() {
+        let mut light = EnvironmentLight {
+            rotation: 90.0,
+            strength: 1.0,
+            ..EnvironmentLight::of("a.hdr")
+        };
+        light.set_file("b.hdr".into());
+        assert_eq!((light.rotation, light.strength), (90.0, 1.0));
+        light.set_file(ESTIMATE.into());
+        assert_eq!(light, EnvironmentLight::of(ESTIMATE));
+        light.strength = 2.0;
+        light.set_file(ESTIMATE.into());
+        assert_eq!(light.strength, 2.0);
+        light.set_file("a.hdr".into());
+        assert_eq!(light, EnvironmentLight::of("a.hdr"));
+    }
+
+    /// The coefficients' way (mirror, rotate) and the background's way (one matrix for directions) show the same light.
+    #[test]
+    fn light_and_background_turn_alike() {
+        let (width, height) = (32, 16);
+        let pixels = (0..width * height)
+            .map(|i| {
+                let (x, y) = (i % width, i / width);
+                [if x < 8 && y < 6 { 4.0 } else { 0.3 }, x as f32 / 32.0, 0.5]
+            })
+            .collect();
+        let map = EnvironmentMap::new(width, height, pixels);
+        let light = Illumination {
+            radiance: project_environment(&map, 6),
+            beams: Some(Beams::of(&map)),
+            trust: 1.0,
+        };
+        let settings = EnvironmentLight {
+            rotation: 35.0,
+            tilt: 20.0,
+            mirror: true,
+            up: UpAxis::PlusY,
+            strength: 1.0,
+            tint: [1.0, 0.5, 2.0],
+            ..EnvironmentLight::default()
+        };
+        let up = UpAxis::MinusX;
+        let oriented = settings.orient(&light, up);
+        let map_from_asset = settings.map_from_asset(up);
+        for d in crate::sh::fibonacci_sphere(40) {
+            let there = map_from_asset * DVec3::from_array(d);
+            let expected = crate::sh::evaluate_sh(
+                &light.radiance.coefficients,
+                6,
+                there.to_array().map(|v| v as f32),
+            );
+            let found =
+                crate::sh::evaluate_sh(&oriented.radiance.coefficients, 6, d.map(|v| v as f32));
+            for c in 0..3 {
+                let expected = expected[c] * settings.gain()[c];
+                assert!((found[c] - expected).abs() < 1e-4, "{found:?} {expected}");
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Stage *estimate*: the light of the capture as the object tells it, kept beside its bake.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::estimate::{Estimate, Obstacle, estimate_light};
+use transplat_core::files::{load_estimate, save_estimate};
+use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skips;
+use transplat_core::surfels::{SurfelCloud, UpAxis};
+
+use super::bake::{Wanted, keep};
+
+/// Where an asset's estimate may be kept: beside its bake.
+fn cache_files(asset: &Path, cloud: &Arc<SurfelCloud>) -> Vec<PathBuf> {
+    let wanted = Wanted {
+        cloud: cloud.clone(),
+        method: Method::Directional,
+        directions: DIRECTIONS,
+        skips: Skips::default(),
+        beside: Some(asset.to_owned()),
+    };
+    let files = wanted.cache_files().into_iter();
+    files.map(|f| f.with_extension("light")).collect()
+}
+
+/// An estimate that was made before.
+pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
+    let files = cache_files(asset, cloud);
+    files.iter().find_map(|f| load_estimate(f, cloud).ok())
+}
+
+/// Makes the estimate, and keeps it.
+pub fn make_and_keep(asset: &Path, cloud: &Arc<SurfelCloud>, bake: &DirectionalBake) -> Estimate {
+    let estimate = estimate_light(cloud, bake);
+    // Where nothing can be kept, it is estimated again the next time.
+    let _ = keep(&cache_files(asset, cloud), |file| {
+        save_estimate(file, cloud, &estimate)
+    });
+    estimate
+}
+
+/// What is done where the light of the capture cannot be told, for the user.
+pub fn what_stands_in(method: Method, obstacle: Obstacle) -> &'static str {
+    match (method, obstacle) {
+        (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
+        (Method::Directional, _) => {
+            "half of the change is made that would be right for a capture under even light"
+        }
+    }
+}
+
+/// An estimate for the user.
+pub fn estimate_in_words(estimate: &Estimate, up: UpAxis) -> String {
+    let percent = estimate.percent();
+    if let Some(obstacle) = estimate.obstacle {
+        return format!(
+            "the light of the capture cannot be told: {} (confidence {percent:.0} %)",
+            obstacle.reason()
+        );
+    }
+    let from = estimate.light.dominant_direction();
+    let sun = match estimate.light.sun {
+        Some((d, _)) => format!("a sun at {:.2} {:.2} {:.2}", d[0], d[1], d[2]),
+        None => "no sun".into(),
+    };
+    let doubtful = if estimate.may_lie_on_its_side(up) {
+        format!(
+            "; that is the side or below, with {} up: is it (--up)?",
+            up.name()
+        )
+    } else {
+        String::new()
+    };
+    format!(
+        "light mostly from {:.2} {:.2} {:.2} (the asset's coordinates), {sun}, confidence {percent:.0} %; strength and tint are assumed{doubtful}",
+        from.x, from.y, from.z
+    )
+}
+
+/// An estimate for programs.
+pub fn estimate_as_json(estimate: &Estimate) -> serde_json::Value {
+    let light = &estimate.light;
+    let sun = light.sun.filter(|_| estimate.is_good());
+    serde_json::json!({
+        "confidence": estimate.confidence,
+        "is_good": estimate.is_good(),
+        "obstacle": estimate.obstacle,
+        "dominant_direction": estimate.is_good().then(|| light.dominant_direction().to_array()),
+        "sun_direction": sun.map(|(direction, _)| direction),
+        "sun_irradiance": sun.map(|(_, energy)| energy),
+    })
+}

@@ -1,0 +1,140 @@
+//! The scene that a command line asks for, which has one object.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use glam::Vec3;
+use transplat_core::files::load_look;
+use transplat_core::scene::Scene;
+use transplat_core::settings::skips::Skips;
+
+use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
+
+/// The asset that is asked for, by the command line or else by the look.
+pub fn asset_of(args: &AssetArgs, scene: &Scene) -> PathBuf {
+    args.asset
+        .clone()
+        .or_else(|| scene.objects[0].asset.clone())
+        .unwrap_or_else(|| {
+            usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
+        })
+}
+
+/// The settings: those of a saved look, and what the command line says over it.
+pub fn look_of(asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene> {
+    look_over(Scene::default(), asset, light)
+}
+
+/// The same over other settings than the defaults; a saved look replaces them.
+pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene> {
+    let mut scene = match light.and_then(|l| l.look.as_deref()) {
+        Some(path) => load_look(path)?,
+        None => base,
+    };
+    if let Some(up) = asset.up {
+        scene.objects[0].up = Some(up);
+    }
+    scene.objects[0].linear |= asset.linear;
+    if !asset.outside_from.is_empty() {
+        scene.objects[0].outside_from = asset
+            .outside_from
+            .iter()
+            .map(|p| Vec3::from_array(*p))
+            .collect();
+    }
+    if let Some(directions) = asset.directions {
+        scene.directions = directions;
+    }
+    let Some(light) = light else {
+        return Ok(scene);
+    };
+    let transfer = &mut scene.transfer;
+    if let Some(method) = light.preset {
+        transfer.method = method;
+    }
+    if let Some(degree) = light.sh_degree {
+        transfer.sh_degree = usize::from(degree);
+    }
+    if let Some(epsilon) = light.epsilon {
+        transfer.epsilon = Some(epsilon as f32);
+    }
+    if light.compute_all {
+        transfer.skips = Skips::NONE;
+    }
+    for name in &light.without {
+        let without = transfer.clone().without(name);
+        *transfer = without.with_context(|| format!("--without {name}"))?;
+    }
+    if let Some(source) = &light.source {
+        scene.objects[0].source.set_file(source.clone());
+    }
+    if let [target] = &light.target[..] {
+        scene.environment.set_file(target.clone());
+    }
+    if let Some(degrees) = light.rotate_source {
+        scene.objects[0].source.rotation = degrees;
+    }
+    if let Some(degrees) = light.rotate_target {
+        scene.environment.rotation = degrees;
+    }
+    if let Some(stops) = light.strength_target {
+        scene.environment.strength = stops as f32;
+    }
+    scene.match_strength |= light.match_strength;
+    scene.validate()?;
+    Ok(scene)
+}
+
+/// The targets on the command line, folders replaced by the environments in them, each with the name of its output.
+pub fn targets_of(light: &LightArgs, scene: &Scene) -> Result<Vec<(String, PathBuf)>> {
+    let mut targets: Vec<(String, PathBuf)> = Vec::new();
+    let named = match (&light.target[..], &scene.environment.file) {
+        ([], Some(file)) => std::slice::from_ref(file),
+        (named, _) => named,
+    };
+    let stem = |path: &Path| {
+        path.file_stem()
+            .map_or_else(|| "target".into(), |s| s.to_string_lossy().into_owned())
+    };
+    for path in named {
+        if !path.is_dir() {
+            targets.push((stem(path), path.clone()));
+            continue;
+        }
+        let inside = environments_in(path)?;
+        if inside.is_empty() {
+            bail!(
+                "{}: the folder holds no environment (.hdr, .exr)",
+                path.display()
+            );
+        }
+        targets.extend(inside.into_iter().map(|p| (stem(&p), p)));
+    }
+    // Two files of one name must not write over each other.
+    let mut taken = HashSet::new();
+    for (name, _) in &mut targets {
+        let stem = name.clone();
+        let mut number = 2;
+        while !taken.insert(name.clone()) {
+            *name = format!("{stem}-{number}");
+            number += 1;
+        }
+    }
+    Ok(targets)
+}
+
+/// The environments (.hdr, .exr) in a folder, sorted by name.
+pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut inside: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|p| {
+            p.extension().is_some_and(|e| {
+                ["hdr", "exr"].contains(&e.to_string_lossy().to_lowercase().as_str())
+            })
+        })
+        .collect();
+    inside.sort();
+    Ok(inside)
+}

@@ -1,0 +1,70 @@
+//! What is odd about what was loaded or made, for the user.
+
+use std::path::Path;
+
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::files::{AssetFile, AssetKind};
+
+/// A flatness above this makes normals, and so relighting, doubtful.
+const DOUBTFUL_FLATNESS: f32 = 0.1;
+
+/// Share of what is seen whose front may be a guess before a warning is due.
+pub const AMBIGUOUS_SHARE: f32 = 0.05;
+
+/// For the user.
+pub fn ambiguous_warning(share: f32) -> String {
+    format!(
+        "which side is the front is a guess on {:.0} % of what is seen; --outside-from X,Y,Z, a place that sees the outside, tells it for what is seen from there",
+        100.0 * share
+    )
+}
+
+/// What is odd about an asset.
+pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let found = &file.report;
+    if !found.left_out.is_empty() {
+        warnings.push(format!(
+            "{}: {} surfels hold values that are no numbers and are left out",
+            path.display(),
+            found.left_out.len(),
+        ));
+    }
+    if found.kind == AssetKind::Gaussians3d {
+        let flatness = found.median_flatness.unwrap_or(0.0);
+        if flatness > DOUBTFUL_FLATNESS {
+            warnings.push(format!(
+                "{}: a 3DGS asset whose Gaussians are not flat (median shortest/second axis {flatness:.2}); its normals, and so its relighting, are only rough. 2DGS training gives better ones",
+                path.display()
+            ));
+        }
+    }
+    warnings
+}
+
+/// What is odd about an environment.
+pub fn map_warnings(path: &Path, map: &EnvironmentMap) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if map.repaired() > 0 {
+        warnings.push(format!(
+            "{}: {} pixels are negative or no numbers, and count as black",
+            path.display(),
+            map.repaired()
+        ));
+    }
+    if map.has_clipped_highlights() {
+        warnings.push(format!(
+            "{}: a low-dynamic-range picture; its highlights are clipped, so its light is too even",
+            path.display()
+        ));
+    }
+    if map.width() != 2 * map.height() {
+        warnings.push(format!(
+            "{}: {} x {} pixels are not twice as wide as high; it is taken as equirectangular all the same",
+            path.display(),
+            map.width(),
+            map.height()
+        ));
+    }
+    warnings
+}

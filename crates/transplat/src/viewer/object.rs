@@ -1,0 +1,237 @@
+//! An object of the scene as it is open: its splat, and what each stage has made of it.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use glam::Vec3;
+use transplat_core::bake::Bake;
+use transplat_core::derived::Derived;
+use transplat_core::environment::Illumination;
+use transplat_core::estimate::Estimate;
+use transplat_core::ground::Ground;
+use transplat_core::present::Doubt;
+use transplat_core::scene::{EnvironmentLight, Light};
+use transplat_core::settings::skips::{Skipped, Skips};
+use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
+
+use super::asset::Asset;
+use super::environments::{Environment, Resolved};
+use crate::savings::Saved;
+use crate::sweep::Point;
+
+/// Number of the next state.
+static NEXT_ID: AtomicU64 = AtomicU64::new(1);
+
+/// What is made of an object, stage by stage. Another splat begins with another one: nothing of the last is left.
+pub struct ObjectState {
+    /// Differs between all.
+    pub id: u64,
+    pub asset: Option<Asset>,
+    /// A saved bake that the command line names.
+    pub saved_bake: Option<PathBuf>,
+    /// What it was captured under.
+    pub source: Resolved,
+    pub(super) lights: Derived<LightsKey, [OrientedLight; 2]>,
+    pub bakes: HashMap<Method, Derived<BakeKey, BakeState>>,
+    /// By the places that its fronts were told from.
+    pub estimate: Derived<Vec<Vec3>, Estimate>,
+    /// The light that is made of that, by its version and the up axis; or what is assumed.
+    pub(super) estimated: Arc<Environment>,
+    pub(super) estimate_shown: Option<(u64, UpAxis)>,
+    pub(super) estimate_awaited: bool,
+    /// What of its preparation is kept between settings.
+    pub(super) transfer: Arc<Mutex<TransferAsset>>,
+    pub prepared: Derived<PrepareKey, Prepared>,
+    pub relit: Derived<RelitKey, Relighting>,
+    pub hidden: Derived<HiddenKey, Hidden>,
+    pub(super) unseen: Unseen,
+    pub doubts: Derived<ShownKey, Doubts>,
+    /// What was relit last for a readout.
+    pub(super) readout: Derived<ShownKey, Arc<Relit>>,
+    /// The bake that the channel *visibility* shows.
+    pub(super) visibility: Derived<(Method, u64), ()>,
+    pub(super) ground: Derived<GroundKey, Ground>,
+    pub(super) ground_lit: Derived<GroundLitKey, ()>,
+    pub measured: Measured,
+}
+
+impl ObjectState {
+    /// Nothing is made of it yet.
+    pub fn new(asset: Option<Asset>) -> Self {
+        Self {
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
+            asset,
+            saved_bake: None,
+            source: Resolved::even(),
+            lights: Derived::default(),
+            bakes: HashMap::new(),
+            estimate: Derived::default(),
+            estimated: Arc::new(Environment::assumed()),
+            estimate_shown: None,
+            estimate_awaited: false,
+            transfer: Arc::default(),
+            prepared: Derived::default(),
+            relit: Derived::default(),
+            hidden: Derived::default(),
+            unseen: Unseen::default(),
+            doubts: Derived::default(),
+            readout: Derived::default(),
+            visibility: Derived::default(),
+            ground: Derived::default(),
+            ground_lit: Derived::default(),
+            measured: Measured::default(),
+        }
+    }
+
+    /// How much of a method's bake is done, 0 to 1.
+    pub fn bake_share(&self, method: Method) -> f32 {
+        let bake = self.bakes.get(&method).and_then(Derived::current);
+        bake.map_or(0.0, |b| b.share)
+    }
+
+    /// Bakes that are done, of any method.
+    pub fn whole_bakes(&self) -> impl Iterator<Item = &Arc<Bake>> {
+        let current = self.bakes.values().filter_map(Derived::current);
+        current.filter(|b| b.share == 1.0).map(|b| &b.bake)
+    }
+
+    /// From now on, a relight leaves out what is hidden now.
+    pub(super) fn leave_out_hidden(&mut self) {
+        if let (Some(hidden), Some((hide, _))) = (self.hidden.get(), self.hidden.made_from())
+            && !Arc::ptr_eq(&self.unseen.surfels, &hidden.unseen)
+        {
+            self.unseen = Unseen {
+                surfels: hidden.unseen.clone(),
+                version: self.unseen.version + 1,
+                has_hidden: !hide.is_off(),
+            };
+        }
+    }
+}
+
+// ---- what the stages make, and what of ----
+
+/// A light as the asset sees it; two are the same where nothing was changed in between.
+#[derive(Clone)]
+pub struct OrientedLight {
+    pub light: Arc<Illumination>,
+}
+
+impl PartialEq for OrientedLight {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.light, &other.light)
+    }
+}
+
+/// What an object's lights are made from: maps, settings, whether they are matched, the other lights, and the asset's up axis.
+pub type LightsKey = ([u64; 2], [EnvironmentLight; 2], bool, Vec<Light>, UpAxis);
+
+/// Directions and, where they count, the places that its fronts were told from.
+pub type BakeKey = (usize, Vec<Vec3>);
+
+/// A method's bake, and how far it is.
+pub struct BakeState {
+    pub bake: Arc<Bake>,
+    pub share: f32,
+    pub file: Option<PathBuf>,
+    pub ms: f64,
+}
+
+/// All that a preparation depends on: the bake by its version.
+#[derive(Clone, PartialEq)]
+pub struct PrepareKey {
+    pub bake: u64,
+    pub source: OrientedLight,
+    pub settings: TransferSettings,
+}
+
+/// A prepared transfer.
+pub struct Prepared {
+    pub prepared: PreparedTransfer,
+    /// Whether it relights on the GPU.
+    pub on_gpu: bool,
+    /// What it leaves out.
+    pub left_out: Vec<Skipped>,
+    pub ms: f64,
+}
+
+/// All that a relit asset depends on.
+#[derive(Clone, PartialEq)]
+pub struct RelitKey {
+    /// Version of the preparation.
+    pub prepared: u64,
+    pub target: OrientedLight,
+    pub part: Part,
+    /// Which surfels may be left out, as a number that grows when one is to be seen that was not.
+    pub unseen: u64,
+}
+
+/// All that a whole relit asset depends on: a part of one is no other.
+pub type ShownKey = (u64, OrientedLight);
+
+impl RelitKey {
+    /// Of which whole this is a part.
+    pub fn shown(&self) -> ShownKey {
+        (self.prepared, self.target.clone())
+    }
+}
+
+/// What is told of a relight.
+pub struct Relighting {
+    /// How long it took on the CPU; the GPU's own is in its timer.
+    pub cpu_ms: Option<f64>,
+    /// How many stops the target's mean irradiance is over the source's, where both are what the settings name.
+    pub stops_over_source: Option<f32>,
+}
+
+/// All that this depends on.
+pub type HiddenKey = (Hide, Skips);
+
+/// Surfels that are not drawn.
+pub struct Hidden {
+    /// `[n]` or empty: hidden, or too faint to be seen.
+    pub unseen: Arc<Vec<bool>>,
+    /// How many the user hides.
+    pub count: usize,
+}
+
+/// Surfels that the last relight left out.
+#[derive(Default)]
+pub struct Unseen {
+    pub surfels: Arc<Vec<bool>>,
+    /// Another one for each set of them.
+    pub version: u64,
+    /// Whether any of them is hidden, and may be shown again; what is too faint never is.
+    pub has_hidden: bool,
+}
+
+/// Which surfels' relit colour is doubtful.
+pub struct Doubts {
+    /// `[n]`
+    pub of: Vec<Option<Doubt>>,
+    /// Shares of all, `[Doubt::ALL]`.
+    pub shares: [f32; Doubt::ALL.len()],
+}
+
+/// All that a ground's bake depends on: directions, up axis.
+pub type GroundKey = (usize, UpAxis);
+
+/// All that its light depends on.
+pub type GroundLitKey = (GroundKey, [Illumination; 2]);
+
+/// What was measured on an object; empty until it is asked for.
+#[derive(Default)]
+pub struct Measured {
+    /// What settings cost.
+    pub points: Vec<Point>,
+    /// What leaving something out saves.
+    pub saved: Vec<Saved>,
+    /// And what of the settings is worth a word.
+    pub words: Vec<String>,
+    /// Whether the user has not seen it yet.
+    pub is_new: bool,
+}

@@ -1,0 +1,46 @@
+//! The maps behind the objects.
+
+use transplat_core::present::Background;
+use transplat_gpu::present::Backdrop;
+
+use crate::viewer::environments::load_map;
+use crate::viewer::jobs::Kind;
+use crate::viewer::session::{BackdropKey, SOURCE, Session, TARGET};
+
+impl Session {
+    /// Reads the maps behind the objects: that of the side that is seen first, then the other's, since before and after are a key apart.
+    pub(in crate::viewer) fn start_backdrops(&mut self) {
+        let view = self.scene.view;
+        let is_seen = view.background(self.scene.background) == Background::Environment;
+        if !is_seen || self.states.iter().all(|s| s.asset.is_none()) {
+            return;
+        }
+        for side in [TARGET, SOURCE] {
+            let light = self.behind(side, view).0.clone();
+            let key = BackdropKey {
+                light: light.id,
+                blur: self.scene.background_blur,
+            };
+            let kind = Kind::Backdrop(side);
+            // One that failed was asked for, and was told.
+            if self.jobs.is_running(kind) || !self.backdrops[side].ask(&key) {
+                continue;
+            }
+            let context = self.context.clone();
+            let label = format!("reading {} for the background", light.name());
+            let kept = self.environments.kept_map(light.id);
+            let blur = key.blur;
+            let work = move |_: &_| {
+                let map = kept.map_or_else(|| load_map(&light), Ok)?;
+                let backdrop = Backdrop::new(&context, &map.blurred(blur));
+                Ok((map, backdrop))
+            };
+            self.start(kind, label, work, move |session, (map, backdrop)| {
+                session.environments.keep_map(key.light, map);
+                if session.backdrops[side].accept(key, ()) {
+                    session.live().set_backdrop(side, backdrop);
+                }
+            });
+        }
+    }
+}

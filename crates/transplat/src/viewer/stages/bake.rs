@@ -1,0 +1,149 @@
+//! The bakes: that of the method that is set, and what the estimate of the light needs.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use transplat_core::bake::patches;
+use transplat_core::files::inspect_bake;
+use transplat_core::settings::Method;
+
+use crate::pipeline::bake::{self, Baked, Wanted};
+use crate::viewer::jobs::{Handle, Kind, Work, beside_the_rest};
+use crate::viewer::object::{BakeKey, BakeState};
+use crate::viewer::session::{Outcome, Session};
+
+impl Session {
+    pub(in crate::viewer) fn baked_of(&self, at: usize) -> Option<&BakeState> {
+        let method = self.scene.transfer.method;
+        self.states[at].bakes.get(&method)?.get()
+    }
+
+    fn bake_key(&self, at: usize, method: Method) -> BakeKey {
+        match method {
+            Method::Harmonic => (self.scene.directions, Vec::new()),
+            Method::Directional => (
+                patches::DIRECTIONS,
+                self.scene.objects[at].outside_from.clone(),
+            ),
+        }
+    }
+
+    fn is_bake_asked(&self, at: usize, method: Method) -> bool {
+        let bake = self.states[at].bakes.get(&method);
+        bake.is_some_and(|b| b.is_asked(&self.bake_key(at, method)))
+    }
+
+    pub(in crate::viewer) fn is_bake_awaited(&self, at: usize, method: Method) -> bool {
+        let id = self.states[at].id;
+        self.jobs.is_awaited(Kind::Of(id, Work::Bake(method)))
+    }
+
+    /// Whether a bake runs whose result is wanted.
+    pub(in crate::viewer) fn is_baking(&self, at: usize) -> bool {
+        let mut methods = Method::ALL.into_iter();
+        methods.any(|method| self.is_bake_awaited(at, method))
+    }
+
+    /// Whether the bake that the estimate needs is on its way, or next once that of the method that is set is done.
+    pub(in crate::viewer) fn is_baking_for_estimate(&self, at: usize) -> bool {
+        let method = Method::Directional;
+        let is_next = !self.is_bake_asked(at, method);
+        self.estimate_needs_bake(at)
+            && (self.is_bake_awaited(at, method) || (is_next && self.is_baking(at)))
+    }
+
+    /// Breaks off what is being baked; it is asked for again when it is wanted.
+    fn cancel_bakes(&mut self, at: usize) {
+        for method in Method::ALL {
+            if self.is_bake_awaited(at, method) {
+                let state = &mut self.states[at];
+                self.jobs.cancel(Kind::Of(state.id, Work::Bake(method)));
+                state.bakes.entry(method).or_default().ask_again();
+            }
+        }
+    }
+
+    /// Starts the bake for the method that is set, and after it what the estimate of the light needs.
+    pub(in crate::viewer) fn start_bake(&mut self, at: usize) {
+        if self.states[at].asset.is_none() {
+            return;
+        }
+        let set = self.scene.transfer.method;
+        let is_wanted = |method| !self.is_bake_asked(at, method);
+        let for_estimate = Method::Directional;
+        if is_wanted(set) {
+            self.bake(at, set, "the visibility");
+        } else if self.estimate_needs_bake(at) {
+            if is_wanted(for_estimate) && self.states[at].bake_share(set) == 1.0 {
+                self.bake(at, for_estimate, "what tells the light");
+            }
+        } else if set != for_estimate && self.is_bake_awaited(at, for_estimate) {
+            self.cancel_bakes(at);
+        }
+    }
+
+    fn bake(&mut self, at: usize, method: Method, what: &str) {
+        self.cancel_bakes(at);
+        let key = self.bake_key(at, method);
+        let state = &mut self.states[at];
+        let Some(asset) = &state.asset else {
+            return;
+        };
+        state.bakes.entry(method).or_default().ask(&key);
+        // One of the other method is kept until that is set.
+        let is_other = |file: &PathBuf| inspect_bake(file).is_ok_and(|h| h.method != method);
+        let saved = state.saved_bake.take_if(|file| !is_other(file));
+        let wanted = Wanted {
+            cloud: asset.cloud.clone(),
+            method,
+            directions: key.0,
+            skips: self.scene.transfer.skips,
+            beside: Some(asset.path.clone()),
+        };
+        let label = format!("baking {what} of {}", asset.name());
+        let (id, background) = (state.id, self.background.clone());
+        let take = move |session: &mut Self, baked: Baked| session.take_bake(id, &key, baked);
+        let preview = take.clone();
+        let work = move |handle: &Handle<Outcome>| {
+            let preview = |baked: Baked| {
+                let preview = preview.clone();
+                handle.send(Box::new(move |session: &mut Self| preview(session, baked)));
+            };
+            let (device, progress) = (background.fastest(), |done: f64| handle.progress(done));
+            let saved = saved.as_deref();
+            beside_the_rest(|| bake::refined(&device, &wanted, saved, &progress, preview))
+                .map_err(|error| error.context("the bake failed"))
+        };
+        self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
+    }
+
+    fn take_bake(&mut self, id: u64, key: &BakeKey, baked: Baked) {
+        let Some(at) = self.at(id) else {
+            return;
+        };
+        let bake = self.states[at]
+            .bakes
+            .entry(baked.bake.method())
+            .or_default();
+        let state = BakeState {
+            bake: Arc::new(baked.bake),
+            share: baked.share,
+            file: baked.file,
+            ms: baked.ms,
+        };
+        if bake.accept(key.clone(), state) {
+            self.stages.bake += 1;
+        }
+        if let Some(why) = baked.complaint {
+            self.error(why);
+        }
+    }
+
+    /// Starts the bake again after it was cancelled.
+    pub fn rebake(&mut self) {
+        let method = self.scene.transfer.method;
+        if let Some(bake) = self.state_mut().bakes.get_mut(&method) {
+            bake.ask_again();
+        }
+    }
+}

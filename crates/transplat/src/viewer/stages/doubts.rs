@@ -1,0 +1,94 @@
+//! What is doubtful of what is shown, and the whole of it for a readout: made when it is asked for.
+
+use std::sync::Arc;
+
+use transplat_core::present::{self, Doubt, View};
+use transplat_core::transfer::{Part, Relit};
+
+use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::object::{Doubts, ShownKey};
+use crate::viewer::session::Session;
+
+/// How much of a mark covers a surfel's colour.
+const MARK_WEIGHT: f32 = 0.75;
+
+impl Doubts {
+    fn new(of: Vec<Option<Doubt>>) -> Self {
+        let n = of.len().max(1) as f32;
+        let share = |which: Doubt| of.iter().filter(|d| **d == Some(which)).count() as f32 / n;
+        Self {
+            shares: Doubt::ALL.map(share),
+            of,
+        }
+    }
+}
+
+impl Session {
+    pub(in crate::viewer) fn start_doubts(&mut self, at: usize) {
+        let Some(bake) = self.baked_of(at).map(|b| b.bake.clone()) else {
+            return;
+        };
+        let state = &mut self.states[at];
+        let (Some(asset), Some(prepared), Some(relit)) =
+            (&state.asset, state.prepared.get(), state.relit.made_from())
+        else {
+            return;
+        };
+        let (key, kind) = (relit.shown(), Kind::Of(state.id, Work::Doubts));
+        // What is shown may still be of the last preparation.
+        if key.0 != state.prepared.version() || self.jobs.is_running(kind) {
+            return;
+        }
+        let overlays = &self.overlays;
+        let shows = overlays.wants_doubts || overlays.marks || self.scene.view == View::Doubts;
+        let wants_doubts = shows && state.doubts.ask(&key);
+        let wants_readout = overlays.wants_readout && state.readout.of(&key).is_none();
+        if !wants_doubts && !wants_readout {
+            return;
+        }
+        state.doubts.ask(&key);
+        let (cloud, prepared) = (asset.cloud.clone(), prepared.prepared.clone());
+        let (id, target) = (state.id, key.1.light.clone());
+        // What was relit on the GPU is not here.
+        let work = move |_: &_| {
+            let (tau, readout) = if wants_readout {
+                let relit = prepared.relight(&target, Part::Whole)?;
+                (relit.tau.clone(), Some(Arc::new(relit)))
+            } else {
+                (prepared.tau(&target)?, None)
+            };
+            let doubts = present::doubts(&cloud, &bake, &prepared, &tau);
+            Ok((Doubts::new(doubts), readout))
+        };
+        let label = "counting doubtful surfels";
+        self.start(kind, label, work, move |session, made| {
+            session.show_doubts(id, key, made);
+        });
+    }
+
+    fn show_doubts(
+        &mut self,
+        id: u64,
+        key: ShownKey,
+        (doubts, readout): (Doubts, Option<Arc<Relit>>),
+    ) {
+        let Some(at) = self.at(id) else {
+            return;
+        };
+        let state = &mut self.states[at];
+        if let Some(relit) = readout.filter(|_| state.doubts.is_asked(&key)) {
+            state.readout.set(key.clone(), relit);
+        }
+        let marks = doubts.of.iter().map(|d| match d {
+            None => [0.0; 4],
+            Some(doubt) => {
+                let [r, g, b] = doubt.color();
+                [r, g, b, MARK_WEIGHT]
+            }
+        });
+        let (colors, marks): (_, Vec<_>) = (present::doubt_colors(&doubts.of), marks.collect());
+        if state.doubts.accept(key, doubts) {
+            self.live().set_doubts(at, colors, marks.into_iter());
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! The light of the capture as the object tells it: estimated once an asset.
+
+use std::sync::Arc;
+
+use transplat_core::bake::Bake;
+use transplat_core::settings::Method;
+
+use crate::pipeline::estimate::{make_and_keep, what_stands_in};
+use crate::viewer::environments::Environment;
+use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::session::{SOURCE, Session};
+
+/// For the user, where nobody told the light.
+pub const DROP_IT: &str =
+    "Drop the environment of the capture on “captured under”, if there is one";
+
+impl Session {
+    /// Whether the settings ask for the light that the asset tells of.
+    fn asks_for_estimate(&self, at: usize) -> bool {
+        let is_asked_as_target = at == self.selected && self.scene.environment.is_estimate();
+        self.scene.objects[at].source.is_estimate() || is_asked_as_target
+    }
+
+    fn has_estimate(&self, at: usize) -> bool {
+        let key = &self.scene.objects[at].outside_from;
+        self.states[at].estimate.of(key).is_some()
+    }
+
+    /// Whether a bake is needed to estimate the light.
+    pub(in crate::viewer) fn estimate_needs_bake(&self, at: usize) -> bool {
+        !self.has_estimate(at) && self.asks_for_estimate(at)
+    }
+
+    fn is_estimate_awaited(&self, at: usize) -> bool {
+        let id = self.states[at].id;
+        self.jobs.is_awaited(Kind::Of(id, Work::Estimate))
+    }
+
+    /// Whether the estimate is on its way.
+    pub fn is_estimating(&self, at: usize) -> bool {
+        self.is_estimate_awaited(at) || self.is_baking_for_estimate(at)
+    }
+
+    /// Estimates the light of the capture where the settings ask for it, once there is a bake.
+    pub(in crate::viewer) fn update_estimate(&mut self, at: usize) {
+        if !self.asks_for_estimate(at) {
+            return;
+        }
+        self.show_estimate(at);
+        let key = self.scene.objects[at].outside_from.clone();
+        if self.states[at].estimate.is_asked(&key) {
+            return;
+        }
+        let is_on_its_way = self.is_estimating(at);
+        let state = &mut self.states[at];
+        let mut bakes = state.whole_bakes();
+        let bake = bakes.find_map(|b| match &**b {
+            Bake::Directional(bake) => Some(bake.clone()),
+            Bake::Harmonic(_) => None,
+        });
+        drop(bakes);
+        let (Some(asset), Some(bake)) = (&state.asset, bake) else {
+            let was = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
+            if was && !is_on_its_way {
+                self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
+            }
+            return;
+        };
+        state.estimate.ask(&key);
+        let (path, cloud, id) = (asset.path.clone(), asset.cloud.clone(), state.id);
+        let label = format!("estimating the light of {}", asset.name());
+        let kind = Kind::Of(id, Work::Estimate);
+        let work = move |_: &_| Ok(make_and_keep(&path, &cloud, &bake));
+        self.start(kind, label, work, move |session, estimate| {
+            if let Some(at) = session.at(id) {
+                session.states[at].estimate.accept(key, estimate);
+            }
+        });
+    }
+
+    /// Makes a light of the estimate where it is good, upright as the asset is.
+    fn show_estimate(&mut self, at: usize) {
+        let up = self.up_of(at);
+        let state = &self.states[at];
+        let shown = (state.estimate.version(), up);
+        let Some(estimate) = state.estimate.get() else {
+            return;
+        };
+        if state.estimate_shown == Some(shown) {
+            return;
+        }
+        let light = if estimate.is_good() {
+            Environment::estimated(estimate.light.map(up))
+        } else {
+            Ok(Environment::standing_in(estimate.stand_in()))
+        };
+        let is_new = state
+            .estimate_shown
+            .is_none_or(|(version, _)| version != shown.0);
+        if is_new && self.scene.objects[at].source.is_estimate() {
+            let message = match estimate.obstacle {
+                None => format!(
+                    "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. {DROP_IT}",
+                    estimate.percent()
+                ),
+                Some(obstacle) => format!(
+                    "what it was captured under cannot be told from the object: {}; {}. {DROP_IT}",
+                    obstacle.reason(),
+                    what_stands_in(self.scene.transfer.method, obstacle)
+                ),
+            };
+            self.info(message);
+        }
+        let state = &mut self.states[at];
+        state.estimate_shown = Some(shown);
+        match light {
+            Ok(light) => state.estimated = Arc::new(light),
+            Err(error) => self.error(format!("{error:#}")),
+        }
+    }
+
+    /// Has the light of the selected object estimated, also where that was cancelled before or failed.
+    pub fn ask_for_estimate(&mut self) {
+        let at = self.selected;
+        self.set_light(SOURCE, transplat_core::scene::ESTIMATE.into());
+        if self.has_estimate(at) {
+            return;
+        }
+        if !self.is_estimate_awaited(at) {
+            self.states[at].estimate.ask_again();
+        }
+        for method in [self.scene.transfer.method, Method::Directional] {
+            let is_awaited = self.is_bake_awaited(at, method);
+            if let Some(bake) = self.states[at].bakes.get_mut(&method)
+                && !is_awaited
+                && bake.current().is_none_or(|b| b.share < 1.0)
+            {
+                bake.ask_again();
+            }
+        }
+    }
+}

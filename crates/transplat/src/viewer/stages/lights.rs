@@ -1,0 +1,68 @@
+//! The lights: those that the settings name, where they are read, and as an asset sees them, turned, tinted and scaled.
+
+use std::sync::Arc;
+
+use transplat_core::scene::EnvironmentLight;
+
+use crate::viewer::environments::Resolved;
+use crate::viewer::object::{LightsKey, OrientedLight};
+use crate::viewer::session::Session;
+
+impl Session {
+    /// Lights the sides by what the settings name, where it is there; has it read where it is not.
+    pub(in crate::viewer) fn resolve_lights(&mut self) {
+        for at in 0..self.states.len() {
+            let settings = self.scene.objects[at].source.clone();
+            let resolved = self.resolve(at, settings, &self.states[at].source);
+            self.states[at].source = resolved;
+        }
+        let settings = self.scene.environment.clone();
+        self.environment = self.resolve(self.selected, settings, &self.environment);
+    }
+
+    fn resolve(&self, at: usize, settings: EnvironmentLight, last: &Resolved) -> Resolved {
+        let light = settings.file.as_ref().and_then(|f| self.light_of(at, f));
+        match light {
+            Some(light) => Resolved {
+                light: light.clone(),
+                settings,
+            },
+            None => last.clone(),
+        }
+    }
+
+    /// Turns an object's lights as they are set.
+    pub(in crate::viewer) fn orient_lights(&mut self, at: usize) {
+        let (object, up) = (&self.scene.objects[at], self.up_of(at));
+        let sides = self.sides_of(at);
+        let key: LightsKey = (
+            sides.map(|(_, there)| there.light.id),
+            sides.map(|(settings, _)| settings.clone()),
+            self.scene.match_strength,
+            self.scene.lights.clone(),
+            up,
+        );
+        if self.states[at].lights.is_asked(&key) {
+            return;
+        }
+        let maps = sides.map(|(_, there)| &there.light.illumination);
+        let made = self.scene.lights_on(object, maps, up).map(Arc::new);
+        let before = self.states[at].lights.get();
+        let lights = std::array::from_fn(|side| match before {
+            Some(before) if before[side].light == made[side] => before[side].clone(),
+            _ => OrientedLight {
+                light: made[side].clone(),
+            },
+        });
+        self.states[at].lights.set(key, lights);
+    }
+
+    /// Source and target as an asset sees them.
+    pub(in crate::viewer) fn oriented_of(&self, at: usize) -> [OrientedLight; 2] {
+        let even = || OrientedLight {
+            light: Arc::new(self.environment.light.illumination.clone()),
+        };
+        let lights = self.states[at].lights.get();
+        lights.cloned().unwrap_or_else(|| [even(), even()])
+    }
+}

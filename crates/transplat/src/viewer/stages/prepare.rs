@@ -1,0 +1,82 @@
+//! The transfer from the source light, prepared.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use transplat_core::transfer::PreparedTransfer;
+use transplat_gpu::transfer::GpuTransfer;
+use transplat_gpu::{Context, GpuError};
+
+use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::object::{PrepareKey, Prepared};
+use crate::viewer::session::Session;
+
+impl Session {
+    pub(in crate::viewer) fn start_prepare(&mut self, at: usize) {
+        let [source, target] = self.oriented_of(at);
+        let settings = self.scene.transfer.clone();
+        let state = &mut self.states[at];
+        let kind = Kind::Of(state.id, Work::Prepare);
+        let (Some(asset), Some(made)) = (&state.asset, state.bakes.get(&settings.method)) else {
+            return;
+        };
+        let Some(bake) = made.get().filter(|_| !self.jobs.is_running(kind)) else {
+            return;
+        };
+        let key = PrepareKey {
+            bake: made.version(),
+            source,
+            settings,
+        };
+        if !state.prepared.ask(&key) {
+            return;
+        }
+        let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
+        let (context, transfer) = (self.context.clone(), state.transfer.clone());
+        let wanted = key.clone();
+        let work = move |_: &_| {
+            let start = Instant::now();
+            let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
+            let (source, settings) = (&wanted.source.light, &wanted.settings);
+            let prepared = transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?;
+            let live = on_gpu(&context, &prepared)?;
+            if let Some(live) = &live {
+                live.warm_up(&target.light);
+            }
+            let made = Prepared {
+                left_out: prepared.left_out(&cloud),
+                prepared,
+                on_gpu: live.is_some(),
+                ms: start.elapsed().as_secs_f64() * 1e3,
+            };
+            Ok((made, live))
+        };
+        let take = move |session: &mut Self, (made, live): (Prepared, Option<GpuTransfer>)| {
+            let Some(at) = session.at(id) else {
+                return;
+            };
+            if session.states[at].prepared.accept(key, made) {
+                session.stages.prepare += 1;
+                if let Some(live) = live {
+                    session.live().set_transfer(at, live);
+                }
+            }
+        };
+        self.start(kind, "preparing the transfer", work, take);
+    }
+}
+
+/// A transfer on the GPU, if that is where it runs: the directional method is many times faster without a driver that computes on the CPU, and
+/// what the adapter has no room for is relit on the CPU as well.
+fn on_gpu(
+    context: &Arc<Context>,
+    prepared: &PreparedTransfer,
+) -> Result<Option<GpuTransfer>, GpuError> {
+    if context.is_software() && matches!(prepared, PreparedTransfer::Directional(_)) {
+        return Ok(None);
+    }
+    match GpuTransfer::new(context, prepared) {
+        Err(_) if !context.is_lost() => Ok(None),
+        made => made.map(Some),
+    }
+}

@@ -1,0 +1,112 @@
+//! The asset under the target light.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use transplat_core::present;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_gpu::rasterize::ResidentSh;
+
+use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::object::{Relighting, RelitKey};
+use crate::viewer::session::Session;
+
+impl Session {
+    pub(in crate::viewer) fn relight(&mut self, at: usize) {
+        let [_, target] = self.oriented_of(at);
+        let state = &mut self.states[at];
+        let Some(made) = state.prepared.get() else {
+            return;
+        };
+        let (prepared, on_gpu) = (made.prepared.clone(), made.on_gpu);
+        let mut key = RelitKey {
+            prepared: state.prepared.version(),
+            target,
+            part: prepared.computed_part(self.scene.view.part()),
+            unseen: state.unseen.version,
+        };
+        if state.relit.made_from() == Some(&key) {
+            return;
+        }
+        // Now that it runs, it leaves out what is not seen now.
+        if self.scene.transfer.skips.unseen {
+            state.leave_out_hidden();
+            key.unseen = state.unseen.version;
+        }
+        if !on_gpu {
+            self.start_relight(at, prepared, key);
+            return;
+        }
+        let start = Instant::now();
+        let unseen = state.unseen.surfels.clone();
+        let relit = self
+            .live()
+            .relight(at, &key.target.light, key.part, &unseen);
+        if let Err(error) = relit {
+            self.error(error.to_string());
+        }
+        let timer = &self.timers.transfer;
+        timer.measure(&self.context, start, self.jobs.context());
+        let told = self.told_of_relight(at, &key, None);
+        self.states[at].relit.set(key, told);
+    }
+
+    /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
+    fn start_relight(&mut self, at: usize, prepared: PreparedTransfer, key: RelitKey) {
+        let state = &mut self.states[at];
+        let kind = Kind::Of(state.id, Work::Relight);
+        if self.jobs.is_running(kind) || !state.relit.ask(&key) {
+            return;
+        }
+        let (context, unseen) = (self.context.clone(), state.unseen.surfels.clone());
+        let (id, wanted) = (state.id, key.clone());
+        let work = move |_: &_| {
+            let start = Instant::now();
+            let relit = prepared.relight_seen(&wanted.target.light, wanted.part, &unseen)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            let resident = ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding);
+            Ok((resident, Arc::new(relit), ms))
+        };
+        self.start(kind, "relighting", work, move |session, relit| {
+            session.show_relit(id, key, relit);
+        });
+    }
+
+    fn show_relit(
+        &mut self,
+        id: u64,
+        key: RelitKey,
+        (resident, relit, ms): (ResidentSh, Arc<Relit>, f64),
+    ) {
+        // One of the last preparation is not shown any more.
+        let is_of = |at: &usize| self.states[*at].prepared.version() == key.prepared;
+        let Some(at) = self.at(id).filter(is_of) else {
+            return;
+        };
+        let told = self.told_of_relight(at, &key, Some(ms));
+        let state = &mut self.states[at];
+        let (is_whole, shown) = (key.part == Part::Whole, key.shown());
+        if state.relit.accept(key, told) {
+            let tau = present::tau_colors(&relit.tau);
+            if is_whole && !state.unseen.has_hidden {
+                state.readout.set(shown, relit);
+            }
+            self.live().set_relit(at, resident, tau);
+        }
+    }
+
+    fn told_of_relight(&self, at: usize, key: &RelitKey, cpu_ms: Option<f64>) -> Relighting {
+        let prepared = self.states[at].prepared.get();
+        let gain = prepared.map_or(1.0, |p| p.prepared.light_gain());
+        let stops = (key.target.light.mean_irradiance() * gain).log2();
+        let sides = self.sides_of(at).into_iter();
+        let is_known = { sides }.all(|(settings, there)| {
+            let file = settings.file.as_ref();
+            file.is_none_or(|f| *f == there.light.path)
+        });
+        Relighting {
+            cpu_ms,
+            stops_over_source: Some(stops).filter(|s| s.is_finite() && is_known),
+        }
+    }
+}
