@@ -26,7 +26,7 @@ struct DirectionalBakeSurfel {
 @group(0) @binding(2) var<storage, read> surfels: array<DirectionalBakeSurfel>;
 // Whether the back of a surfel is closed. [count]
 @group(0) @binding(6) var<storage, read> closed: array<u32>;
-// The surfel that the first ray meets in the low 24 bits, from bit 24 on which rays are open, and HAS_MET. [PATCH_BATCH][count]
+// The surfel that the first ray meets in the low SURFEL_BITS, above them which rays are open, and HAS_MET. [PATCH_BATCH][count]
 @group(0) @binding(5) var<storage, read_write> found: array<u32>;
 
 // Whether the first ray was traced and met a surfel.
@@ -47,9 +47,9 @@ fn trace_patches(@builtin(global_invocation_id) id: vec3u) {
         let extent = vec2f(surfel.minor, surfel.major);
         let hit = trace(surfel.position, surfel.normal, extent, d, place > 0u, parameters.box_count);
         if hit == MISS {
-            result |= 1u << (24u + place);
+            result |= 1u << (SURFEL_BITS + place);
         } else if place == 0u {
-            result |= (hit & 0xffffffu) | HAS_MET;
+            result |= extractBits(hit, 0u, SURFEL_BITS) | HAS_MET;
         }
     }
     found[id.y * parameters.count + id.x] = result;

@@ -5,27 +5,18 @@
 
 struct PresentParameters {
     // Rows of the rotation from the asset to the view. In w: focal length, backdrop's focal length, depth unit.
-    right: vec4f,
-    down: vec4f,
-    forward: vec4f,
+    view: array<vec4f, 3>,
     // In w the exposure as a factor.
     eye: vec4f,
-    // Rows of the turn from the asset to the map of the source light (behind what is as captured), in w its gain per channel.
-    before_x: vec4f,
-    before_y: vec4f,
-    before_z: vec4f,
-    // The same of the target light (behind what is relit).
-    after_x: vec4f,
-    after_y: vec4f,
-    after_z: vec4f,
+    // Rows of the turn from the asset to the map of the source light (behind what is as captured), in w its gain per channel; and the same
+    // of the target light (behind what is relit).
+    maps: array<array<vec4f, 3>, 2>,
     // Middle of the ground, and half its edge.
     ground: vec4f,
     // Axes of the ground; in w whether it catches shadows, and the spacing of the grid (0: none).
-    ground_u: vec4f,
-    ground_v: vec4f,
+    ground_axes: array<vec4f, 2>,
     // Colours of the background.
-    first: vec4f,
-    second: vec4f,
+    colors: array<vec4f, 2>,
     // Size of the screen, and its principal point.
     size: vec2f,
     principal: vec2f,
@@ -69,21 +60,19 @@ fn map_at(d: vec3f) -> vec2f {
 // Direction in the asset's coordinates of a pixel of one layer.
 fn ray(at: vec2f, focal: f32) -> vec3f {
     let view = vec3f(at - parameters.principal, focal);
-    let d = view.x * parameters.right.xyz + view.y * parameters.down.xyz + view.z * parameters.forward.xyz;
+    let d = view.x * parameters.view[0].xyz + view.y * parameters.view[1].xyz + view.z * parameters.view[2].xyz;
     return normalize(d);
 }
 
 fn environment(at: vec2f, after: bool) -> vec3f {
-    let d = ray(at, parameters.down.w);
-    var radiance: vec3f;
+    let d = ray(at, parameters.view[1].w);
+    let map = parameters.maps[u32(after)];
+    let there = map_at(vec3f(dot(map[0].xyz, d), dot(map[1].xyz, d), dot(map[2].xyz, d)));
+    var radiance = vec3f(map[0].w, map[1].w, map[2].w);
     if after {
-        let there = vec3f(dot(parameters.after_x.xyz, d), dot(parameters.after_y.xyz, d), dot(parameters.after_z.xyz, d));
-        let gain = vec3f(parameters.after_x.w, parameters.after_y.w, parameters.after_z.w);
-        radiance = gain * textureSampleLevel(after_map, map_sampler, map_at(there), 0.0).rgb;
+        radiance *= textureSampleLevel(after_map, map_sampler, there, 0.0).rgb;
     } else {
-        let there = vec3f(dot(parameters.before_x.xyz, d), dot(parameters.before_y.xyz, d), dot(parameters.before_z.xyz, d));
-        let gain = vec3f(parameters.before_x.w, parameters.before_y.w, parameters.before_z.w);
-        radiance = gain * textureSampleLevel(before_map, map_sampler, map_at(there), 0.0).rgb;
+        radiance *= textureSampleLevel(before_map, map_sampler, there, 0.0).rgb;
     }
     return display(radiance * parameters.eye.w, parameters.tone_map);
 }
@@ -91,11 +80,11 @@ fn environment(at: vec2f, after: bool) -> vec3f {
 fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
     switch parameters.background {
         case BACKGROUND_COLOR: {
-            return vec4f(parameters.first.rgb, 1.0);
+            return vec4f(parameters.colors[0].rgb, 1.0);
         }
         case BACKGROUND_GRADIENT: {
             let t = pixel.y / parameters.size.y;
-            return vec4f(mix(parameters.first.rgb, parameters.second.rgb, t), 1.0);
+            return vec4f(mix(parameters.colors[0].rgb, parameters.colors[1].rgb, t), 1.0);
         }
         case BACKGROUND_ENVIRONMENT: {
             return vec4f(environment(at, after), 1.0);
@@ -111,15 +100,15 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
 
 // What lies between background and object: the caught shadow, and the grid.
 fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
-    let d = ray(at, parameters.right.w);
-    let normal = cross(parameters.ground_u.xyz, parameters.ground_v.xyz);
+    let d = ray(at, parameters.view[0].w);
+    let normal = cross(parameters.ground_axes[0].xyz, parameters.ground_axes[1].xyz);
     let falls = dot(d, normal);
     let height = dot(parameters.eye.xyz - parameters.ground.xyz, normal);
     let meets = height / -falls;
     let p = parameters.eye.xyz + d * meets - parameters.ground.xyz;
-    let on_plane = vec2f(dot(p, parameters.ground_u.xyz), dot(p, parameters.ground_v.xyz));
+    let on_plane = vec2f(dot(p, parameters.ground_axes[0].xyz), dot(p, parameters.ground_axes[1].xyz));
     var out = behind;
-    if height > 0.0 && falls < -1e-6 && parameters.ground_u.w > 0.0 {
+    if height > 0.0 && falls < -1e-6 && parameters.ground_axes[0].w > 0.0 {
         let uv = on_plane / parameters.ground.w;
         let rim = max(abs(uv.x), abs(uv.y));
         if rim < 1.0 {
@@ -131,10 +120,10 @@ fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
             out = vec4f(out.rgb * (1.0 - shadow), shadow + out.a * (1.0 - shadow));
         }
     }
-    let spacing = parameters.ground_v.w;
+    let spacing = parameters.ground_axes[1].w;
     if spacing > 0.0 && meets > 0.0 {
         // A pixel's width on the plane, which grows with distance and towards the horizon.
-        let pixel_width = meets / parameters.right.w / max(abs(falls), 0.02);
+        let pixel_width = meets / parameters.view[0].w / max(abs(falls), 0.02);
         let far = clamp(1.0 - length(on_plane) / (24.0 * spacing), 0.0, 1.0);
         let from_line = abs(on_plane / spacing - round(on_plane / spacing)) * spacing;
         let lines = max(vec2f(0.0), 1.0 - from_line / pixel_width);
@@ -199,7 +188,7 @@ fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
         front = vec4f(clamp(value, vec3f(0.0), vec3f(front.a)), front.a);
     }
     if parameters.arrangement == LAYOUT_DEPTH {
-        let depth = textureLoad(after_depth, at, 0).r * parameters.forward.w / max(front.a, 1e-9);
+        let depth = textureLoad(after_depth, at, 0).r * parameters.view[2].w / max(front.a, 1e-9);
         let range = parameters.depth_range;
         let value = clamp(1.0 - 0.8 * (depth - range.x) / (range.y - range.x), 0.0, 1.0);
         front = vec4f(vec3f(value) * front.a, front.a);

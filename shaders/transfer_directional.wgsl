@@ -110,11 +110,11 @@ fn is_unseen(i: u32) -> bool {
 }
 
 fn radiance_of(hit: u32) -> vec3f {
-    return radiance[2u * (hit & 0xffffffu) + (hit >> 31u)].xyz;
+    return radiance[2u * extractBits(hit, 0u, SURFEL_BITS) + (hit >> (SURFEL_BITS + PATCH_BITS))].xyz;
 }
 
 fn patch_of(hit: u32) -> u32 {
-    return (hit >> 24u) & 0x7fu;
+    return extractBits(hit, SURFEL_BITS, PATCH_BITS);
 }
 
 @compute @workgroup_size(WORKGROUP)

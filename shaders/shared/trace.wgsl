@@ -27,7 +27,6 @@ struct TraceDisc {
 @group(0) @binding(20) var<storage, read> boxes: array<TraceBox>;
 @group(0) @binding(21) var<storage, read> discs: array<TraceDisc>;
 
-const MISS = 0xffffffffu;
 
 // The surfel that a ray from a surfel meets first, or any that it meets, or MISS. `normal` points to the surfel's front; `extent` is its
 // smaller and its larger standard deviation.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use transplat::viewer::{Opening, Viewer, wgpu_setup};
+use transplat::viewer::{Startup, Viewer, wgpu_setup};
 
 use crate::{Folder, asset};
 
@@ -40,11 +40,11 @@ impl Driver {
         for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
             fs::copy(asset(name), folder.path(name)).expect("room for it");
         }
-        let opening = Opening {
+        let opening = Startup {
             files: ["teapot.ply", "interior.hdr", "sunset.hdr"]
                 .map(|n| folder.path(n))
                 .into(),
-            ..Opening::default()
+            ..Startup::default()
         };
         let mut driver = Self::open(opening, folder);
         let city = driver.folder.path("city.hdr");
@@ -57,12 +57,12 @@ impl Driver {
     ///
     /// # Panics
     /// If it cannot be made, or does not come to rest.
-    pub fn open(opening: Opening, folder: Folder) -> Self {
+    pub fn open(startup: Startup, folder: Folder) -> Self {
         let harness = Harness::builder()
             .with_size(SIZE)
             .with_max_steps(64)
             .wgpu_setup(wgpu_setup(false))
-            .build_eframe(move |cc| Viewer::new(cc, opening).expect("a viewer"));
+            .build_eframe(move |cc| Viewer::new(cc, startup).expect("a viewer"));
         let mut driver = Self { harness, folder };
         driver.settle();
         driver

@@ -23,7 +23,7 @@ use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 use clusters::Clusters;
 pub use fit::{DEGREE, WHITEST_ALBEDO};
-use fit::{Explained, Fit, Fitted, Light};
+use fit::{Explained, Fit, Fitted, FittedLight};
 
 /// From this confidence on, the estimate is taken. A metal whose highlights were trained into layers beside it reaches 0.47, and would be
 /// relit worse than by [`Estimate::stand_in`] (21.1 dB for 22.7); single-sheet leaves reach 0.87, and are relit better (30.5 dB for 27.0). In
@@ -161,15 +161,15 @@ pub fn estimate_light(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
         });
     }
     let fit = Fit::new(&clusters);
-    let sky = fit.run(Light::even());
+    let sky = fit.run(FittedLight::even());
     let fitted = sun::add_sun(&fit, &sky, bake).unwrap_or(sky);
     judge(&fit, fitted)
 }
 
 fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let clusters = fit.clusters;
-    let even = fit.explain(&Light::even());
-    let of_even = EstimatedLight::new(&Light::even(), &even);
+    let even = fit.explain(&FittedLight::even());
+    let of_even = EstimatedLight::new(&FittedLight::even(), &even);
     let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
         let each = clusters.mass.iter().enumerate();
         each.map(|(i, m)| m * value(i)).sum()
@@ -182,8 +182,8 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
         })
         .sum::<f64>()
         / 3.0;
-    let told = (unevenness - fitted.open).max(0.0);
-    let confidence = told / (unevenness + fitted.noise);
+    let explained = (unevenness - fitted.open).max(0.0);
+    let confidence = explained / (unevenness + fitted.noise);
     if !confidence.is_finite() {
         return Estimate {
             light: of_even,
@@ -194,7 +194,7 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
     let facing: Vec3 = each.map(|(n, m)| n.normalize_or_zero() * *m as f32).sum();
     let obstacle = if facing.length() > ONE_WAY {
         Some(Obstacle::OneWay)
-    } else if fitted.noise.sqrt() < QUIET && told.sqrt() < EVEN {
+    } else if fitted.noise.sqrt() < QUIET && explained.sqrt() < EVEN {
         Some(Obstacle::EvenLight)
     } else if confidence as f32 >= GOOD_CONFIDENCE {
         None
@@ -216,7 +216,7 @@ fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {
 }
 
 impl EstimatedLight {
-    fn new(light: &Light, explained: &Explained) -> Self {
+    fn new(light: &FittedLight, explained: &Explained) -> Self {
         let scale: [f64; 3] =
             std::array::from_fn(|c| explained.exposure / explained.mean_radiance[c]);
         let constant = scale.map(|s| (s.ln() * SQRT_4PI) as f32);

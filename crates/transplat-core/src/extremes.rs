@@ -81,28 +81,28 @@ pub fn in_words(outcomes: &[Outcome]) -> String {
     let failed: Vec<&Outcome> = outcomes.iter().filter(|o| o.failure.is_some()).collect();
     let largest =
         |of: &dyn Fn(&Outcome) -> Option<f64>| outcomes.iter().filter_map(of).fold(0.0, f64::max);
-    let mut told = format!(
+    let mut words = format!(
         "Extreme cases: {} of {} hold; f32 is off f64 by at most {:.1e}",
         outcomes.len() - failed.len(),
         outcomes.len(),
         largest(&|o| o.f32_error)
     );
     if outcomes.iter().any(|o| o.other_error.is_some()) {
-        told += &format!(", the GPU by {:.1e}", largest(&|o| o.other_error));
+        words += &format!(", the GPU by {:.1e}", largest(&|o| o.other_error));
     }
-    told += &format!(
+    words += &format!(
         " (relative L2); the worst condition number is {:.0e}.\n",
         largest(&|o| o.condition)
     );
     for outcome in &failed {
-        told += &format!(
+        words += &format!(
             "  {} ({}): {}\n",
             outcome.case,
             outcome.method.preset(),
             outcome.failure.as_deref().unwrap_or_default()
         );
     }
-    told
+    words
 }
 
 fn try_out(

@@ -25,21 +25,12 @@ gpu_struct! {
     /// Uniforms of the pass.
     #[derive(PartialEq)]
     struct PresentParameters {
-        right: [f32; 4],
-        down: [f32; 4],
-        forward: [f32; 4],
+        view: [[f32; 4]; 3],
         eye: [f32; 4],
-        before_x: [f32; 4],
-        before_y: [f32; 4],
-        before_z: [f32; 4],
-        after_x: [f32; 4],
-        after_y: [f32; 4],
-        after_z: [f32; 4],
+        maps: [[[f32; 4]; 3]; 2],
         ground: [f32; 4],
-        ground_u: [f32; 4],
-        ground_v: [f32; 4],
-        first: [f32; 4],
-        second: [f32; 4],
+        ground_axes: [[f32; 4]; 2],
+        colors: [[f32; 4]; 2],
         size: [f32; 2],
         principal: [f32; 2],
         depth_range: [f32; 2],
@@ -110,33 +101,30 @@ impl Presentation {
         let wide = |v: Vec3, w: f32| v.extend(w).to_array();
         let camera = &self.camera;
         let rows = camera.view_from_world.transpose();
-        let plain = |c: [f32; 3]| [c[0], c[1], c[2], 1.0];
-        let (first, second) = match self.background {
-            Background::Color(color) => (color, color),
-            Background::Gradient(top, bottom) => (top, bottom),
-            _ => ([0.0; 3], [0.0; 3]),
+        let colors = match self.background {
+            Background::Color(color) => [color, color],
+            Background::Gradient(top, bottom) => [top, bottom],
+            _ => [[0.0; 3]; 2],
         };
-        let light = |side: usize, row: usize| {
-            let light = &self.lights[side];
-            wide(light.map_from_asset.row(row).as_vec3(), light.gain[row])
+        let map = |light: BackdropLight| {
+            let row = |i: usize| wide(light.map_from_asset.row(i).as_vec3(), light.gain[i]);
+            [0, 1, 2].map(row)
         };
         let ground = &self.ground;
         PresentParameters {
-            right: wide(rows.x_axis, camera.focal),
-            down: wide(rows.y_axis, camera.backdrop_focal),
-            forward: wide(rows.z_axis, self.depth_unit),
+            view: [
+                wide(rows.x_axis, camera.focal),
+                wide(rows.y_axis, camera.backdrop_focal),
+                wide(rows.z_axis, self.depth_unit),
+            ],
             eye: wide(camera.eye, self.display.exposure.exp2()),
-            before_x: light(0, 0),
-            before_y: light(0, 1),
-            before_z: light(0, 2),
-            after_x: light(1, 0),
-            after_y: light(1, 1),
-            after_z: light(1, 2),
+            maps: self.lights.map(map),
             ground: wide(ground.center, ground.half),
-            ground_u: wide(ground.axes[0], if ground.catches { 1.0 } else { 0.0 }),
-            ground_v: wide(ground.axes[1], ground.grid.unwrap_or(0.0)),
-            first: plain(first),
-            second: plain(second),
+            ground_axes: [
+                wide(ground.axes[0], if ground.catches { 1.0 } else { 0.0 }),
+                wide(ground.axes[1], ground.grid.unwrap_or(0.0)),
+            ],
+            colors: colors.map(|c| [c[0], c[1], c[2], 1.0]),
             size: self.size.map(|v| v as f32),
             principal: camera.principal_point(),
             depth_range: depth_range(camera, &self.bounds),

@@ -4,13 +4,13 @@ mod bundled;
 mod cli;
 mod commands;
 mod device;
+mod ground_truth;
 mod metrics;
 mod picture;
 mod pipeline;
-mod report;
 mod savings;
+mod summary;
 mod sweep;
-mod truth;
 pub mod viewer;
 mod words;
 

@@ -155,10 +155,10 @@ impl Picture {
                 PixelDescriptor::RGB8_SRGB,
             )
         };
-        let told = |e: &dyn std::fmt::Display| anyhow::anyhow!("SSIMULACRA2: {e}");
+        let explained = |e: &dyn std::fmt::Display| anyhow::anyhow!("SSIMULACRA2: {e}");
         let (a, b) = (slice(&a), slice(&b));
-        let (a, b) = (a.map_err(|e| told(&e))?, b.map_err(|e| told(&e))?);
-        compute_ssimulacra2(&a, &b).map_err(|e| told(&e))
+        let (a, b) = (a.map_err(|e| explained(&e))?, b.map_err(|e| explained(&e))?);
+        compute_ssimulacra2(&a, &b).map_err(|e| explained(&e))
     }
 }
 

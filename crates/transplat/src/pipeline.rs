@@ -29,7 +29,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
 use crate::device::{Device, Transfer};
-use crate::report::Report;
+use crate::summary::Summary;
 use bake::Wanted;
 use estimate::{estimate_as_json, estimate_in_words, what_stands_in};
 use settings::{asset_of, targets_of};
@@ -51,23 +51,23 @@ pub struct Pipeline {
 
 impl Pipeline {
     /// Loads the asset and opens the device.
-    pub fn load(args: &AssetArgs, scene: Scene, report: &mut Report) -> Result<Self> {
+    pub fn load(args: &AssetArgs, scene: Scene, summary: &mut Summary) -> Result<Self> {
         let asset = asset_of(args, &scene);
-        let (cloud, file) = report.time("load", || load_asset(&asset))?;
-        report.set("asset", asset.display().to_string());
-        report.set("surfels", cloud.len());
-        report.set("sh_degree", cloud.sh_degree);
+        let (cloud, file) = summary.time("load", || load_asset(&asset))?;
+        summary.set("asset", asset.display().to_string());
+        summary.set("surfels", cloud.len());
+        summary.set("sh_degree", cloud.sh_degree);
         for warning in asset_warnings(&asset, &file) {
-            report.warn(warning);
+            summary.warn(warning);
         }
         if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
-            report.warn(format!(
+            summary.warn(format!(
                 "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
                 asset.display()
             ));
         }
-        let device = report.time("open device", || Device::open(args.options.device))?;
-        report.set("adapter", device.name());
+        let device = summary.time("open device", || Device::open(args.options.device))?;
+        summary.set("adapter", device.name());
         Ok(Self::of(cloud, file, scene, device))
     }
 
@@ -94,22 +94,22 @@ impl Pipeline {
     }
 
     /// Bakes what the method needs, or takes the saved bake.
-    pub fn bake(&self, saved: Option<&Path>, report: &mut Report) -> Result<Bake> {
+    pub fn bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<Bake> {
         let method = self.scene.transfer.method;
-        let bake = self.bake_of_method(method, saved, report)?;
+        let bake = self.bake_of_method(method, saved, summary)?;
         for skipped in bake.left_out() {
-            report.skipped(skipped);
+            summary.skipped(skipped);
         }
-        report.set("preset", method.preset());
-        report.set("directions", bake.directions());
-        report.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
-        report.set("normals_flipped", bake.flipped());
-        report.set("normals_two_sided", two_sided(&bake));
-        report.set("buried", bake.buried());
+        summary.set("preset", method.preset());
+        summary.set("directions", bake.directions());
+        summary.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
+        summary.set("normals_flipped", bake.flipped());
+        summary.set("normals_two_sided", two_sided(&bake));
+        summary.set("buried", bake.buried());
         if let Some(share) = bake.ambiguous_share() {
-            report.set("normals_ambiguous_share", share);
+            summary.set("normals_ambiguous_share", share);
             if share > AMBIGUOUS_SHARE {
-                report.warn(ambiguous_warning(share));
+                summary.warn(ambiguous_warning(share));
             }
         }
         Ok(bake)
@@ -119,20 +119,20 @@ impl Pipeline {
         &self,
         method: Method,
         saved: Option<&Path>,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<Bake> {
         if method == Method::Directional {
-            return Ok(Bake::Directional(self.directional_bake(saved, report)?));
+            return Ok(Bake::Directional(self.directional_bake(saved, summary)?));
         }
         match saved {
-            Some(path) => self.saved_bake(path, report),
-            None => self.new_bake(method, self.bake_directions(report), report),
+            Some(path) => self.saved_bake(path, summary),
+            None => self.new_bake(method, self.bake_directions(summary), summary),
         }
     }
 
-    fn saved_bake(&self, path: &Path, report: &mut Report) -> Result<Bake> {
-        report.skip("bake", "the saved one is used");
-        let bake = report.time("load", || load_bake(path, &self.cloud))?;
+    fn saved_bake(&self, path: &Path, summary: &mut Summary) -> Result<Bake> {
+        summary.skip("bake", "the saved one is used");
+        let bake = summary.time("load", || load_bake(path, &self.cloud))?;
         bake.of_method(self.scene.transfer.method)
             .with_context(|| path.display().to_string())?;
         Ok(bake)
@@ -142,14 +142,14 @@ impl Pipeline {
     fn directional_bake(
         &self,
         saved: Option<&Path>,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<Arc<DirectionalBake>> {
         if let Some(known) = self.directional_bake.get() {
             return Ok(known.clone());
         }
         let bake = match saved {
-            Some(path) => self.saved_bake(path, report)?,
-            None => self.new_bake(Method::Directional, DIRECTIONS, report)?,
+            Some(path) => self.saved_bake(path, summary)?,
+            None => self.new_bake(Method::Directional, DIRECTIONS, summary)?,
         };
         let Bake::Directional(bake) = bake else {
             bail!("the bake is for the other preset");
@@ -157,8 +157,8 @@ impl Pipeline {
         Ok(self.directional_bake.get_or_init(|| bake).clone())
     }
 
-    fn new_bake(&self, method: Method, directions: usize, report: &mut Report) -> Result<Bake> {
-        let bar = progress_bar("baking visibility", report);
+    fn new_bake(&self, method: Method, directions: usize, summary: &mut Summary) -> Result<Bake> {
+        let bar = progress_bar("baking visibility", summary);
         let progress = |done: f64| {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
@@ -170,32 +170,32 @@ impl Pipeline {
             skips: self.scene.transfer.skips,
             beside: None,
         };
-        let made = report.time("bake", || bake::bake(&self.device, &wanted, &progress))?;
+        let made = summary.time("bake", || bake::bake(&self.device, &wanted, &progress))?;
         bar.finish_and_clear();
         Ok(made)
     }
 
     /// What the asset tells of the light it was captured under. `saved` is a bake for the method that is set.
-    pub fn estimate(&self, saved: Option<&Path>, report: &mut Report) -> Result<&Estimate> {
+    pub fn estimate(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<&Estimate> {
         if let Some(known) = self.estimate.get() {
             return Ok(known);
         }
         let is_for_directional = self.scene.transfer.method == Method::Directional;
         let directional_bake =
-            self.directional_bake(saved.filter(|_| is_for_directional), report)?;
-        let estimate = report.time("estimate", || {
+            self.directional_bake(saved.filter(|_| is_for_directional), summary)?;
+        let estimate = summary.time("estimate", || {
             estimate_light(&self.cloud, &directional_bake)
         });
-        report.set("source_estimate", estimate_as_json(&estimate));
+        summary.set("source_estimate", estimate_as_json(&estimate));
         Ok(self.estimate.get_or_init(|| estimate))
     }
 
     /// Directions of the harmonic method's bake.
-    fn bake_directions(&self, report: &mut Report) -> usize {
+    fn bake_directions(&self, summary: &mut Summary) -> usize {
         let settings = &self.scene.transfer;
         let few = settings.method == Method::Harmonic && !settings.terms.shadow;
         if few && self.scene.directions > ORIENTATION_DIRECTIONS {
-            report.skip(
+            summary.skip(
                 "most directions of the bake",
                 "without shadows only the normals need it",
             );
@@ -205,8 +205,8 @@ impl Pipeline {
     }
 
     /// Bakes the ground that catches the object's shadow.
-    pub fn bake_ground(&self, report: &mut Report) -> Result<Ground> {
-        let bar = progress_bar("baking the ground", report);
+    pub fn bake_ground(&self, summary: &mut Summary) -> Result<Ground> {
+        let bar = progress_bar("baking the ground", summary);
         let progress = |done: f64| {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
@@ -214,7 +214,7 @@ impl Pipeline {
         let settings = BakeSettings {
             directions: self.scene.directions,
         };
-        let ground = report.time("ground", || {
+        let ground = summary.time("ground", || {
             Ground::bake(&self.cloud, self.cloud.up, &settings, &progress)
         })?;
         bar.finish_and_clear();
@@ -222,7 +222,7 @@ impl Pipeline {
     }
 
     /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
-    pub fn lights(&self, args: &LightArgs, report: &mut Report) -> Result<Lights> {
+    pub fn lights(&self, args: &LightArgs, summary: &mut Summary) -> Result<Lights> {
         let Some(source_file) = &self.object().source.file else {
             bail!("no source light");
         };
@@ -232,7 +232,7 @@ impl Pipeline {
                 .with_context(|| path.display().to_string())?;
         }
         let saved = args.bake.as_deref();
-        let mut light = |path: &Path| self.light_of(path, saved, report);
+        let mut light = |path: &Path| self.light_of(path, saved, summary);
         // An estimate needs the bake, and comes last.
         let known = is_file(source_file).then(|| light(source_file));
         let known = known.transpose()?;
@@ -246,11 +246,11 @@ impl Pipeline {
     }
 
     /// Settings of the other method that were asked for all the same.
-    fn tell_what_directional_ignores(&self, report: &mut Report) {
+    fn tell_what_directional_ignores(&self, summary: &mut Summary) {
         let (scene, plain) = (&self.scene, Scene::default());
         if scene.transfer.method != Method::Directional {
             if !self.object().outside_from.is_empty() {
-                report.skip(
+                summary.skip(
                     "what is outside",
                     "preset paper takes the open side for the front",
                 );
@@ -259,11 +259,11 @@ impl Pipeline {
         }
         let why = "preset best sums over directions of its own";
         if scene.transfer.sh_degree != plain.transfer.sh_degree && scene.transfer.terms.sums {
-            report.skip("the light's SH degree", why);
+            summary.skip("the light's SH degree", why);
         }
         // The shadow on the ground is baked with them.
         if scene.directions != plain.directions && !scene.shadow_catcher {
-            report.skip("the number of directions", why);
+            summary.skip("the number of directions", why);
         }
     }
 
@@ -272,25 +272,25 @@ impl Pipeline {
         &self,
         bake: &Bake,
         source: &Illumination,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<PreparedTransfer> {
         let settings = &self.scene.transfer;
-        let prepared = report.time("prepare", || {
+        let prepared = summary.time("prepare", || {
             PreparedTransfer::new(&self.cloud, bake, source, settings)
         })?;
         if prepared.source_was_black() {
-            report.warn("the source light is black and explains nothing; even light is assumed");
+            summary.warn("the source light is black and explains nothing; even light is assumed");
         }
         if prepared.dark_share() > 0.05 {
-            report.warn(format!(
+            summary.warn(format!(
                 "{:.0} % of the surfels lie in a source light darker than epsilon; their relit colour follows epsilon more than the light",
                 100.0 * prepared.dark_share()
             ));
         }
-        report.set("dark_share", prepared.dark_share());
-        self.tell_what_directional_ignores(report);
+        summary.set("dark_share", prepared.dark_share());
+        self.tell_what_directional_ignores(summary);
         for skipped in prepared.left_out(&self.cloud) {
-            report.skipped(skipped);
+            summary.skipped(skipped);
         }
         Ok(prepared)
     }
@@ -300,10 +300,10 @@ impl Pipeline {
         &self,
         path: &Path,
         saved: Option<&Path>,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<Illumination> {
-        let map = self.load_light(path, saved, report)?;
-        let light = self.light(map.as_ref(), report)?;
+        let map = self.load_light(path, saved, summary)?;
+        let light = self.light(map.as_ref(), summary)?;
         let untold = is_estimate(path) && map.is_none();
         let estimate = self.estimate.get().filter(|_| untold);
         Ok(estimate.map_or(light, Estimate::stand_in))
@@ -314,39 +314,39 @@ impl Pipeline {
         &self,
         path: &Path,
         saved: Option<&Path>,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
         }
         if is_estimate(path) {
-            let estimate = self.estimate(saved, report)?;
+            let estimate = self.estimate(saved, summary)?;
             if let Some(obstacle) = estimate.obstacle {
-                report.warn(format!(
+                summary.warn(format!(
                     "the light of the capture cannot be told from the splat: {}; {}",
                     obstacle.reason(),
                     what_stands_in(self.scene.transfer.method, obstacle)
                 ));
                 return Ok(None);
             }
-            report.note(estimate_in_words(estimate, self.cloud.up));
+            summary.note(estimate_in_words(estimate, self.cloud.up));
             return Ok(Some(estimate.light.map(self.cloud.up)));
         }
-        let map = report.time("load", || load_environment(path))?;
+        let map = summary.time("load", || load_environment(path))?;
         for warning in map_warnings(path, &map) {
-            report.warn(warning);
+            summary.warn(warning);
         }
         Ok(Some(map))
     }
 
     /// A map's light.
-    fn light(&self, map: Option<&EnvironmentMap>, report: &mut Report) -> Result<Illumination> {
+    fn light(&self, map: Option<&EnvironmentMap>, summary: &mut Summary) -> Result<Illumination> {
         match map {
             None => {
-                report.skip("projection of an environment", "even light");
+                summary.skip("projection of an environment", "even light");
                 Ok(Illumination::even(MAX_DEGREE))
             }
-            Some(map) => report.time("project", || {
+            Some(map) => summary.time("project", || {
                 self.device.light(map, self.scene.transfer.method)
             }),
         }
@@ -359,31 +359,31 @@ impl Pipeline {
         transfer: &mut Transfer,
         name: &str,
         (light, part, unseen): (&Illumination, Part, &[bool]),
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<Relit> {
         let on_gpu = matches!(transfer, Transfer::Gpu(_));
         if let Some(skipped) = prepared.left_out_for(light, on_gpu) {
-            report.skipped(skipped);
+            summary.skipped(skipped);
         }
         if light.is_black() {
-            report.warn(format!(
+            summary.warn(format!(
                 "{name}: the target light is black, and so is the result"
             ));
         } else {
-            report.target(
+            summary.target(
                 name,
                 (light.mean_irradiance() * prepared.light_gain()).log2(),
             );
         }
         let mut times = Vec::new();
-        for _ in 0..if report.is_json() { 3 } else { 1 } {
+        for _ in 0..if summary.is_json() { 3 } else { 1 } {
             let start = Instant::now();
             transfer.change_light(light, part, unseen)?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);
-        if report.ms("transfer").is_none() {
-            report.add_ms("transfer", times[times.len() / 2]);
+        if summary.ms("transfer").is_none() {
+            summary.add_ms("transfer", times[times.len() / 2]);
         }
         transfer.result()
     }
@@ -418,8 +418,8 @@ pub struct Target {
 }
 
 /// A bar on stderr, when that is a terminal and the user did not ask for quiet.
-pub fn progress_bar(what: &'static str, report: &Report) -> ProgressBar {
-    if report.is_quiet() {
+pub fn progress_bar(what: &'static str, summary: &Summary) -> ProgressBar {
+    if summary.is_quiet() {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(1000);

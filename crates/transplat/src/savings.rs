@@ -94,7 +94,7 @@ struct Run {
     bake: Bake,
     prepared: PreparedTransfer,
     relit: Relit,
-    told: Vec<Skipped>,
+    left_out: Vec<Skipped>,
     unseen: Vec<bool>,
 }
 
@@ -123,12 +123,12 @@ pub fn measure(
         }
         // A kept bake does not know what was left out of it.
         let with = run(subject, method, Skips::default(), None)?;
-        let is_open = (with.told.iter()).any(|s| s.skip == Some(Skip::OpenObject));
+        let is_open = (with.left_out.iter()).any(|s| s.skip == Some(Skip::OpenObject));
         for skip in of_method(method) {
             if next(skip.name()).is_break() {
                 bail!("cancelled");
             }
-            match applies(skip, &with.told) {
+            match applies(skip, &with.left_out) {
                 Some(skipped) => {
                     let saved = compare(subject, method, &with, (skip, skipped), repeats)?;
                     savings.saved.push(saved);
@@ -143,8 +143,8 @@ pub fn measure(
 }
 
 /// What a skip left out, if anything.
-fn applies(skip: Skip, told: &[Skipped]) -> Option<Skipped> {
-    told.iter().find(|s| s.skip == Some(skip)).cloned()
+fn applies(skip: Skip, left_out: &[Skipped]) -> Option<Skipped> {
+    left_out.iter().find(|s| s.skip == Some(skip)).cloned()
 }
 
 /// With something left out, and with it done all the same.
@@ -221,16 +221,16 @@ fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> 
     let prepared = PreparedTransfer::new(cloud, &bake, source, &settings)?;
     let unseen = Hide::default().unseen(cloud, &cloud.bounds(), &skips);
     let relit = prepared.relight_seen(target, Part::Whole, &unseen)?;
-    let mut told = bake.left_out();
-    told.extend(prepared.left_out(cloud));
-    told.extend(prepared.left_out_for(target, false));
-    told.extend(Skipped::of_unseen(&unseen));
+    let mut left_out = bake.left_out();
+    left_out.extend(prepared.left_out(cloud));
+    left_out.extend(prepared.left_out_for(target, false));
+    left_out.extend(Skipped::of_unseen(&unseen));
     Ok(Run {
         skips,
         bake,
         prepared,
         relit,
-        told,
+        left_out,
         unseen,
     })
 }

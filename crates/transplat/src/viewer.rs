@@ -35,7 +35,7 @@ use anyhow::{Result, anyhow};
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
-pub use app::{Opening, Viewer};
+pub use app::{Startup, Viewer};
 pub use export::Task;
 
 /// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
@@ -58,7 +58,7 @@ pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
 ///
 /// # Errors
 /// There is no display, or no adapter that can draw.
-pub fn open(opening: Opening, software_only: bool) -> Result<()> {
+pub fn open(startup: Startup, software_only: bool) -> Result<()> {
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")
@@ -69,11 +69,11 @@ pub fn open(opening: Opening, software_only: bool) -> Result<()> {
         ..Default::default()
     };
     options.wgpu_options.wgpu_setup = wgpu_setup(software_only);
-    let fatal = opening.fatal.clone();
+    let fatal = startup.fatal.clone();
     let created = eframe::run_native(
         "transplat",
         options,
-        Box::new(|cc| Ok(Box::new(Viewer::new(cc, opening)?))),
+        Box::new(|cc| Ok(Box::new(Viewer::new(cc, startup)?))),
     );
     created.map_err(|error| anyhow!("{}", plain(&error.to_string())))?;
     let fatal = fatal.lock().unwrap_or_else(|p| p.into_inner()).take();

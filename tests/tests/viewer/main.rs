@@ -324,27 +324,24 @@ fn panels_change_settings_and_picture() {
         seen.push(picture);
     }
     d.viewer().session.scene.view = View::After;
+}
 
+#[test]
+fn the_shelf_and_the_matching_toggle_change_the_light() {
+    let mut d = Driver::new();
+    d.settle();
+    let stops = |d: &mut Driver| {
+        d.viewer()
+            .session
+            .stops_over_source()
+            .expect("known lights")
+    };
     // The matching toggle says by how much, and does it.
-    let stops = d
-        .viewer()
-        .session
-        .state()
-        .relit
-        .get()
-        .and_then(|r| r.stops_over_source)
-        .expect("known lights");
-    assert!(stops.abs() > 0.05);
+    let before = stops(&mut d);
+    assert!(before.abs() > 0.05);
     d.viewer().session.scene.match_strength = true;
     d.picture();
-    let matched = d
-        .viewer()
-        .session
-        .state()
-        .relit
-        .get()
-        .and_then(|r| r.stops_over_source)
-        .expect("known lights");
+    let matched = stops(&mut d);
     assert!(matched.abs() < 0.01, "{matched}");
     d.viewer().session.scene.match_strength = false;
 

@@ -201,13 +201,13 @@ impl DirectionalBake {
         for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
             let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
             // Where the ray met a two-sided surfel from behind, it saw its back.
-            let told = |hit: &Hit| {
+            let from_its_side = |hit: &Hit| {
                 let met = hit.surfel();
                 hit.on(two_sided[met] > 0.0 && faces(normals[met], hit))
             };
             let from = hits.len();
             let counts = |h: &&Hit| *two > 0.0 || faces(*n, h);
-            hits.extend(f.hits.iter().filter(counts).map(told));
+            hits.extend(f.hits.iter().filter(counts).map(from_its_side));
             hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
             starts.push(hits.len() as u32);
         }

@@ -167,8 +167,11 @@ impl Fronts {
             if progress(1.0).is_break() {
                 return Err(Error::Cancelled);
             }
-            for (own, told) in own.iter_mut().zip(told(cloud, &veils, &normals, *eye)) {
-                *own += told;
+            for (own, evidence) in own
+                .iter_mut()
+                .zip(outside_evidence(cloud, &veils, &normals, *eye))
+            {
+                *own += evidence;
             }
         }
         let points: Vec<[f32; 3]> = veils.positions.iter().map(Vec3::to_array).collect();
@@ -306,7 +309,7 @@ fn log_odds(seen: &[[f32; 2]], variation: &[[f32; 2]]) -> Vec<f32> {
 }
 
 /// Log odds that the stored normal's side is the front, of what is seen from a place outside. `[n]`
-fn told(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<f32> {
+fn outside_evidence(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<f32> {
     let packets: Vec<Vec<f32>> = veils
         .order
         .par_chunks(PACKET)
@@ -334,11 +337,11 @@ fn told(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: Vec3) -> Vec<
             .collect()
         })
         .collect();
-    let mut told = vec![0f32; normals.len()];
+    let mut evidence = vec![0f32; normals.len()];
     for (i, odds) in veils.order.iter().zip(packets.into_iter().flatten()) {
-        told[*i as usize] = odds;
+        evidence[*i as usize] = odds;
     }
-    told
+    evidence
 }
 
 /// The log odds when neighbours in one plane agree on their fronts: mean field of an Ising model. `[n]`

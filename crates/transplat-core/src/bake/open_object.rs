@@ -28,7 +28,7 @@ pub struct OpenObject {
 
 /// What is known of a surfel's sides.
 #[derive(Clone, Copy, Default)]
-struct Sides {
+struct SideOpenness {
     open: [bool; 2],
     blocked: [bool; 2],
     /// Cosine-weighted, of the grazing rays that were blocked and of all rays.
@@ -36,7 +36,7 @@ struct Sides {
     all: [f32; 2],
 }
 
-impl Sides {
+impl SideOpenness {
     fn add(&mut self, cosine: f32, is_open: bool) {
         let (side, weight) = (usize::from(cosine < 0.0), cosine.abs());
         self.all[side] += weight;
@@ -64,12 +64,12 @@ impl OpenObject {
     pub fn probe(tracer: &Tracer) -> Option<Self> {
         let n = tracer.surfels.len();
         let directions = directions();
-        let mut sides = vec![Sides::default(); n];
+        let mut sides = vec![SideOpenness::default(); n];
         for patch in refining_order(PATCHES).into_iter().take(PROBES) {
             for place in 0..PER_PATCH {
                 add_direction(tracer, directions[place * PATCHES + patch], &mut sides);
             }
-            if sides.par_iter().any(Sides::is_mixed) {
+            if sides.par_iter().any(SideOpenness::is_mixed) {
                 return None;
             }
         }
@@ -77,7 +77,7 @@ impl OpenObject {
             return None;
         }
         let rays = (n * PROBES * PER_PATCH) as f32;
-        let missed: f32 = sides.iter().map(Sides::missed).sum();
+        let missed: f32 = sides.iter().map(SideOpenness::missed).sum();
         // One surfel has nothing that could block it.
         let mean_error = if n < 2 {
             0.0
@@ -112,7 +112,7 @@ impl OpenObject {
     }
 }
 
-fn add_direction(tracer: &Tracer, direction: Vec3, sides: &mut [Sides]) {
+fn add_direction(tracer: &Tracer, direction: Vec3, sides: &mut [SideOpenness]) {
     let met: Vec<[u32; PACKET]> = tracer
         .order
         .par_chunks(PACKET)

@@ -44,19 +44,24 @@ pub fn directions() -> Vec<Vec3> {
         .collect()
 }
 
-/// The largest asset whose surfels a [`Hit`] can name.
-pub const MOST_SURFELS: usize = 1 << 24;
+/// Bits of a [`Hit`] that name its surfel, and those above them that name its patch.
+pub const SURFEL_BITS: u32 = 24;
+/// See [`SURFEL_BITS`].
+pub const PATCH_BITS: u32 = 7;
 
-/// A blocked direction: the surfel that is met in the low 24 bits, then the patch, and whether it is the surfel's back.
+/// The largest asset whose surfels a [`Hit`] can name.
+pub const MOST_SURFELS: usize = 1 << SURFEL_BITS;
+
+/// A blocked direction: the surfel that is met in the low bits, then the patch, and above all whether it is the surfel's back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub struct Hit(pub u32);
 
 impl Hit {
-    const BACK: u32 = 1 << 31;
+    const BACK: u32 = 1 << (SURFEL_BITS + PATCH_BITS);
 
     pub(super) fn new(patch: usize, surfel: u32) -> Self {
-        Self((patch as u32) << 24 | surfel)
+        Self((patch as u32) << SURFEL_BITS | surfel)
     }
 
     /// The surfel that is met.
@@ -68,7 +73,7 @@ impl Hit {
     /// The patch whose first direction it is.
     #[inline(always)]
     pub fn patch(self) -> usize {
-        (self.0 >> 24 & 0x7f) as usize
+        (self.0 >> SURFEL_BITS & ((1 << PATCH_BITS) - 1)) as usize
     }
 
     /// Whether the surfel is met on its back.

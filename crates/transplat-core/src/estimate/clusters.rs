@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
 use crate::surfels::{MIN_ALPHA, SurfelCloud};
-use crate::transfer::directional::Sides;
+use crate::transfer::directional::FrontAndBack;
 
 /// Surfels of a cluster at least, where it is not the only one.
 const FEWEST: usize = 4;
@@ -86,7 +86,7 @@ impl Clusters {
     }
 
     /// `radiance`: mean colour of both sides, `[n]`.
-    pub fn new(cloud: &SurfelCloud, bake: &DirectionalBake, radiance: &[Sides]) -> Self {
+    pub fn new(cloud: &SurfelCloud, bake: &DirectionalBake, radiance: &[FrontAndBack]) -> Self {
         let directions = directions();
         let (surfels, openness) = (&bake.tracer.surfels, bake.openness());
         let seen: Vec<Option<Seen>> = (0..cloud.len())
@@ -159,7 +159,7 @@ impl Clusters {
         &mut self,
         members: &[Vec<(u32, f32)>],
         bake: &DirectionalBake,
-        radiance: &[Sides],
+        radiance: &[FrontAndBack],
         directions: &[Vec3],
     ) -> Vec<[f32; 3]> {
         let omega = 4.0 * std::f32::consts::PI;

@@ -57,13 +57,13 @@ pub(super) struct Sun {
 
 /// A light under way: the logarithm of the sky's radiance, and a sun.
 #[derive(Clone)]
-pub(super) struct Light {
+pub(super) struct FittedLight {
     /// Coefficients of [`sky_basis`]. `[3][SKY]`
     pub sky: [Vec<f64>; 3],
     pub sun: Option<Sun>,
 }
 
-impl Light {
+impl FittedLight {
     pub fn even() -> Self {
         Self {
             sky: std::array::from_fn(|_| vec![0.0; SKY]),
@@ -137,7 +137,7 @@ pub(super) struct Fit<'a> {
     basis: DMatrix<f32>,
     /// How sure it is beforehand that a coefficient is 0. `[SKY]`
     precision: Vec<f64>,
-    /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
+    /// FittedLight from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
 }
 
@@ -152,7 +152,7 @@ pub(super) struct Solved {
 
 /// Where a fit ended.
 pub(super) struct Fitted {
-    pub light: Light,
+    pub light: FittedLight,
     pub explained: Explained,
     /// Variance of the differences that no light explains.
     pub noise: f64,
@@ -172,7 +172,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    pub fn explain(&self, light: &Light) -> Explained {
+    pub fn explain(&self, light: &FittedLight) -> Explained {
         let clusters = self.clusters;
         let n = clusters.len();
         let mut mean_radiance = [0.0; 3];
@@ -266,7 +266,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Minus the logarithm of a light's probability, but for a constant.
-    pub fn cost(&self, light: &Light, explained: &Explained, noise: f64) -> f64 {
+    pub fn cost(&self, light: &FittedLight, explained: &Explained, noise: f64) -> f64 {
         let pairs = self.differences(explained);
         let misfit: f64 = pairs
             .iter()
@@ -288,7 +288,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Goes on from a light until nothing changes any more.
-    pub fn run(&self, mut light: Light) -> Fitted {
+    pub fn run(&self, mut light: FittedLight) -> Fitted {
         let p = light.unknowns();
         let mut turn = 0;
         loop {
@@ -318,7 +318,7 @@ impl<'a> Fit<'a> {
     }
 
     /// One turn of Gauss-Newton, at the exposure and the noise that the light has now.
-    pub fn solve(&self, light: &Light, explained: &Explained, noise: f64) -> Option<Solved> {
+    pub fn solve(&self, light: &FittedLight, explained: &Explained, noise: f64) -> Option<Solved> {
         let jacobian: Vec<DMatrix<f64>> = (0..3)
             .into_par_iter()
             .map(|c| self.jacobian(light, explained, c))
@@ -333,7 +333,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Change of the logarithm of the irradiance with each unknown of a channel. `[P][c]`
-    fn jacobian(&self, light: &Light, explained: &Explained, c: usize) -> DMatrix<f64> {
+    fn jacobian(&self, light: &FittedLight, explained: &Explained, c: usize) -> DMatrix<f64> {
         let clusters = self.clusters;
         let (n, p) = (clusters.len(), light.unknowns());
         let sky = &explained.radiance[c];
@@ -361,7 +361,7 @@ impl<'a> Fit<'a> {
     /// Matrix and right side of a turn's linear problem, of all channels' unknowns.
     fn normal_equations(
         &self,
-        light: &Light,
+        light: &FittedLight,
         explained: &Explained,
         jacobian: &[DMatrix<f64>],
         noise: f64,

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::clusters::{Clusters, NONE};
-use super::fit::{Fit, Fitted, Light, Sun, sky_basis};
+use super::fit::{Fit, Fitted, FittedLight, Sun, sky_basis};
 use crate::bake::directional::DirectionalBake;
 use crate::sh::fibonacci_sphere;
 
@@ -38,7 +38,7 @@ pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, bake: &DirectionalBake) -
 }
 
 /// A sun where the sky is brightest.
-fn begin(fit: &Fit<'_>, sky: &Light, bake: &DirectionalBake) -> Option<Light> {
+fn begin(fit: &Fit<'_>, sky: &FittedLight, bake: &DirectionalBake) -> Option<FittedLight> {
     let directions = fibonacci_sphere(SEARCHED);
     let radiance: Vec<(Vec3, [f64; 3])> = directions
         .iter()
@@ -62,7 +62,7 @@ fn begin(fit: &Fit<'_>, sky: &Light, bake: &DirectionalBake) -> Option<Light> {
             energy[c] += omega * r[c];
         }
     }
-    Some(Light {
+    Some(FittedLight {
         sky: sky
             .sky
             .clone()
@@ -76,8 +76,14 @@ fn begin(fit: &Fit<'_>, sky: &Light, bake: &DirectionalBake) -> Option<Light> {
 }
 
 /// The sun turned to where it explains more, by a step's angle in degrees.
-fn turn(fit: &Fit<'_>, mut light: Light, step: f32, noise: f64, bake: &DirectionalBake) -> Light {
-    let cost = |light: &Light| fit.cost(light, &fit.explain(light), noise);
+fn turn(
+    fit: &Fit<'_>,
+    mut light: FittedLight,
+    step: f32,
+    noise: f64,
+    bake: &DirectionalBake,
+) -> FittedLight {
+    let cost = |light: &FittedLight| fit.cost(light, &fit.explain(light), noise);
     let Some(middle) = light.sun.as_ref().map(|s| s.direction) else {
         return light;
     };

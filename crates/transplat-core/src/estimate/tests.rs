@@ -283,7 +283,7 @@ fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
     let fit = Fit::new(&clusters);
-    let start = Light {
+    let start = FittedLight {
         sky: std::array::from_fn(|c| {
             (0..SKY)
                 .map(|k| 0.1 * ((k * 7 + c * 5) as f64).sin())

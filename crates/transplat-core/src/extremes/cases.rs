@@ -182,7 +182,7 @@ fn same(a: &Relit, b: &Relit, tolerance: f32) -> std::result::Result<(), String>
     }
 }
 
-fn told<T>(result: Result<T>) -> std::result::Result<T, String> {
+fn in_words<T>(result: Result<T>) -> std::result::Result<T, String> {
     result.map_err(|e| e.to_string())
 }
 
@@ -190,14 +190,14 @@ fn told<T>(result: Result<T>) -> std::result::Result<T, String> {
 fn as_with_even_light(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let even = Illumination::even(crate::sh::MAX_DEGREE);
     let lights = [&even, &trial.lights[1]];
-    let relit = told(trial.again(trial.cloud, lights, &trial.settings))?;
+    let relit = in_words(trial.again(trial.cloud, lights, &trial.settings))?;
     same(&relit, &trial.relit, 1e-6)
 }
 
 /// Both lights a thousand times as strong change nothing.
 fn scale_invariant(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let stronger = trial.lights.each_ref().map(|l| l.scaled(1e3));
-    let relit = told(trial.again(trial.cloud, [&stronger[0], &stronger[1]], &trial.settings))?;
+    let relit = in_words(trial.again(trial.cloud, [&stronger[0], &stronger[1]], &trial.settings))?;
     same(&trial.relit, &relit, 1e-4)
 }
 
@@ -210,7 +210,7 @@ fn monotone_in_epsilon(trial: &Trial<'_>) -> std::result::Result<(), String> {
             ..trial.settings.clone()
         };
         let [source, target] = &trial.lights;
-        let relit = told(trial.again(trial.cloud, [source, target], &settings))?;
+        let relit = in_words(trial.again(trial.cloud, [source, target], &settings))?;
         // How unlike the change is from surfel to surfel.
         let tau = || relit.tau.iter().map(|t| t[1]);
         let (low, high) = tau().fold((f32::INFINITY, 0f32), |(l, h), t| (l.min(t), h.max(t)));
@@ -234,7 +234,7 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let mut drifts = Vec::new();
     for turn in 1..=CHAIN {
         for lights in [[source, target], [target, source]] {
-            let relit = told(trial.again(&cloud, lights, &trial.settings))?;
+            let relit = in_words(trial.again(&cloud, lights, &trial.settings))?;
             cloud.sh = relit.stored(&cloud);
         }
         let now = mean_radiance(&cloud, normals);
@@ -272,9 +272,9 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
 /// What the usual scene comes to, whatever its unit.
 fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let usual = usual();
-    let bake = told(bake(&usual.cloud, trial.settings.method))?;
+    let bake = in_words(bake(&usual.cloud, trial.settings.method))?;
     let prepared = PreparedTransfer::new(&usual.cloud, &bake, &trial.lights[0], &trial.settings);
-    let relit = told(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
+    let relit = in_words(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
     let relit = relit.of_degree(usual.cloud.sh_degree);
     // Powers of two round nothing; all else is relative to the object's radius.
     let off = relative_error(&trial.relit.sh, &wide(&relit.sh));

@@ -30,11 +30,11 @@ struct File {
     camera_angle_x: f64,
     w: Option<f64>,
     h: Option<f64>,
-    frames: Vec<Frame>,
+    frames: Vec<FrameEntry>,
 }
 
 #[derive(Deserialize)]
-struct Frame {
+struct FrameEntry {
     transform_matrix: [[f64; 4]; 4],
 }
 

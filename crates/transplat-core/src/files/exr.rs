@@ -25,12 +25,12 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
 /// # Errors
 /// The file cannot be read, is broken or too large, or has no colour.
 pub fn load_picture(path: &Path) -> Result<Raster> {
-    let told = |error: exr::error::Error| Error::invalid(path, format!("OpenEXR: {error}"));
+    let invalid = |error: exr::error::Error| Error::invalid(path, format!("OpenEXR: {error}"));
     let bytes = super::read::open(path)?
         .metadata()
         .map_err(Error::io(path))?
         .len();
-    let meta = MetaData::read_from_file(path, false).map_err(told)?;
+    let meta = MetaData::read_from_file(path, false).map_err(invalid)?;
     // Every layer is checked, because the reader makes room for the first that it can read.
     for header in &meta.headers {
         // The reader divides by it.
@@ -61,7 +61,7 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
     // The crate asserts some of what only the file can break, such as the level that a tile says it is of.
     let image = std::panic::catch_unwind(decode)
         .map_err(|_| Error::invalid(path, "OpenEXR: a block is broken"))?
-        .map_err(told)?;
+        .map_err(invalid)?;
     let found = image
         .layer_data
         .iter()

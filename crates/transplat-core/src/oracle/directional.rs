@@ -21,7 +21,7 @@ use crate::transfer::directional::{
 
 type Rgb = [f64; 3];
 /// Front and back.
-type Sides = [Rgb; 2];
+type FrontAndBack = [Rgb; 2];
 
 /// One asset under one source, with every intermediate result.
 pub struct OracleDirectional<'a> {
@@ -31,20 +31,20 @@ pub struct OracleDirectional<'a> {
     epsilon: f64,
     /// To the camera in the surfel's frame, and the area of each.
     nodes: Vec<(DVec3, f64)>,
-    means: Vec<Sides>,
-    divisor: Vec<Sides>,
+    means: Vec<FrontAndBack>,
+    divisor: Vec<FrontAndBack>,
     light_gain: f64,
     gloss: Vec<Gloss>,
-    source: Light,
+    source: OracleLight,
     trust: f64,
 }
 
-struct Light {
+struct OracleLight {
     /// Direction and energy of each of the bake's directions.
     sky: Vec<(DVec3, Rgb)>,
     /// And which surfels it reaches.
     suns: Vec<(DVec3, Rgb, Vec<bool>)>,
-    irradiance: Vec<Sides>,
+    irradiance: Vec<FrontAndBack>,
     /// Mean over the sphere of the irradiance where nothing blocks it.
     mean: Rgb,
 }
@@ -98,7 +98,7 @@ impl<'a> OracleDirectional<'a> {
             // Four times the mean over the sphere of a clamped cosine is 1.
             light_gain: 12.0 / total,
             gloss: Vec::new(),
-            source: Light {
+            source: OracleLight {
                 sky: Vec::new(),
                 suns: Vec::new(),
                 irradiance: Vec::new(),
@@ -184,7 +184,7 @@ impl<'a> OracleDirectional<'a> {
         })
     }
 
-    fn light(&self, beams: &Beams) -> Light {
+    fn light(&self, beams: &Beams) -> OracleLight {
         let mut sums = vec![(DVec3::ZERO, [0f64; 3]); DIRECTIONS];
         for cell in &beams.cells {
             let d = cell.direction.as_dvec3();
@@ -217,7 +217,7 @@ impl<'a> OracleDirectional<'a> {
                 )
             })
             .collect();
-        let mut light = Light {
+        let mut light = OracleLight {
             sky,
             suns,
             irradiance: Vec::new(),
@@ -256,7 +256,7 @@ impl<'a> OracleDirectional<'a> {
     }
 
     /// All irradiance, with what bounces.
-    fn gathered(&self, i: usize, light: &Light, radiance: &[Sides]) -> Sides {
+    fn gathered(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> FrontAndBack {
         let mut e = light.irradiance[i];
         for hit in self.bake.hits_of(i) {
             let cosine = self.n(i).dot(self.directions[hit.patch()]);
@@ -276,7 +276,7 @@ impl<'a> OracleDirectional<'a> {
         self
     }
 
-    fn tau(&self, light: &Light) -> Vec<Sides> {
+    fn tau(&self, light: &OracleLight) -> Vec<FrontAndBack> {
         let start = rgb(|c| light.mean[c] / self.source.mean[c]);
         let mut tau = vec![[start; 2]; self.cloud.len()];
         for _ in 0..TURNS {
@@ -293,14 +293,14 @@ impl<'a> OracleDirectional<'a> {
             .collect()
     }
 
-    fn changed(&self, tau: &[Sides]) -> Vec<Sides> {
+    fn changed(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
         let all = self.means.iter().zip(tau);
         all.map(|(m, t)| [0, 1].map(|s| rgb(|c| m[s][c] * t[s][c])))
             .collect()
     }
 
     /// All that shines on the front of surfel `i`.
-    fn rays(&self, i: usize, light: &Light, radiance: &[Sides]) -> Vec<(DVec3, Rgb)> {
+    fn rays(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> Vec<(DVec3, Rgb)> {
         let n = self.n(i);
         let share = 4.0 * PI / DIRECTIONS as f64;
         let mut rays = Vec::new();
@@ -444,7 +444,7 @@ impl<'a> OracleDirectional<'a> {
         let n = self.cloud.len();
         let around: Vec<Vec<(usize, f64)>> = (0..n).map(|i| self.around(i)).collect();
         let white = {
-            let sum = |of: &[Sides], i: usize| of[i][0].iter().sum::<f64>();
+            let sum = |of: &[FrontAndBack], i: usize| of[i][0].iter().sum::<f64>();
             let light = (0..n).map(|i| [PI * sum(&self.means, i), sum(&self.divisor, i)]);
             let light = pooled(&around, &light.collect::<Vec<_>>());
             let mut all: Vec<(f64, f64)> = (light.iter().zip(&self.bake.prominence))
@@ -595,7 +595,7 @@ impl<'a> OracleDirectional<'a> {
     }
 
     /// Mirrored light with its reflectance, towards each node.
-    fn glossy(&self, i: usize, light: &Light, radiance: &[Sides]) -> Vec<Rgb> {
+    fn glossy(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> Vec<Rgb> {
         let gloss = self.gloss[i];
         let rays = self.rays(i, light, radiance);
         let mirrored = self.mirrored(i, &rays, gloss.exponent);
@@ -637,7 +637,13 @@ impl<'a> OracleDirectional<'a> {
             .collect()
     }
 
-    fn relight_surfel(&self, i: usize, light: &Light, tau: Sides, radiance: &[Sides]) -> Vec<Rgb> {
+    fn relight_surfel(
+        &self,
+        i: usize,
+        light: &OracleLight,
+        tau: FrontAndBack,
+        radiance: &[FrontAndBack],
+    ) -> Vec<Rgb> {
         let before = self.glossy(i, &self.source, &self.means);
         let seen = self.at_nodes(i, &self.fit(i, &before));
         let colors = self.colors(i, 1.0);
@@ -677,7 +683,7 @@ impl<'a> OracleDirectional<'a> {
         out
     }
 
-    fn add_back(&self, i: usize, [front, back]: Sides, two_sided: f64, out: &mut [Rgb]) {
+    fn add_back(&self, i: usize, [front, back]: FrontAndBack, two_sided: f64, out: &mut [Rgb]) {
         let range = f64::from(BACK_RANGE);
         let back = rgb(|c| back[c].clamp(front[c] / range, front[c] * range));
         for side in [1.0, -1.0] {

@@ -23,7 +23,7 @@ use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
-pub use asset::{DirectionalAsset, DirectionalLight, Sides};
+pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack};
 use incident::Incident;
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
@@ -32,8 +32,8 @@ pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
 pub(crate) use neighbors::NEIGHBORS;
-use nodes::Frame;
 pub use nodes::Nodes;
+use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 
 /// Turns of the fixed point by which light bounces.
@@ -76,7 +76,7 @@ pub struct DirectionalTransfer {
     /// How many surfels show any gloss.
     pub glossy_surfels: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
-    pub divisor: Vec<Sides>,
+    pub divisor: Vec<FrontAndBack>,
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
     pub matte: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
@@ -89,7 +89,7 @@ pub struct DirectionalTransfer {
 pub(crate) const WHITEST: f32 = 0.95;
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels, around each surfel.
-fn whitest(asset: &DirectionalAsset, divisor: &[Sides]) -> f32 {
+fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
     let prominence = &asset.bake.prominence;
     let each = asset.means.iter().zip(divisor);
     let light: Vec<[f32; 2]> = each
@@ -132,7 +132,7 @@ impl DirectionalAsset {
         }
         self.store(matte, [1.0; 3], scratch);
         let mut shown = nodes.function(&nodes.fit, &scratch.stored);
-        Frame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut shown);
+        SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut shown);
         for (r, s) in residual.iter_mut().zip(shown) {
             *r = std::array::from_fn(|c| r[c] - s[c]);
         }
@@ -145,7 +145,7 @@ impl DirectionalAsset {
         i: usize,
         gloss: &Gloss,
         light: &Incident,
-        radiance: &[Sides],
+        radiance: &[FrontAndBack],
         scratch: &mut Scratch,
     ) {
         scratch.glossy.clear();
@@ -155,7 +155,7 @@ impl DirectionalAsset {
         let q = self.nodes.count();
         self.rays_of(i, light, radiance, &mut scratch.rays);
         scratch.values.resize(3 * q, 0.0);
-        let frame = Frame::new(self.bake.normals[i]);
+        let frame = SurfelFrame::new(self.bake.normals[i]);
         let (rays, values) = (&scratch.rays, &mut scratch.values);
         mirrored(&self.nodes, frame, gloss.width, rays, values);
         scratch.glossy.extend((0..q).map(|s| {
@@ -206,7 +206,7 @@ impl DirectionalTransfer {
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
         let light = asset.incident(light, settings);
-        let divisor: Vec<Sides> = (0..asset.len())
+        let divisor: Vec<FrontAndBack> = (0..asset.len())
             .into_par_iter()
             .map(|i| {
                 let bounced = asset.bounced(i, &light, &asset.means);
@@ -336,7 +336,7 @@ impl DirectionalTransfer {
     }
 
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
-    fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<Sides> {
+    fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         let mut tau = vec![[start; 2]; asset.len()];
         for _ in 0..self.turns() {
@@ -345,7 +345,7 @@ impl DirectionalTransfer {
                 .into_par_iter()
                 .map(|i| {
                     let e = added(light.irradiance[i], asset.bounced(i, light, &radiance));
-                    let [front, back]: Sides = std::array::from_fn(|s| {
+                    let [front, back]: FrontAndBack = std::array::from_fn(|s| {
                         std::array::from_fn(|c| {
                             e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE)
                         })
@@ -367,8 +367,8 @@ impl DirectionalTransfer {
         &self,
         i: usize,
         (light, part): (&Incident, Part),
-        tau: Sides,
-        radiance: &[Sides],
+        tau: FrontAndBack,
+        radiance: &[FrontAndBack],
         scratch: &mut Scratch,
         out: &mut [[f32; 3]],
     ) {
@@ -379,14 +379,14 @@ impl DirectionalTransfer {
             asset.reflect(i, &self.gloss[i], light, radiance, scratch);
         }
         let matte = if part == Part::Specular {
-            Sides::default()
+            FrontAndBack::default()
         } else {
             tau
         };
         asset.store(&self.matte[i * q..][..q], matte[0], scratch);
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
-        let frame = Frame::new(asset.bake.normals[i]);
+        let frame = SurfelFrame::new(asset.bake.normals[i]);
         asset.nodes.fit_into(&scratch.stored, out);
         let two_sided = asset.bake.two_sided[i];
         if two_sided > 0.0 && self.settings.terms.two_sided {
@@ -408,7 +408,7 @@ impl DirectionalTransfer {
     fn add_back(
         &self,
         i: usize,
-        tau: Sides,
+        tau: FrontAndBack,
         two_sided: f32,
         scratch: &mut Scratch,
         out: &mut [[f32; 3]],
@@ -417,7 +417,7 @@ impl DirectionalTransfer {
         let nodes = &asset.nodes;
         let k = out.len();
         let mut f = asset.sh[i * k..][..k].to_vec();
-        Frame::new(asset.bake.normals[i]).apply_sh(nodes.degree, &mut f);
+        SurfelFrame::new(asset.bake.normals[i]).apply_sh(nodes.degree, &mut f);
         let back: [f32; 3] = std::array::from_fn(|c| {
             tau[1][c].clamp(tau[0][c] / BACK_RANGE, tau[0][c] * BACK_RANGE)
         });
@@ -592,7 +592,7 @@ struct Scratch {
     stored: Vec<[f32; 3]>,
 }
 
-fn added(a: Sides, b: Sides) -> Sides {
+fn added(a: FrontAndBack, b: FrontAndBack) -> FrontAndBack {
     std::array::from_fn(|s| std::array::from_fn(|c| a[s][c] + b[s][c]))
 }
 

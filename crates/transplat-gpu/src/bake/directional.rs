@@ -3,7 +3,9 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use transplat_core::bake::patches::{Found, PATCHES, PER_PATCH, directions};
+use transplat_core::bake::patches::{
+    Found, MOST_SURFELS, PATCHES, PER_PATCH, SURFEL_BITS, directions,
+};
 use transplat_core::bake::trace::Tracer;
 use transplat_core::progress::Progress;
 use wgpu::BufferUsages;
@@ -163,8 +165,9 @@ impl GpuTracer {
         let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
         for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
             for (i, packed) in self.order[chunk.range.clone()].iter().zip(row) {
-                let open = std::array::from_fn(|place| packed >> (24 + place) & 1 == 1);
-                let met = (packed >> 31 == 1).then_some(packed & 0xff_ffff);
+                let open =
+                    std::array::from_fn(|place| packed >> (SURFEL_BITS as usize + place) & 1 == 1);
+                let met = (packed >> 31 == 1).then_some(packed & (MOST_SURFELS as u32 - 1));
                 found[*i as usize].add(*patch, met, open);
             }
         }

@@ -5,8 +5,10 @@ use std::collections::BTreeSet;
 use transplat_core::bake::harmonic::{
     DIRECTION_BATCH, EDGE_ON, EMPTY, MIN_SLOPE_COSINE, SHARPNESS, TAPS,
 };
-use transplat_core::bake::patches::{DIRECTIONS, PATCHES, PER_PATCH, WORDS};
-use transplat_core::bake::trace::{NEAREST_SCALES, STACK_SCALES, START_SCALES};
+use transplat_core::bake::patches::{
+    DIRECTIONS, PATCH_BITS, PATCHES, PER_PATCH, SURFEL_BITS, WORDS,
+};
+use transplat_core::bake::trace::{MISS, NEAREST_SCALES, STACK_SCALES, START_SCALES};
 use transplat_core::color::{
     AGX_INSET, AGX_OUTSET, Encoding, MAX_LINEAR, MAX_STORED, STORED_OFFSET, ToneMap,
 };
@@ -61,6 +63,7 @@ pub(super) static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
 
 pub(super) static BAKE_DIRECTIONAL: File = file!("bake_directional", |s| s
     .count("WORKGROUP", WORKGROUP)
+    .count("SURFEL_BITS", SURFEL_BITS)
     .count("PER_PATCH", PER_PATCH)
     .count("RAYS", PER_PATCH * PATCH_BATCH));
 
@@ -72,6 +75,8 @@ pub(super) static TRANSFER_DIRECTIONAL: File = file!("transfer_directional", |s|
     .count("WORKGROUP", WORKGROUP)
     .count("DIRECTIONS", DIRECTIONS)
     .count("PATCHES", PATCHES)
+    .count("SURFEL_BITS", SURFEL_BITS)
+    .count("PATCH_BITS", PATCH_BITS)
     .count("OPEN_VECTORS", WORDS / 2)
     .count("MAX_SUNS", MAX_SUNS)
     .count("UNSEEN_VECTORS", CHUNK / 128)
@@ -140,6 +145,7 @@ static COLOR: File = file!("shared/color", |s| s
 static SURFEL: File = file!("shared/surfel", |s| s);
 
 static TRACE: File = file!("shared/trace", |s| s
+    .count("MISS", MISS)
     .number("START_SCALES", START_SCALES)
     .number("NEAREST_SCALES", NEAREST_SCALES)
     .number("STACK_SCALES", STACK_SCALES));

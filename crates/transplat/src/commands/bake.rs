@@ -7,19 +7,19 @@ use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
 use crate::pipeline::settings::{asset_of, look_of};
 use crate::pipeline::{Pipeline, two_sided};
-use crate::report::Report;
+use crate::summary::Summary;
 
 pub fn run(args: &BakeArgs) -> Result<()> {
-    let mut report = Report::new("bake", &args.out);
+    let mut summary = Summary::new("bake", &args.out);
     let mut scene = look_of(&args.asset.options, None)?;
     scene.transfer.method = args.preset.unwrap_or_default();
     refuse_overwriting([&*asset_of(&args.asset, &scene)], [&*args.output])?;
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
-    let bake = pipeline.bake(None, &mut report)?;
-    report.time("export", || save_bake(&args.output, &pipeline.cloud, &bake))?;
-    report.set("output", args.output.display().to_string());
-    report.finish(&format!(
+    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
+    let bake = pipeline.bake(None, &mut summary)?;
+    summary.time("export", || save_bake(&args.output, &pipeline.cloud, &bake))?;
+    summary.set("output", args.output.display().to_string());
+    summary.finish(&format!(
         "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
         bake.method().preset(),

@@ -9,10 +9,10 @@ use crate::commands::refuse_overwriting;
 use crate::pipeline::Pipeline;
 use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::settings::{asset_of, look_of};
-use crate::report::Report;
+use crate::summary::Summary;
 
 pub fn run(args: &EstimateArgs) -> Result<()> {
-    let mut report = Report::new("estimate", &args.out);
+    let mut summary = Summary::new("estimate", &args.out);
     let scene = look_of(&args.asset.options, None)?;
     let asset = asset_of(&args.asset, &scene);
     refuse_overwriting(
@@ -24,8 +24,8 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
         bail!("{}: the light is written as .exr", args.output.display());
     }
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
-    let estimate = pipeline.estimate(args.bake.as_deref(), &mut report)?;
+    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
+    let estimate = pipeline.estimate(args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
             "{}: the light of the capture cannot be told from the splat: {}; with --source estimate, half of the change is made that would be right under even light",
@@ -44,11 +44,11 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
             .collect(),
         depth: Vec::new(),
     };
-    report.time("export", || {
+    summary.time("export", || {
         write_exr(&args.output, &raster, ExrFloats::Full)
     })?;
-    report.set("output", args.output.display().to_string());
-    report.finish(&format!(
+    summary.set("output", args.output.display().to_string());
+    summary.finish(&format!(
         "wrote {}: {}",
         args.output.display(),
         estimate_in_words(estimate, pipeline.cloud.up)

@@ -17,10 +17,10 @@ use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
 use crate::pipeline::Pipeline;
 use crate::pipeline::estimate::estimate_in_words;
-use crate::report::Report;
+use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
-    let mut report = Report::new("info", &args.out);
+    let mut summary = Summary::new("info", &args.out);
     let path = &args.file;
     let mut lines = vec![path.display().to_string()];
     let kind = file_kind(path)?;
@@ -29,25 +29,25 @@ pub fn run(args: &InfoArgs) -> Result<()> {
     }
     match kind {
         FileKind::Ply => {
-            let (cloud, file) = report.time("load", || load_asset(path))?;
-            asset(&cloud, &file, &mut report, &mut lines);
+            let (cloud, file) = summary.time("load", || load_asset(path))?;
+            asset(&cloud, &file, &mut summary, &mut lines);
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
                 let pipeline = Pipeline::of(cloud, file, Scene::default(), device);
-                let told = pipeline.estimate(None, &mut report)?;
-                lines.push(estimate_in_words(told, pipeline.cloud.up));
+                let estimate = pipeline.estimate(None, &mut summary)?;
+                lines.push(estimate_in_words(estimate, pipeline.cloud.up));
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
-            environment(path, &mut report, &mut lines)?
+            environment(path, &mut summary, &mut lines)?
         }
         FileKind::Bake => {
             let header = inspect_bake(path)?;
-            report.set("kind", "bake");
-            report.set("surfels", header.surfels);
-            report.set("preset", header.method.preset());
-            report.set("directions", header.directions);
-            report.set("geometry_key", format!("{:016x}", header.geometry_key));
+            summary.set("kind", "bake");
+            summary.set("surfels", header.surfels);
+            summary.set("preset", header.method.preset());
+            summary.set("directions", header.directions);
+            summary.set("geometry_key", format!("{:016x}", header.geometry_key));
             lines.push(format!(
                 "bake for preset {} of {} surfels, {} directions, geometry {:016x}",
                 header.method.preset(),
@@ -58,12 +58,12 @@ pub fn run(args: &InfoArgs) -> Result<()> {
         }
         FileKind::Look => {
             let scene = load_look(path)?;
-            report.set("kind", "look");
-            report.set("look", json!(scene));
+            summary.set("kind", "look");
+            summary.set("look", json!(scene));
             lines.push(format!("look: {}", serde_json::to_string_pretty(&scene)?));
         }
     }
-    report.finish(&lines.join("\n  "))
+    summary.finish(&lines.join("\n  "))
 }
 
 /// The value that a share of the sorted values lies below.
@@ -72,22 +72,22 @@ fn quantile(values: &mut [f32], share: f64) -> f32 {
     *values.select_nth_unstable_by(index, f32::total_cmp).1
 }
 
-fn asset(cloud: &SurfelCloud, file: &AssetFile, report: &mut Report, lines: &mut Vec<String>) {
+fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &mut Vec<String>) {
     let found = &file.report;
     let kind = match found.kind {
         AssetKind::Surfels2d => "2DGS",
         AssetKind::Gaussians3d => "3DGS",
     };
     let bounds = cloud.bounds();
-    report.set("kind", kind);
-    report.set("surfels", cloud.len());
-    report.set("sh_degree", cloud.sh_degree);
-    report.set("up", cloud.up.name());
-    report.set("center", bounds.center.to_array().to_vec());
-    report.set("radius", bounds.radius);
-    report.set("left_out", found.left_out.len());
-    report.set("properties", found.properties.clone());
-    report.set("comments", found.comments.clone());
+    summary.set("kind", kind);
+    summary.set("surfels", cloud.len());
+    summary.set("sh_degree", cloud.sh_degree);
+    summary.set("up", cloud.up.name());
+    summary.set("center", bounds.center.to_array().to_vec());
+    summary.set("radius", bounds.radius);
+    summary.set("left_out", found.left_out.len());
+    summary.set("properties", found.properties.clone());
+    summary.set("comments", found.comments.clone());
     lines.push(format!(
         "{kind} splat, {} surfels, SH degree {}",
         cloud.len(),
@@ -120,21 +120,21 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, report: &mut Report, lines: &mut
     lines.push(format!(
         "larger standard deviation: 5 % {small:.5}, median {middle:.5}, 95 % {large:.5}"
     ));
-    report.set("median_scale", middle);
+    summary.set("median_scale", middle);
     let mut opacities = cloud.opacities.clone();
     let faint = opacities.iter().filter(|o| **o < 1.0 / 255.0).count();
     let median_opacity = quantile(&mut opacities, 0.5);
-    report.set("median_opacity", median_opacity);
+    summary.set("median_opacity", median_opacity);
     lines.push(format!(
         "median opacity {median_opacity:.3}; {faint} surfels too faint to be drawn"
     ));
     if let Some(flatness) = found.median_flatness {
-        report.set("median_flatness", flatness);
+        summary.set("median_flatness", flatness);
         lines.push(format!(
             "median shortest/second axis {flatness:.3} (0 is flat; the shortest axis is the normal)"
         ));
         if flatness > 0.1 {
-            report.warn("the Gaussians are not flat: normals, and so relighting, are only rough");
+            summary.warn("the Gaussians are not flat: normals, and so relighting, are only rough");
         }
     }
     if !cloud.has_view_dependence() {
@@ -148,10 +148,10 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, report: &mut Report, lines: &mut
         .filter(|p| p.distance(bounds.center) > 1.5 * bounds.radius)
         .count();
     if far > 0 {
-        report.warn(format!("{far} surfels float far outside of the object"));
+        summary.warn(format!("{far} surfels float far outside of the object"));
     }
     if !found.left_out.is_empty() {
-        report.warn(format!(
+        summary.warn(format!(
             "{} rows hold values that are no numbers (the first is vertex {}) and are left out",
             found.left_out.len(),
             found.left_out[0]
@@ -160,27 +160,27 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, report: &mut Report, lines: &mut
     for comment in &found.comments {
         lines.push(format!("comment: {comment}"));
     }
-    lines.push(format!("properties: {}", summary(&found.properties)));
+    lines.push(format!("properties: {}", shortened(&found.properties)));
 }
 
 /// Property names, with `f_rest_0 .. f_rest_44` told as a range.
-fn summary(names: &[String]) -> String {
+fn shortened(names: &[String]) -> String {
     let rest = names.iter().filter(|n| n.starts_with("f_rest_")).count();
     let mut out: Vec<String> = Vec::new();
-    let mut told = false;
+    let mut is_listed = false;
     for name in names {
         if !name.starts_with("f_rest_") {
             out.push(name.clone());
-        } else if !std::mem::replace(&mut told, true) {
+        } else if !std::mem::replace(&mut is_listed, true) {
             out.push(format!("f_rest_0..{}", rest - 1));
         }
     }
     out.join(" ")
 }
 
-fn environment(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Result<()> {
-    let map = report.time("load", || load_environment(path))?;
-    let light = report.time("project", || project_environment(&map, 3));
+fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> Result<()> {
+    let map = summary.time("load", || load_environment(path))?;
+    let light = summary.time("project", || project_environment(&map, 3));
     let mean = light.coefficients[0].map(|v| v / transplat_core::sh::SQRT_4PI as f32);
     let peak = map
         .pixels()
@@ -188,14 +188,14 @@ fn environment(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Res
         .map(|p| luminance(*p))
         .fold(0f32, f32::max);
     let share = map.brightest_share(0.001);
-    report.set("kind", "environment");
-    report.set("width", map.width());
-    report.set("height", map.height());
-    report.set("mean_radiance", mean.to_vec());
-    report.set("mean_irradiance", light.mean_irradiance());
-    report.set("peak_luminance", peak);
-    report.set("brightest_thousandth_share", share);
-    report.set("repaired", map.repaired());
+    summary.set("kind", "environment");
+    summary.set("width", map.width());
+    summary.set("height", map.height());
+    summary.set("mean_radiance", mean.to_vec());
+    summary.set("mean_irradiance", light.mean_irradiance());
+    summary.set("peak_luminance", peak);
+    summary.set("brightest_thousandth_share", share);
+    summary.set("repaired", map.repaired());
     lines.push(format!(
         "environment, {} x {} pixels",
         map.width(),
@@ -210,19 +210,19 @@ fn environment(path: &Path, report: &mut Report, lines: &mut Vec<String>) -> Res
         lines.push("most of it comes from one or a few small lamps or a sun: a low SH degree blurs its shadows".into());
     }
     if map.width() != 2 * map.height() {
-        report.warn("not twice as wide as high; taken as equirectangular all the same");
+        summary.warn("not twice as wide as high; taken as equirectangular all the same");
     }
     if map.repaired() > 0 {
-        report.warn(format!(
+        summary.warn(format!(
             "{} pixels are negative or no numbers, and count as black",
             map.repaired()
         ));
     }
     if map.has_clipped_highlights() {
-        report.warn("a low-dynamic-range picture: its highlights are clipped");
+        summary.warn("a low-dynamic-range picture: its highlights are clipped");
     }
     if light.is_black() {
-        report.warn("black: it lights nothing");
+        summary.warn("black: it lights nothing");
     }
     Ok(())
 }

@@ -10,10 +10,10 @@ use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::pipeline::Pipeline;
 use crate::pipeline::settings::{asset_of, look_of, targets_of};
-use crate::report::Report;
+use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
-    let mut report = Report::new("relight", &args.out);
+    let mut summary = Summary::new("relight", &args.out);
     let scene = look_of(&args.asset.options, Some(&args.light))?;
     let named = targets_of(&args.light, &scene)?;
     if scene.objects[0].source.file.is_none() || named.is_empty() {
@@ -52,29 +52,29 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             args.output.display()
         );
     }
-    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
-    let lights = pipeline.lights(&args.light, &mut report)?;
+    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
+    let lights = pipeline.lights(&args.light, &mut summary)?;
     if many {
         make_folder(&args.output)?;
     }
-    let bake = pipeline.bake(args.light.bake.as_deref(), &mut report)?;
+    let bake = pipeline.bake(args.light.bake.as_deref(), &mut summary)?;
     let source = lights.oriented(&pipeline, &lights.targets[0])[0].clone();
-    let prepared = pipeline.prepare(&bake, &source, &mut report)?;
+    let prepared = pipeline.prepare(&bake, &source, &mut summary)?;
     let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
     if let Some(warning) = warning {
-        report.warn(warning);
+        summary.warn(warning);
     }
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&pipeline, target);
         let wanted = (&light, Part::Whole, &[][..]);
         let relit =
-            pipeline.relight(&prepared, &mut transfer, &target.name, wanted, &mut report)?;
-        report.time("export", || {
+            pipeline.relight(&prepared, &mut transfer, &target.name, wanted, &mut summary)?;
+        summary.time("export", || {
             let stored = relit.stored(&pipeline.cloud);
             write_relit_ply(&pipeline.file, &stored, output)
         })?;
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
-    report.set("outputs", names.clone());
-    report.finish(&format!("wrote {}", names.join(", ")))
+    summary.set("outputs", names.clone());
+    summary.finish(&format!("wrote {}", names.join(", ")))
 }

@@ -19,40 +19,19 @@ use crate::commands::{make_folder, refuse_overwriting};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::settings::{asset_of, look_of, targets_of};
 use crate::pipeline::{Lights, Pipeline, progress_bar};
-use crate::report::Report;
+use crate::summary::Summary;
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
 pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
-    let mut report = Report::new("render", &args.out);
+    let mut summary = Summary::new("render", &args.out);
     let scene = settings(args)?;
-    let has_camera = args.camera.cameras.is_some()
-        || args.camera.turntable.is_some()
-        || args.camera.eye.is_some()
-        || scene.camera.is_some();
-    if !has_camera {
-        usage(
-            "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
-        );
-    }
-    let relit = scene.objects[0].source.file.is_some();
     let targets = targets_of(&args.light, &scene)?;
-    if relit == targets.is_empty() {
-        usage(
-            "--source and --target belong together; --source estimate stands for a light that nobody knows",
-        );
-    }
-    if scene.background == Background::Environment && !relit {
-        usage("--background environment needs --source and --target");
-    }
-    let view = match (args.view, relit) {
-        (None, false) if scene.view == View::After => View::Before,
-        (_, false) if scene.view.needs_relit() => usage("this view needs --source and --target"),
-        _ => scene.view,
-    };
+    let relit = scene.objects[0].source.file.is_some();
+    let view = view_asked(args, &scene, relit, &targets);
     let asset = asset_of(&args.asset, &scene);
-    let pipeline = Pipeline::load(&args.asset, scene, &mut report)?;
+    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let frames = frames(args, &pipeline)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
@@ -70,27 +49,27 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     )?;
     let linear = output.format == PictureFormat::Exr;
     if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
-        report.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
+        summary.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
     }
     // Matching the background's strength takes the lights as well.
     let needs_lights = view.needs_relit()
         || pipeline.scene.shadow_catcher
         || (pipeline.scene.match_strength && pipeline.scene.background == Background::Environment);
     let lights = if needs_lights && relit {
-        Some(pipeline.lights(&args.light, &mut report)?)
+        Some(pipeline.lights(&args.light, &mut summary)?)
     } else {
         None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
     let bake = if needs_bake {
-        Some(pipeline.bake(args.light.bake.as_deref(), &mut report)?)
+        Some(pipeline.bake(args.light.bake.as_deref(), &mut summary)?)
     } else {
-        report.skip("bake", "this view needs no visibility");
+        summary.skip("bake", "this view needs no visibility");
         None
     };
     let (painter, warning) = pipeline.device.painter(&pipeline.cloud)?;
     if let Some(warning) = warning {
-        report.warn(warning);
+        summary.warn(warning);
     }
     let mut studio = Studio::new(
         &pipeline.cloud,
@@ -103,7 +82,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
     if pipeline.scene.shadow_catcher && lights.is_some() {
-        studio.ground = Some(pipeline.bake_ground(&mut report)?);
+        studio.ground = Some(pipeline.bake_ground(&mut summary)?);
     }
     let shots = Shots {
         args,
@@ -114,32 +93,52 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     };
     let written = match (&lights, &bake) {
         (Some(lights), Some(bake)) if view.needs_relit() => {
-            shots.relit(lights, bake, &mut report)?
+            shots.relit(lights, bake, &mut summary)?
         }
         _ => {
             if relit {
-                report.skip("transfer", "this view shows no relit colour");
+                summary.skip("transfer", "this view shows no relit colour");
             }
-            // The same picture for each target, but for its background and ground.
-            let mut written = 0;
-            for (i, (name, path)) in targets.iter().enumerate() {
-                let mut lit = Lit::default();
-                let maps = lights.as_ref().map(|l| [&l.source, &l.targets[i].light]);
-                shots.surround(&mut lit, path, maps, &mut report)?;
-                written += shots.take(Some(name), &lit, &mut report)?;
-            }
-            if targets.is_empty() {
-                written = shots.take(None, &Lit::default(), &mut report)?;
-            }
-            written
+            shots.as_captured(&targets, lights.as_ref(), &mut summary)?
         }
     };
-    report.set("pictures", written);
-    report.finish(&format!(
+    summary.set("pictures", written);
+    summary.finish(&format!(
         "wrote {written} picture{} to {}",
         if written == 1 { "" } else { "s" },
         args.output.display()
     ))
+}
+
+/// What is to be shown; a command line that does not say enough ends the program.
+fn view_asked(
+    args: &RenderArgs,
+    scene: &Scene,
+    relit: bool,
+    targets: &[(String, PathBuf)],
+) -> View {
+    let has_camera = args.camera.cameras.is_some()
+        || args.camera.turntable.is_some()
+        || args.camera.eye.is_some()
+        || scene.camera.is_some();
+    if !has_camera {
+        usage(
+            "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
+        );
+    }
+    if relit == targets.is_empty() {
+        usage(
+            "--source and --target belong together; --source estimate stands for a light that nobody knows",
+        );
+    }
+    if scene.background == Background::Environment && !relit {
+        usage("--background environment needs --source and --target");
+    }
+    match (args.view, relit) {
+        (None, false) if scene.view == View::After => View::Before,
+        (_, false) if scene.view.needs_relit() => usage("this view needs --source and --target"),
+        _ => scene.view,
+    }
 }
 
 fn settings(args: &RenderArgs) -> Result<Scene> {
@@ -314,13 +313,13 @@ struct Shots<'a> {
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(&self, lights: &Lights, bake: &Bake, report: &mut Report) -> Result<usize> {
+    fn relit(&self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
         let pipeline = self.pipeline;
         let source = lights.oriented(pipeline, &lights.targets[0])[0].clone();
-        let prepared = pipeline.prepare(bake, &source, report)?;
+        let prepared = pipeline.prepare(bake, &source, summary)?;
         let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
         if let Some(warning) = warning {
-            report.warn(warning);
+            summary.warn(warning);
         }
         let mut written = 0;
         for target in &lights.targets {
@@ -331,14 +330,35 @@ impl Shots<'_> {
                 &[]
             };
             if let Some(skipped) = Skipped::of_unseen(unseen) {
-                report.skipped(skipped);
+                summary.skipped(skipped);
             }
             let wanted = (&light[1], self.studio.view.part(), unseen);
-            let relit = pipeline.relight(&prepared, &mut transfer, &target.name, wanted, report)?;
+            let relit =
+                pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
             let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
             let maps = [&lights.source, &target.light];
-            self.surround(&mut lit, &target.path, Some(maps), report)?;
-            written += self.take(Some(&target.name), &lit, report)?;
+            self.surround(&mut lit, &target.path, Some(maps), summary)?;
+            written += self.take(Some(&target.name), &lit, summary)?;
+        }
+        Ok(written)
+    }
+
+    /// The same picture for each target, but for its background and ground.
+    fn as_captured(
+        &self,
+        targets: &[(String, PathBuf)],
+        lights: Option<&Lights>,
+        summary: &mut Summary,
+    ) -> Result<usize> {
+        if targets.is_empty() {
+            return self.take(None, &Lit::default(), summary);
+        }
+        let mut written = 0;
+        for (i, (name, path)) in targets.iter().enumerate() {
+            let mut lit = Lit::default();
+            let maps = lights.map(|l| [&l.source, &l.targets[i].light]);
+            self.surround(&mut lit, path, maps, summary)?;
+            written += self.take(Some(name), &lit, summary)?;
         }
         Ok(written)
     }
@@ -350,7 +370,7 @@ impl Shots<'_> {
         lit: &mut Lit,
         target: &Path,
         maps: Option<[&Illumination; 2]>,
-        report: &mut Report,
+        summary: &mut Summary,
     ) -> Result<()> {
         let scene = &self.pipeline.scene;
         let up = self.pipeline.cloud.up;
@@ -379,7 +399,7 @@ impl Shots<'_> {
                 continue;
             };
             let saved = self.args.light.bake.as_deref();
-            let map = self.pipeline.load_light(path, saved, report)?;
+            let map = self.pipeline.load_light(path, saved, summary)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
             let map = Arc::new(map.blurred(scene.background_blur));
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
@@ -387,17 +407,17 @@ impl Shots<'_> {
         Ok(())
     }
 
-    fn take(&self, target: Option<&str>, lit: &Lit, report: &mut Report) -> Result<usize> {
+    fn take(&self, target: Option<&str>, lit: &Lit, summary: &mut Summary) -> Result<usize> {
         if !self.output.is_file {
             make_folder(&self.output.folder(target))?;
         }
-        let bar = progress_bar("drawing", report);
+        let bar = progress_bar("drawing", summary);
         for (done, (number, camera)) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             let path = self.output.picture(target, *number);
             let factor = usize::from(self.args.supersample);
-            let raster = report.time("rasterize", || self.studio.take(camera, factor, lit))?;
-            report.time("export", || match self.output.format {
+            let raster = summary.time("rasterize", || self.studio.take(camera, factor, lit))?;
+            summary.time("export", || match self.output.format {
                 PictureFormat::Png => write_png(
                     &path,
                     raster.width,

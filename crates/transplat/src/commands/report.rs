@@ -23,12 +23,12 @@ use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart, usage};
 use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::device::Device;
+use crate::ground_truth::TruthObject;
+use crate::ground_truth::views::{Views, light};
 use crate::pipeline::settings::look_of;
 use crate::pipeline::{Pipeline, progress_bar};
-use crate::report::Report;
+use crate::summary::Summary;
 use crate::sweep::{self, Effort, Subject, Sweep};
-use crate::truth::TruthObject;
-use crate::truth::views::{Views, light};
 
 use page::{Page, write};
 
@@ -36,7 +36,7 @@ use page::{Page, write};
 const PAGE: &str = "report.html";
 
 pub fn run(args: &ReportArgs) -> Result<()> {
-    let mut report = Report::new("report", &args.out);
+    let mut summary = Summary::new("report", &args.out);
     let parts = args.parts();
     let of_truth = parts.contains(&ReportPart::Truth);
     if of_truth && args.asset.is_some() && args.ground_truth.is_none() {
@@ -62,19 +62,19 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
     refuse_file(&args.output)?;
     let device = Device::open(args.options.device)?;
-    report.set("adapter", device.name());
+    summary.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
     page.paragraph(&measured_what(args));
     let mut told = String::new();
     let of_asset = [ReportPart::Time, ReportPart::Extremes, ReportPart::Skipped];
     let subject = if parts.iter().any(|part| of_asset.contains(part)) {
-        Some(subject(args, &device, &mut report)?)
+        Some(subject(args, &device, &mut summary)?)
     } else {
         None
     };
     make_folder(&args.output)?;
     let devices = if subject.is_some() {
-        devices(args.options.device, &mut report)
+        devices(args.options.device, &mut summary)
     } else {
         Vec::new()
     };
@@ -88,18 +88,18 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             subject.cloud.sh_degree,
             device.name()
         ));
-        told += &error_against_time(args, subject, &devices, &mut page, &mut report)?;
+        told += &error_against_time(args, subject, &devices, &mut page, &mut summary)?;
     }
     if parts.contains(&ReportPart::Extremes) {
-        told += &extremes::run(args, subject.as_ref(), &devices, &mut page, &mut report)?;
+        told += &extremes::run(args, subject.as_ref(), &devices, &mut page, &mut summary)?;
     }
     if let Some(subject) = subject.as_ref()
         && parts.contains(&ReportPart::Skipped)
     {
-        told += &skipped::run(args, subject, &mut page, &mut report)?;
+        told += &skipped::run(args, subject, &mut page, &mut summary)?;
     }
     if !objects.is_empty() {
-        let tables = truth::run(&objects, args, &device, &mut report)?;
+        let tables = truth::run(&objects, args, &device, &mut summary)?;
         let names: Vec<&str> = objects.iter().map(|o| &*o.name).collect();
         page.heading("Against path-traced truth");
         page.paragraph(&format!(
@@ -113,8 +113,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     let html = args.output.join(PAGE);
     write(&html, &page.finish("transplat: report"))?;
-    report.set("page", html.display().to_string());
-    report.finish(&format!("{told}\nwrote {}", args.output.display()))
+    summary.set("page", html.display().to_string());
+    summary.finish(&format!("{told}\nwrote {}", args.output.display()))
 }
 
 /// The bundled splats with their truth.
@@ -125,7 +125,7 @@ fn bundled_objects() -> Result<Vec<TruthObject>> {
 }
 
 /// The asset between two lights: the bundled scene with its truth unless another is named.
-fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Subject> {
+fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<Subject> {
     let Some(asset) = &args.asset else {
         let object = bundled_objects()?.swap_remove(0);
         let (cloud, _) = transplat_core::files::load_asset(&object.asset)?;
@@ -158,10 +158,10 @@ fn subject(args: &ReportArgs, device: &Device, report: &mut Report) -> Result<Su
         asset: Some(asset.clone()),
         options: args.options.clone(),
     };
-    let pipeline = Pipeline::load(&asset, scene, report)?;
+    let pipeline = Pipeline::load(&asset, scene, summary)?;
     let map = load_environment(&target)?;
     let lights = [
-        pipeline.light_of(source, None, report)?,
+        pipeline.light_of(source, None, summary)?,
         device.light(&map, Method::Directional)?,
     ];
     let up = pipeline.cloud.up;
@@ -207,14 +207,14 @@ fn measured_what(args: &ReportArgs) -> String {
 }
 
 /// The CPU, and the GPU; a driver that computes on the CPU only where it is asked for.
-fn devices(choice: DeviceChoice, report: &mut Report) -> Vec<Device> {
+fn devices(choice: DeviceChoice, summary: &mut Summary) -> Vec<Device> {
     let mut devices = vec![Device::Cpu];
     if choice == DeviceChoice::Cpu {
         return devices;
     }
     match GpuContext::new(choice == DeviceChoice::Gpu) {
         Ok(context) => devices.push(Device::Gpu(Arc::new(context))),
-        Err(error) => report.skip("the GPU", &error.to_string()),
+        Err(error) => summary.skip("the GPU", &error.to_string()),
     }
     devices
 }
@@ -224,14 +224,14 @@ fn error_against_time(
     subject: &Subject,
     devices: &[Device],
     page: &mut Page,
-    report: &mut Report,
+    summary: &mut Summary,
 ) -> Result<String> {
     let effort = if args.quick {
         Effort::Quick
     } else {
         Effort::Full
     };
-    let bar = progress_bar("measuring settings", report);
+    let bar = progress_bar("measuring settings", summary);
     let progress = |done: f64, what: &str| {
         bar.set_position((1000.0 * done) as u64);
         if bar.is_hidden() && !args.out.quiet {
@@ -239,10 +239,10 @@ fn error_against_time(
         }
         ControlFlow::Continue(())
     };
-    let points = report.time("sweep", || Sweep::run(subject, devices, effort, &progress))?;
+    let points = summary.time("sweep", || Sweep::run(subject, devices, effort, &progress))?;
     bar.finish_and_clear();
     write(&args.output.join(time::CSV), &time::csv(&points))?;
-    report.set("points", points.len());
+    summary.set("points", points.len());
     let words = sweep::in_words(&points);
     time::onto(page, &points, &words)?;
     Ok(time::summary(&points, &words))

@@ -6,7 +6,7 @@ use transplat_core::settings::TransferSettings;
 
 use crate::cli::{DeviceChoice, ViewArgs, usage};
 use crate::pipeline::settings::{look_of, look_over};
-use crate::viewer::{self, Opening};
+use crate::viewer::{self, Startup};
 
 pub fn run(args: &ViewArgs) -> Result<()> {
     // What is wrong with the command line is told before a window opens.
@@ -22,7 +22,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
-    let told = look_of(&options, Some(&light))? != Scene::default() || light.preset.is_some();
+    let are_set = look_of(&options, Some(&light))? != Scene::default() || light.preset.is_some();
     if light.target.len() > 1 {
         usage("the viewer takes one --target; give more lights as files, for the shelf");
     }
@@ -35,11 +35,11 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         // It was right a moment ago; a look that has gone meanwhile leaves the kept settings.
         look_over(kept.clone(), &options, Some(&light)).unwrap_or(kept)
     };
-    let opening = Opening {
+    let opening = Startup {
         files: args.files.clone(),
-        settings: told.then(|| Box::new(settings) as _),
+        settings: are_set.then(|| Box::new(settings) as _),
         bake,
-        ..Opening::default()
+        ..Startup::default()
     };
     viewer::open(opening, args.options.device == DeviceChoice::Cpu)
 }

@@ -6,7 +6,7 @@ use transplat_core::bake::Bake;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::surfels::SurfelCloud;
 
-use crate::truth::views::Views;
+use crate::ground_truth::views::Views;
 
 /// What is measured.
 pub struct Subject {

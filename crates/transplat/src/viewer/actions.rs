@@ -14,7 +14,10 @@ use super::shortcuts::{Action, SHORTCUTS};
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {
-        if context.text_edit_focused() || self.path_field.is_some() || self.replacing.is_some() {
+        if context.text_edit_focused()
+            || self.shown.path_field.is_some()
+            || self.replacing.is_some()
+        {
             return;
         }
         // The arrows belong to a slider that was reached by Tab.
@@ -105,8 +108,8 @@ impl Viewer {
             }
             Action::Match => session.scene.match_strength = !session.scene.match_strength,
             Action::Swap => session.swap_lights(),
-            Action::Panels => self.show_panels = !self.show_panels,
-            Action::Help => self.show_help = !self.show_help,
+            Action::Panels => self.shown.panels = !self.shown.panels,
+            Action::Help => self.shown.help = !self.shown.help,
             Action::NudgeLeft => target.rotation = navigation::wrap(target.rotation + step),
             Action::NudgeRight => target.rotation = navigation::wrap(target.rotation - step),
             Action::NudgeUp => target.tilt = navigation::wrap(target.tilt + step),

@@ -30,7 +30,7 @@ const DROP_WAIT_S: f64 = 0.15;
 
 /// What the viewer opens with.
 #[derive(Default)]
-pub struct Opening {
+pub struct Startup {
     /// Splats, environments, folders and looks in any order.
     pub files: Vec<PathBuf>,
     /// Puts the settings of the command line over those that were kept.
@@ -39,6 +39,14 @@ pub struct Opening {
     pub bake: Option<PathBuf>,
     /// Gets what ended the window against the user's will.
     pub fatal: Arc<Mutex<Option<String>>>,
+}
+
+/// What is open beside the viewport.
+pub struct Shown {
+    pub help: bool,
+    pub about: bool,
+    pub panels: bool,
+    pub path_field: Option<PathField>,
 }
 
 /// The viewer.
@@ -51,10 +59,7 @@ pub struct Viewer {
     pub(super) shelf: Shelf,
     pub(super) undoer: egui::util::undoer::Undoer<Scene>,
     pub(super) probes: [Option<Probe>; 2],
-    pub(super) show_help: bool,
-    pub(super) show_about: bool,
-    pub(super) show_panels: bool,
-    pub(super) path_field: Option<PathField>,
+    pub(super) shown: Shown,
     /// Files that were opened by the user and are not known to be good yet.
     pub(super) unproven: Vec<PathBuf>,
     pub(super) dropped: Vec<PathBuf>,
@@ -79,7 +84,7 @@ impl Viewer {
     /// The window was not made with wgpu.
     pub fn new(
         cc: &eframe::CreationContext<'_>,
-        opening: Opening,
+        startup: Startup,
     ) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
         let state = cc
             .wgpu_render_state
@@ -109,10 +114,12 @@ impl Viewer {
             directions_draft: None,
             undoer: Default::default(),
             probes: [None, None],
-            show_help: false,
-            show_about: false,
-            show_panels: true,
-            path_field: None,
+            shown: Shown {
+                help: false,
+                about: false,
+                panels: true,
+                path_field: None,
+            },
             unproven: Vec::new(),
             dropped: Vec::new(),
             dropped_at: 0.0,
@@ -123,16 +130,16 @@ impl Viewer {
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
                 .map(|d| d.cache_dir().join("recovered_look.json")),
-            fatal: opening.fatal.clone(),
+            fatal: startup.fatal.clone(),
             title: String::new(),
             preferences,
         };
-        viewer.first_scene(opening);
+        viewer.first_scene(startup);
         Ok(viewer)
     }
 
-    fn first_scene(&mut self, mut opening: Opening) {
-        for file in &mut opening.files {
+    fn first_scene(&mut self, mut startup: Startup) {
+        for file in &mut startup.files {
             *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
         }
         let lights = BUNDLED_LIGHTS.iter().filter_map(|name| bundled(name));
@@ -147,8 +154,8 @@ impl Viewer {
             }
         }
         let mut scene = self.session.scene.clone();
-        self.settings_for_once = opening.settings.is_some();
-        if let Some(settings) = opening.settings {
+        self.settings_for_once = startup.settings.is_some();
+        if let Some(settings) = startup.settings {
             scene = settings(scene);
         }
         let camera = scene.camera.take();
@@ -158,16 +165,16 @@ impl Viewer {
                 *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
             }
         }
-        self.session.state_mut().saved_bake = opening.bake;
+        self.session.state_mut().saved_bake = startup.bake;
         let second = || lights.get(1).cloned().unwrap_or_else(|| EVEN.into());
         scene.environment.file.get_or_insert_with(second);
         let is = |file: &PathBuf, kind| file_kind(file).is_ok_and(|k| k == kind);
-        let splat = opening.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
-        let by_look = opening.files.iter().any(|f| is(f, FileKind::Look));
+        let splat = startup.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
+        let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
         let object = &mut scene.objects[self.session.selected];
-        let nothing_told = splat.is_none() && object.asset.is_none() && !by_look;
+        let nothing_named = splat.is_none() && object.asset.is_none() && !by_look;
         // The light is known only where somebody tells it, as for the bundled scene.
-        let known = lights.first().filter(|_| nothing_told).cloned();
+        let known = lights.first().filter(|_| nothing_named).cloned();
         let source = known.unwrap_or_else(|| ESTIMATE.into());
         object.source.file.get_or_insert(source);
         let asset = splat.clone().or(object.asset.take());
@@ -176,14 +183,14 @@ impl Viewer {
         if let Some(asset) = &asset {
             self.unproven.push(asset.clone());
         }
-        match asset.or_else(|| bundled(BUNDLED_SPLAT).filter(|_| nothing_told)) {
+        match asset.or_else(|| bundled(BUNDLED_SPLAT).filter(|_| nothing_named)) {
             Some(asset) => (self.session).load_asset(self.session.selected, asset, opened_with),
-            None if nothing_told => self
+            None if nothing_named => self
                 .session
                 .error("the bundled scene is not installed; drop a splat on the window"),
             None => {}
         }
-        for file in opening.files {
+        for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
                 // A look beside a splat is for that splat.
@@ -343,7 +350,7 @@ impl Viewer {
             Event::NoDialog => {
                 let note =
                     "The desktop shows no file dialog (neither a portal nor zenity answers).";
-                self.path_field = Some(PathField::new(Some(note)));
+                self.shown.path_field = Some(PathField::new(Some(note)));
             }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
         }

@@ -87,14 +87,18 @@ impl OpenedWith {
         }
         let mut now = now.clone();
         match self {
-            Self::Object(told, camera) => {
+            Self::Object(opened, camera) => {
                 let (asked, object) = (&asked.objects[at], now.objects[at].clone());
                 now.objects[at] = Object {
-                    source: kept(told.source, &asked.source, object.source),
-                    up: kept(told.up, &asked.up, object.up),
-                    linear: kept(told.linear, &asked.linear, object.linear),
-                    outside_from: kept(told.outside_from, &asked.outside_from, object.outside_from),
-                    hide: kept(told.hide, &asked.hide, object.hide),
+                    source: kept(opened.source, &asked.source, object.source),
+                    up: kept(opened.up, &asked.up, object.up),
+                    linear: kept(opened.linear, &asked.linear, object.linear),
+                    outside_from: kept(
+                        opened.outside_from,
+                        &asked.outside_from,
+                        object.outside_from,
+                    ),
+                    hide: kept(opened.hide, &asked.hide, object.hide),
                     ..object
                 };
                 now.camera = camera;

@@ -58,7 +58,7 @@ impl Format {
 
 /// Which sides are saved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Sides {
+pub enum ExportSides {
     /// What is shown.
     #[default]
     Shown,
@@ -82,7 +82,7 @@ pub struct ExportSettings {
     pub format: Format,
     pub supersample: usize,
     pub transparent: bool,
-    pub sides: Sides,
+    pub sides: ExportSides,
     pub pattern: String,
     pub folder: String,
     pub frames: usize,
@@ -96,7 +96,7 @@ impl Default for ExportSettings {
             format: Format::default(),
             supersample: 2,
             transparent: false,
-            sides: Sides::default(),
+            sides: ExportSides::default(),
             pattern: "{asset}_{light}_{view}".into(),
             folder: directories::UserDirs::new()
                 .and_then(|d| d.picture_dir().map(|p| p.display().to_string()))
@@ -360,8 +360,8 @@ impl Snapshot {
 
     fn views(&self) -> Vec<View> {
         match self.settings.sides {
-            Sides::Shown => vec![self.scene.view],
-            Sides::Each => vec![View::Before, View::After],
+            ExportSides::Shown => vec![self.scene.view],
+            ExportSides::Each => vec![View::Before, View::After],
         }
     }
 

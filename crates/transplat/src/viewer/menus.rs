@@ -56,11 +56,11 @@ impl Viewer {
             ui.menu_button("View", |ui| self.view_menu(ui));
             ui.menu_button("Help", |ui| {
                 if ui.button("Shortcuts (?)").clicked() {
-                    self.show_help = true;
+                    self.shown.help = true;
                     ui.close();
                 }
                 if ui.button("About").clicked() {
-                    self.show_about = true;
+                    self.shown.about = true;
                     ui.close();
                 }
             });
@@ -84,7 +84,7 @@ impl Viewer {
             }
         }
         if ui.button("Open or save by path…").clicked() {
-            self.path_field = Some(PathField::new(None));
+            self.shown.path_field = Some(PathField::new(None));
             ui.close();
         }
         let recent = self.preferences.recent.clone();
@@ -181,7 +181,7 @@ impl Viewer {
             }
         });
         ui.separator();
-        ui.checkbox(&mut self.show_panels, "Panels");
+        ui.checkbox(&mut self.shown.panels, "Panels");
         ui.checkbox(&mut self.preferences.probes, "Light probes");
         ui.checkbox(&mut self.session.overlays.grid, "Grid");
         ui.checkbox(&mut self.session.overlays.marks, "Mark doubtful surfels");

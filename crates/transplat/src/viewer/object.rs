@@ -39,10 +39,7 @@ pub struct ObjectState {
     pub bakes: HashMap<Method, Derived<BakeKey, BakeState>>,
     /// By the places that its fronts were told from.
     pub estimate: Derived<Vec<Vec3>, Estimate>,
-    /// The light that is made of that, by its version and the up axis; or what is assumed.
-    pub(super) estimated: Arc<Environment>,
-    pub(super) estimate_shown: Option<(u64, UpAxis)>,
-    pub(super) estimate_awaited: bool,
+    pub(super) estimated: Estimated,
     /// What of its preparation is kept between settings.
     pub(super) transfer: Arc<Mutex<TransferAsset>>,
     pub prepared: Derived<PrepareKey, Prepared>,
@@ -70,9 +67,11 @@ impl ObjectState {
             lights: Derived::default(),
             bakes: HashMap::new(),
             estimate: Derived::default(),
-            estimated: Arc::new(Environment::assumed()),
-            estimate_shown: None,
-            estimate_awaited: false,
+            estimated: Estimated {
+                light: Arc::new(Environment::assumed()),
+                made_from: None,
+                is_awaited: false,
+            },
             transfer: Arc::default(),
             prepared: Derived::default(),
             relit: Derived::default(),
@@ -114,6 +113,15 @@ impl ObjectState {
 }
 
 // ---- what the stages make, and what of ----
+
+/// The light that the asset tells of, or what is assumed.
+pub struct Estimated {
+    pub light: Arc<Environment>,
+    /// Version of the estimate, and the up axis.
+    pub made_from: Option<(u64, UpAxis)>,
+    /// Whether there will be another.
+    pub is_awaited: bool,
+}
 
 /// A light as the asset sees it; two are the same where nothing was changed in between.
 #[derive(Clone)]

@@ -43,7 +43,7 @@ impl Viewer {
             };
             ui.label(bake).on_hover_text("The object's visibility; until it is baked, shadows are missing or coarse.");
             ui.separator();
-            if let Some(bytes) = crate::report::memory_bytes() {
+            if let Some(bytes) = crate::summary::memory_bytes() {
                 ui.label(format!("{} MB", thousands((bytes >> 20) as usize)))
                     .on_hover_text("Memory that the program holds.");
                 ui.separator();
@@ -63,8 +63,8 @@ impl Viewer {
                     1 => "1 step skipped".to_owned(),
                     n => format!("{n} steps skipped"),
                 };
-                let told = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
-                let all: Vec<String> = left_out.iter().map(told).collect();
+                let line = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
+                let all: Vec<String> = left_out.iter().map(line).collect();
                 ui.label(text)
                     .on_hover_text(format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
             }
@@ -235,7 +235,7 @@ impl Viewer {
 
     pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {
         let corner = self.viewport.rect.left_top() + egui::vec2(20.0, 20.0);
-        let mut open = self.show_help;
+        let mut open = self.shown.help;
         egui::Window::new("Shortcuts")
             .default_pos(corner)
             .open(&mut open)
@@ -257,8 +257,8 @@ impl Viewer {
                     });
             });
         let escape = context.input(|i| i.key_pressed(Key::Escape));
-        self.show_help = open && !escape;
-        let mut open = self.show_about;
+        self.shown.help = open && !escape;
+        let mut open = self.shown.about;
         egui::Window::new("About")
             .default_pos(corner)
             .open(&mut open)
@@ -267,11 +267,11 @@ impl Viewer {
                 ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
                 ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
             });
-        self.show_about = open && !escape;
+        self.shown.about = open && !escape;
     }
 
     pub(super) fn path_window(&mut self, context: &egui::Context) {
-        let Some(mut field) = self.path_field.take() else {
+        let Some(mut field) = self.shown.path_field.take() else {
             return;
         };
         let (mut open, mut is_shown) = (true, true);
@@ -305,7 +305,7 @@ impl Viewer {
             Some(act) if !field.text.trim().is_empty() => {
                 act(self, PathBuf::from(field.text.trim()));
             }
-            _ if open && is_shown => self.path_field = Some(field),
+            _ if open && is_shown => self.shown.path_field = Some(field),
             _ => {}
         }
     }

@@ -288,7 +288,7 @@ impl Session {
     /// What that file holds, or the estimate of the object's light.
     pub(super) fn light_of(&self, at: usize, file: &Path) -> Option<&Arc<Environment>> {
         if is_estimate(file) {
-            return Some(&self.states[at].estimated);
+            return Some(&self.states[at].estimated.light);
         }
         self.environments.get(file)
     }
@@ -329,6 +329,11 @@ impl Session {
         let relit = self.state().relit.get();
         let on_cpu = relit.and_then(|r| r.cpu_ms);
         on_cpu.unwrap_or_else(|| self.timers.transfer.ms())
+    }
+
+    /// How many stops the target's mean irradiance is over the source's, as they are shown.
+    pub fn stops_over_source(&self) -> Option<f32> {
+        self.state().relit.get()?.stops_over_source
     }
 
     /// Whether the light of the capture is not known, and even light is assumed.

@@ -41,7 +41,7 @@ impl eframe::App for Viewer {
         egui::Panel::bottom("shelf")
             .exact_size(shelf::HEIGHT)
             .show(ui, |ui| self.shelf.show(ui, &mut self.session));
-        if self.show_panels {
+        if self.shown.panels {
             egui::Panel::right("panels")
                 .default_size(300.0)
                 .size_range(240.0..=460.0)

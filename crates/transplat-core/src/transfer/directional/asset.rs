@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::neighbors::neighbors;
-use super::nodes::{Frame, Nodes, weighted_mean};
+use super::nodes::{Nodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
 use crate::color::Encoding;
@@ -23,7 +23,7 @@ pub(super) fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
 }
 
 /// A colour of a surfel's front, and one of its back.
-pub type Sides = [[f32; 3]; 2];
+pub type FrontAndBack = [[f32; 3]; 2];
 
 /// What of an asset no light changes.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ pub struct DirectionalAsset {
     /// Linear colour at the front's nodes. `[n][Q]`
     pub(super) colors: Vec<[f32; 3]>,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
-    pub means: Vec<Sides>,
+    pub means: Vec<FrontAndBack>,
     pub(super) neighbors: Vec<u32>,
 }
 
@@ -74,7 +74,7 @@ impl DirectionalAsset {
         let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         let k = coefficient_count(degree);
         let q = nodes.count();
-        let per_surfel: Vec<(Vec<[f32; 3]>, Sides)> = sh
+        let per_surfel: Vec<(Vec<[f32; 3]>, FrontAndBack)> = sh
             .par_chunks_exact(k)
             .zip(&bake.normals)
             .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
@@ -109,7 +109,7 @@ impl DirectionalAsset {
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
-    pub(super) fn radiance(&self, tau: &[Sides]) -> Vec<Sides> {
+    pub(super) fn radiance(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
         self.means
             .iter()
             .zip(tau)
@@ -119,7 +119,7 @@ impl DirectionalAsset {
 }
 
 /// Mean linear colour of the front and the back of each surfel, as captured. `[n]`
-pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<Sides> {
+pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontAndBack> {
     let nodes = Nodes::new(cloud.sh_degree);
     let k = coefficient_count(cloud.sh_degree);
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
@@ -133,9 +133,9 @@ fn seen_at(
     encoding: Encoding,
     sh: &[[f32; 3]],
     normal: Vec3,
-) -> (Vec<[f32; 3]>, Sides) {
+) -> (Vec<[f32; 3]>, FrontAndBack) {
     let mut f = sh.to_vec();
-    Frame::new(normal).apply_sh(nodes.degree, &mut f);
+    SurfelFrame::new(normal).apply_sh(nodes.degree, &mut f);
     let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
         let mut values = nodes.values(e, &f);
         let numbers = bytemuck::cast_slice_mut(&mut values);

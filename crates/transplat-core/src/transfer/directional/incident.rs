@@ -6,7 +6,7 @@ use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, DirectionalLight, Planes, Sides, planes};
+use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, planes};
 use super::lobe::Rays;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 use crate::environment::{Beam, Beams, IncidentRadiance};
@@ -30,7 +30,7 @@ pub(super) struct Incident {
     /// With the surfels that see them.
     suns: Vec<(Beam, Vec<bool>)>,
     /// Irradiance, with epsilon's share. `[n]`
-    pub irradiance: Vec<Sides>,
+    pub irradiance: Vec<FrontAndBack>,
     /// Epsilon's share.
     pub least: [f32; 3],
     terms: Terms,
@@ -165,7 +165,7 @@ impl DirectionalAsset {
     }
 
     /// Irradiance of surfel `i`, front and back, with epsilon's share.
-    fn irradiance(&self, i: usize, light: &Incident) -> Sides {
+    fn irradiance(&self, i: usize, light: &Incident) -> FrontAndBack {
         let n = self.bake.normals[i];
         let mut sides = open_irradiance(n, self.open(i, light.terms), &light.sky);
         for (sun, open) in &light.suns {
@@ -180,10 +180,15 @@ impl DirectionalAsset {
     }
 
     /// Light that bounces to surfel `i` from what the others radiate.
-    pub(super) fn bounced(&self, i: usize, light: &Incident, radiance: &[Sides]) -> Sides {
+    pub(super) fn bounced(
+        &self,
+        i: usize,
+        light: &Incident,
+        radiance: &[FrontAndBack],
+    ) -> FrontAndBack {
         let scale = 4.0 * PI / PATCHES as f32;
         let n = self.bake.normals[i];
-        let mut sides = Sides::default();
+        let mut sides = FrontAndBack::default();
         for hit in self.hits(i, light.terms) {
             let cosine = scale * n.dot(self.directions[hit.patch()]);
             let b = radiance_of(radiance, *hit);
@@ -195,7 +200,13 @@ impl DirectionalAsset {
     }
 
     /// All that shines on the front of surfel `i`, a ray a patch: the open sky, and what is met where it is blocked; and the suns.
-    pub(super) fn rays_of(&self, i: usize, light: &Incident, radiance: &[Sides], out: &mut Rays) {
+    pub(super) fn rays_of(
+        &self,
+        i: usize,
+        light: &Incident,
+        radiance: &[FrontAndBack],
+        out: &mut Rays,
+    ) {
         let n = self.bake.normals[i];
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
@@ -220,7 +231,7 @@ impl DirectionalAsset {
 }
 
 /// Radiance of the side of a surfel that a ray met.
-fn radiance_of(radiance: &[Sides], hit: Hit) -> [f32; 3] {
+fn radiance_of(radiance: &[FrontAndBack], hit: Hit) -> [f32; 3] {
     radiance[hit.surfel()][usize::from(hit.is_back())]
 }
 
@@ -232,7 +243,7 @@ fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {
 
 /// Sum over the open directions of cosine times energy, front and back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> Sides {
+fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> FrontAndBack {
     let mut sums = [[[0f32; LANES]; 3]; 2];
     for start in (0..DIRECTIONS).step_by(LANES) {
         let bits = (open[start / 64] >> (start % 64)) as u32;

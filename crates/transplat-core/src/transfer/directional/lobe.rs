@@ -9,8 +9,8 @@ use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::Sides;
-use super::nodes::{BLOCK, Frame, Nodes, weighted_mean};
+use super::asset::FrontAndBack;
+use super::nodes::{BLOCK, Nodes, SurfelFrame, weighted_mean};
 use crate::environment::Beam;
 use crate::numeric::smoothstep;
 
@@ -90,7 +90,7 @@ impl Default for Rays {
 }
 
 /// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
-pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &Rays, out: &mut [f32]) {
+pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out: &mut [f32]) {
     for start in (0..nodes.count()).step_by(BLOCK) {
         // Unrolled for each width: six times as fast as a loop.
         match width {
@@ -107,7 +107,7 @@ pub fn mirrored(nodes: &Nodes, frame: Frame, width: u32, rays: &Rays, out: &mut 
 fn sum_lobes<const WIDTH: u32>(
     nodes: &Nodes,
     start: usize,
-    frame: Frame,
+    frame: SurfelFrame,
     rays: &Rays,
     out: &mut [f32],
 ) {
@@ -188,7 +188,7 @@ pub struct Fitted<'a> {
     /// Linear colour at the nodes `[n][Q]`.
     pub colors: &'a [[f32; 3]],
     /// Its mean, front and back `[n]`; gloss is looked for on the front.
-    pub means: &'a [Sides],
+    pub means: &'a [FrontAndBack],
     /// Other surfels that probably are of the same stuff. `[n][neighbors]`
     pub neighbors: &'a [u32],
     /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
@@ -214,7 +214,7 @@ pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync
             || (Rays::default(), vec![0f32; 3 * input.nodes.count()]),
             |(rays, values), i| {
                 rays_of(i, rays);
-                let frame = Frame::new(input.normals[i]);
+                let frame = SurfelFrame::new(input.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {
                     mirrored(input.nodes, frame, width, rays, values);

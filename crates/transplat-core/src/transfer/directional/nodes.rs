@@ -236,12 +236,12 @@ fn least_squares(basis: &[f64], k: usize, weights: &[f64]) -> Vec<f64> {
 
 /// The frame of a surfel: the mirror that exchanges its normal and the z axis.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct SurfelFrame {
     /// Unit normal of the mirror.
     pub mirror: Vec3,
 }
 
-impl Frame {
+impl SurfelFrame {
     /// The frame of a surfel with that unit normal.
     pub fn new(normal: Vec3) -> Self {
         // The difference loses its digits where the two are close; any mirror through the axis will do there.
@@ -333,7 +333,7 @@ mod tests {
             Vec3::new(0.3, -0.5, 0.2),
         ] {
             let n = n.normalize();
-            let frame = Frame::new(n);
+            let frame = SurfelFrame::new(n);
             assert!((frame.apply(n) - Vec3::Z).length() < 1e-5);
             let d = Vec3::new(0.6, -0.64, 0.48);
             assert!((frame.apply(frame.apply(d)) - d).length() < 1e-6);

@@ -194,7 +194,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
             asset.rays_of(i, &light, &asset.means, &mut rays);
-            let frame = Frame::new(asset.bake.normals[i]);
+            let frame = SurfelFrame::new(asset.bake.normals[i]);
             mirrored(&asset.nodes, frame, 4, &rays, &mut values);
             let q = asset.nodes.count();
             let shown: Vec<[f32; 3]> = (0..q)

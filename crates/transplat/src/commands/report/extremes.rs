@@ -17,7 +17,7 @@ use super::tables::quoted;
 use crate::cli::ReportArgs;
 use crate::device::Device;
 use crate::pipeline::progress_bar;
-use crate::report::Report;
+use crate::summary::Summary;
 use crate::sweep::Subject;
 
 /// The tables' names.
@@ -33,16 +33,16 @@ pub fn run(
     subject: Option<&Subject>,
     devices: &[Device],
     page: &mut Page,
-    report: &mut Report,
+    summary: &mut Summary,
 ) -> Result<String> {
     let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
-    let bar = progress_bar("extreme cases", report);
+    let bar = progress_bar("extreme cases", summary);
     let cases = extremes::all();
     let start = Instant::now();
     let mut outcomes = Vec::new();
     for (i, case) in cases.iter().enumerate() {
         bar.set_position((1000 * i / cases.len()) as u64);
-        if bar.is_hidden() && !report.is_quiet() {
+        if bar.is_hidden() && !summary.is_quiet() {
             eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
         }
         for method in Method::ALL {
@@ -59,20 +59,20 @@ pub fn run(
         }
     }
     bar.finish_and_clear();
-    report.add_ms("extremes", 1e3 * start.elapsed().as_secs_f64());
+    summary.add_ms("extremes", 1e3 * start.elapsed().as_secs_f64());
     write(&args.output.join(CSV), &csv(&outcomes))?;
-    report.set("extreme_cases", outcomes.len());
+    summary.set("extreme_cases", outcomes.len());
     let failed = outcomes.iter().filter(|o| o.failure.is_some());
-    report.set("extreme_cases_failed", failed.count());
-    let mut told = extremes::in_words(&outcomes);
+    summary.set("extreme_cases_failed", failed.count());
+    let mut words = extremes::in_words(&outcomes);
     page.heading("Stiff and extreme cases");
-    page.paragraph(&told);
+    page.paragraph(&words);
     page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L. Everything is asked to be finite. Bounded: the ratio is within what the lights and epsilon allow. Scale-invariant, as at scale 1: the same colours whatever the unit of light or length. Monotone: a larger epsilon never makes a larger change. Black: no light, no colour. As with even light: a black source tells nothing. There and back, preset best is to come back the first time; the drift after many turns is told and not asked for, because each turn keeps the error of those before. A number is missing where the oracle has no such case (a channel that is missing in the source is filled up, pixels that are no numbers, no surfels) or the ratio is held at its bound.");
     onto(page, &outcomes);
     if let Some(subject) = subject {
-        told += &stiffness(args, subject, page)?;
+        words += &stiffness(args, subject, page)?;
     }
-    Ok(told)
+    Ok(words)
 }
 
 fn by_device(
@@ -226,14 +226,14 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
     plot("surfels that epsilon touches", "share in %", false, &|s| {
         Some(100.0 * f64::from(s.touched))
     })?;
-    let mut told = String::from("Epsilon (defaults):\n");
+    let mut words = String::from("Epsilon (defaults):\n");
     for s in all.iter().filter(|s| s.is_default) {
         let truth = s
             .psnr_truth
             .map_or(String::new(), |v| format!(", {v:.2} dB to the truth"));
         // Writing to a string does not fail.
         let _ = writeln!(
-            told,
+            words,
             "  {} {}: touches {:.1} % of the surfels, multiplies by at most {:.0}{truth}",
             s.method.preset(),
             s.epsilon,
@@ -241,7 +241,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
             s.amplification[1]
         );
     }
-    Ok(told)
+    Ok(words)
 }
 
 fn stiff(subject: &Subject, method: Method, bake: &Bake, epsilon: f32) -> Result<Stiff> {

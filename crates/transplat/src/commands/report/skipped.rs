@@ -9,8 +9,8 @@ use super::page::{Page, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
 use crate::pipeline::progress_bar;
-use crate::report::Report;
 use crate::savings::{self, Saved, Savings};
+use crate::summary::Summary;
 use crate::sweep::Subject;
 
 /// The table's name.
@@ -24,9 +24,9 @@ pub fn run(
     args: &ReportArgs,
     subject: &Subject,
     page: &mut Page,
-    report: &mut Report,
+    summary: &mut Summary,
 ) -> Result<String> {
-    let bar = progress_bar("what was left out", report);
+    let bar = progress_bar("what was left out", summary);
     let progress = |done: f64, what: &str| {
         bar.set_position((1000.0 * done) as u64);
         if bar.is_hidden() && !args.out.quiet {
@@ -35,15 +35,15 @@ pub fn run(
         ControlFlow::Continue(())
     };
     let repeats = REPEATS[usize::from(!args.quick)];
-    let savings = report.time("skips", || savings::measure(subject, repeats, &progress))?;
+    let savings = summary.time("skips", || savings::measure(subject, repeats, &progress))?;
     bar.finish_and_clear();
     write(&args.output.join(CSV), &csv(&savings.saved))?;
     for saved in &savings.saved {
-        report.saved(saved);
+        summary.saved(saved);
     }
-    let told = summary(&savings);
+    let words = in_words(&savings);
     onto(page, &savings);
-    Ok(told)
+    Ok(words)
 }
 
 fn name(saved: &Saved) -> String {
@@ -67,7 +67,7 @@ fn csv(saved: &[Saved]) -> String {
     out
 }
 
-fn summary(savings: &Savings) -> String {
+fn in_words(savings: &Savings) -> String {
     let mut out = String::from("Left out of this scene:\n");
     if savings.saved.is_empty() {
         out += "  nothing: it needs everything\n";

@@ -29,7 +29,7 @@ pub struct RoundTrip {
 }
 
 /// What an object tells of the light it was captured under, beside that light.
-pub struct ToldOfLight {
+pub struct LightEstimate {
     pub object: String,
     pub confidence: f32,
     /// Of the irradiance over the surfels, by channel.
@@ -84,7 +84,7 @@ fn cell(name: &str) -> String {
 pub fn markdown(
     rows: &[Row],
     round_trips: &[RoundTrip],
-    estimates: &[ToldOfLight],
+    estimates: &[LightEstimate],
     variants: &[Variant],
 ) -> String {
     let wholes: Vec<&Variant> = variants.iter().filter(|v| v.off.is_none()).collect();
@@ -183,7 +183,7 @@ fn returned(round_trips: &[RoundTrip]) -> String {
     out
 }
 
-fn told_of_light(estimates: &[ToldOfLight]) -> String {
+fn told_of_light(estimates: &[LightEstimate]) -> String {
     if estimates.is_empty() {
         return String::new();
     }

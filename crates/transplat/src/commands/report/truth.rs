@@ -16,17 +16,17 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::page::write;
-use super::tables::{RoundTrip, Row, ToldOfLight, csv, markdown};
+use super::tables::{LightEstimate, RoundTrip, Row, csv, markdown};
 use super::unknown::Unknown;
 use super::variants::Variant;
 use crate::cli::ReportArgs;
 use crate::commands::make_folder;
 use crate::device::Device;
+use crate::ground_truth::TruthObject;
+use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::Picture;
 use crate::pipeline::progress_bar;
-use crate::report::Report;
-use crate::truth::TruthObject;
-use crate::truth::views::{TruthTarget, Views, light};
+use crate::summary::Summary;
 
 /// Changes of light whose median time is told.
 const REPEATS: usize = 3;
@@ -53,20 +53,20 @@ pub fn run(
     objects: &[TruthObject],
     args: &ReportArgs,
     device: &Device,
-    report: &mut Report,
+    summary: &mut Summary,
 ) -> Result<String> {
     let pictures = args.output.join("pictures");
     make_folder(&pictures)?;
     let variants = Variant::all(args.quick, args.unknown_light);
-    let bar = progress_bar("comparing with the truth", report);
+    let bar = progress_bar("comparing with the truth", summary);
     let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);
     let bake = BakeSettings { directions };
     let mut rows: Vec<Row> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();
-    let mut estimates: Vec<ToldOfLight> = Vec::new();
+    let mut estimates: Vec<LightEstimate> = Vec::new();
     for (i, object) in objects.iter().enumerate() {
         bar.set_position((1000 * i / objects.len()) as u64);
-        if bar.is_hidden() && !report.is_quiet() {
+        if bar.is_hidden() && !summary.is_quiet() {
             eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
         }
         let scene = TruthScene::load(object, device, &bake)
@@ -83,18 +83,18 @@ pub fn run(
                 round_trips.push(scene.round_trip(variant, &prepared, device)?);
             }
         }
-        estimates.extend(unknown.map(|u| u.told));
+        estimates.extend(unknown.map(|u| u.estimate));
     }
     bar.finish_and_clear();
     let table = args.output.join(TRUTH_CSV);
     write(&table, &csv(&rows))?;
     let text = markdown(&rows, &round_trips, &estimates, &variants);
     write(&args.output.join(TRUTH_TABLES), &text)?;
-    report.set(
+    summary.set(
         "pairs",
         rows.iter().filter(|r| r.variant == variants[0]).count(),
     );
-    report.set("table", table.display().to_string());
+    summary.set("table", table.display().to_string());
     Ok(text)
 }
 

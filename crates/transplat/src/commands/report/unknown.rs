@@ -11,7 +11,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::transfer::directional::DirectionalTransfer;
 
-use super::tables::ToldOfLight;
+use super::tables::LightEstimate;
 use super::variants::Source;
 use crate::device::Device;
 
@@ -21,7 +21,7 @@ pub struct Unknown {
     even: Illumination,
     /// How many times as strong as these the light was, by channel.
     gains: [[f64; 3]; 2],
-    pub told: ToldOfLight,
+    pub estimate: LightEstimate,
 }
 
 impl Unknown {
@@ -51,7 +51,7 @@ impl Unknown {
             estimated,
             even,
             gains: [gain, gain_of_even],
-            told: ToldOfLight {
+            estimate: LightEstimate {
                 object: object.to_owned(),
                 confidence: estimate.confidence,
                 correlation,

@@ -3,7 +3,7 @@
 use eframe::egui::{self, Ui};
 
 use crate::viewer::app::Viewer;
-use crate::viewer::export::{Format, Sides, Task, Turn};
+use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::{Dialog, ask};
 use crate::viewer::session::SaveKind;
 use crate::viewer::widgets::{choice, switch};
@@ -76,8 +76,8 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
         "What is shown, or before and after as a picture each.",
         &mut settings.sides,
         &[
-            ("as shown", Sides::Shown),
-            ("before and after", Sides::Each),
+            ("as shown", ExportSides::Shown),
+            ("before and after", ExportSides::Each),
         ],
     );
 }

@@ -149,12 +149,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 
 fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let told = match session
-        .state()
-        .relit
-        .get()
-        .and_then(|r| r.stops_over_source)
-    {
+    let difference = match session.stops_over_source() {
         Some(stops) if stops.abs() < 0.05 => ": now as strong".into(),
         Some(stops) => {
             let word = if stops < 0.0 { "darker" } else { "brighter" };
@@ -164,7 +159,7 @@ fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
     };
     switch(
         ui,
-        &format!("Match the source's strength{told}"),
+        &format!("Match the source's strength{difference}"),
         "Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)",
         &mut session.scene.match_strength,
     );

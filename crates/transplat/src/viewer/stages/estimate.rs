@@ -60,7 +60,7 @@ impl Session {
         });
         drop(bakes);
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
-            let was = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
+            let was = std::mem::replace(&mut state.estimated.is_awaited, is_on_its_way);
             if was && !is_on_its_way {
                 self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
             }
@@ -86,7 +86,7 @@ impl Session {
         let Some(estimate) = state.estimate.get() else {
             return;
         };
-        if state.estimate_shown == Some(shown) {
+        if state.estimated.made_from == Some(shown) {
             return;
         }
         let light = if estimate.is_good() {
@@ -95,7 +95,8 @@ impl Session {
             Ok(Environment::standing_in(estimate.stand_in()))
         };
         let is_new = state
-            .estimate_shown
+            .estimated
+            .made_from
             .is_none_or(|(version, _)| version != shown.0);
         if is_new && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
@@ -112,9 +113,9 @@ impl Session {
             self.info(message);
         }
         let state = &mut self.states[at];
-        state.estimate_shown = Some(shown);
+        state.estimated.made_from = Some(shown);
         match light {
-            Ok(light) => state.estimated = Arc::new(light),
+            Ok(light) => state.estimated.light = Arc::new(light),
             Err(error) => self.error(format!("{error:#}")),
         }
     }

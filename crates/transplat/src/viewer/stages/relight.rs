@@ -47,8 +47,8 @@ impl Session {
         }
         let timer = &self.timers.transfer;
         timer.measure(&self.context, start, self.jobs.context());
-        let told = self.told_of_relight(at, &key, None);
-        self.states[at].relit.set(key, told);
+        let relighting = self.relighting(at, &key, None);
+        self.states[at].relit.set(key, relighting);
     }
 
     /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
@@ -83,10 +83,10 @@ impl Session {
         let Some(at) = self.at(id).filter(is_of) else {
             return;
         };
-        let told = self.told_of_relight(at, &key, Some(ms));
+        let relighting = self.relighting(at, &key, Some(ms));
         let state = &mut self.states[at];
         let (is_whole, shown) = (key.part == Part::Whole, key.shown());
-        if state.relit.accept(key, told) {
+        if state.relit.accept(key, relighting) {
             let tau = present::tau_colors(&relit.tau);
             if is_whole && !state.unseen.has_hidden {
                 state.readout.set(shown, relit);
@@ -95,7 +95,7 @@ impl Session {
         }
     }
 
-    fn told_of_relight(&self, at: usize, key: &RelitKey, cpu_ms: Option<f64>) -> Relighting {
+    fn relighting(&self, at: usize, key: &RelitKey, cpu_ms: Option<f64>) -> Relighting {
         let prepared = self.states[at].prepared.get();
         let gain = prepared.map_or(1.0, |p| p.prepared.light_gain());
         let stops = (key.target.light.mean_irradiance() * gain).log2();

@@ -116,14 +116,14 @@ fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
     }
     let mut rasters: Vec<Raster> = Vec::new();
     for path in paths {
-        let told = || path.display().to_string();
+        let name = || path.display().to_string();
         let raster = load_picture(path)?;
         if let Some(first) = rasters.first()
             && (first.width, first.height) != (raster.width, raster.height)
         {
             bail!(
                 "{}: {} x {} pixels, and the first picture has {} x {}",
-                told(),
+                name(),
                 raster.width,
                 raster.height,
                 first.width,
@@ -131,10 +131,10 @@ fn load_pictures(paths: &[PathBuf], cameras: usize) -> Result<Vec<Raster>> {
             );
         }
         if !raster.pixels.iter().flatten().all(|v| v.is_finite()) {
-            bail!("{}: holds values that are no numbers", told());
+            bail!("{}: holds values that are no numbers", name());
         }
         if !raster.pixels.iter().any(|p| p[3] > 0.5) {
-            bail!("{}: shows nothing of the object", told());
+            bail!("{}: shows nothing of the object", name());
         }
         rasters.push(raster);
     }

@@ -61,10 +61,10 @@ impl TruthObject {
     /// The manifest cannot be read, or names what is not there.
     pub fn all_in(folder: &Path) -> Result<Vec<Self>> {
         let path = folder.join("MANIFEST.json");
-        let told = || path.display().to_string();
-        let text = std::fs::read_to_string(&path).with_context(told)?;
+        let name = || path.display().to_string();
+        let text = std::fs::read_to_string(&path).with_context(name)?;
         let manifest: Manifest = serde_json::from_str(&text)
-            .with_context(|| format!("{}: not a manifest of path-traced truth", told()))?;
+            .with_context(|| format!("{}: not a manifest of path-traced truth", name()))?;
         let mut all = Vec::new();
         for (set, objects) in &manifest.sets {
             for (name, object) in &objects.objects {
@@ -79,7 +79,7 @@ impl TruthObject {
             }
         }
         if all.is_empty() {
-            bail!("{}: names no object", told());
+            bail!("{}: names no object", name());
         }
         Ok(all)
     }

@@ -12,7 +12,7 @@ use crate::savings::Saved;
 use crate::words::milliseconds;
 
 /// Gathers what is told at the end.
-pub struct Report {
+pub struct Summary {
     command: &'static str,
     quiet: bool,
     json: bool,
@@ -26,7 +26,7 @@ pub struct Report {
     warnings: Vec<String>,
 }
 
-impl Report {
+impl Summary {
     pub fn new(command: &'static str, out: &OutputArgs) -> Self {
         Self {
             command,
