@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 use std::panic::Location;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -62,15 +63,23 @@ impl Bindings {
 }
 
 /// WGSL for the driver, with its bindings.
-pub(crate) struct Shader {
-    pub module: wgpu::ShaderModule,
-    pub bindings: Bindings,
+struct Shader {
+    module: wgpu::ShaderModule,
+    bindings: Bindings,
 }
 
 /// A compute pipeline of one entry point.
 #[derive(Debug)]
 pub(crate) struct ComputePass {
     pipeline: wgpu::ComputePipeline,
+    bindings: Bindings,
+    label: String,
+}
+
+/// A render pipeline of one entry point, whose vertices are made by `corner`.
+#[derive(Debug)]
+pub(crate) struct RenderPass {
+    pipeline: wgpu::RenderPipeline,
     bindings: Bindings,
     label: String,
 }
@@ -348,7 +357,68 @@ impl Context {
         }
     }
 
-    pub(crate) fn shader(&self, source: &str, label: &str) -> Shader {
+    /// A pipeline that draws into targets: quads, or one triangle over all of them.
+    pub(crate) fn render_pass(
+        &self,
+        source: &str,
+        entry: &str,
+        topology: wgpu::PrimitiveTopology,
+        targets: &[wgpu::ColorTargetState],
+    ) -> RenderPass {
+        let shader = self.shader(source, entry);
+        let targets: Vec<_> = targets.iter().cloned().map(Some).collect();
+        let descriptor = wgpu::RenderPipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &shader.module,
+                entry_point: Some("corner"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState {
+                topology,
+                ..Default::default()
+            },
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &shader.module,
+                entry_point: Some(entry),
+                compilation_options: Default::default(),
+                targets: &targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        };
+        RenderPass {
+            pipeline: self.device.create_render_pipeline(&descriptor),
+            bindings: shader.bindings,
+            label: entry.to_owned(),
+        }
+    }
+
+    /// A picture of one level that passes read.
+    pub(crate) fn texture(
+        &self,
+        label: &str,
+        size: [usize; 2],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: extent(size),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: usage | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        })
+    }
+
+    fn shader(&self, source: &str, label: &str) -> Shader {
         // Parsed once, for the driver and for the names. What does not parse is told by wgpu, in its own words.
         let (bindings, source) = match naga::front::wgsl::parse_str(source) {
             Ok(module) => (
@@ -399,14 +469,14 @@ impl Context {
         })
     }
 
-    /// Anything bound to a layout by the names in WGSL.
+    /// Anything bound to a pass by the names in WGSL.
     #[track_caller]
     pub(crate) fn bind_resources(
         &self,
-        layout: &wgpu::BindGroupLayout,
-        bindings: &Bindings,
+        pass: &impl Pass,
         resources: &[(&str, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
+        let (layout, bindings) = pass.bindings();
         let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
             .iter()
             .map(|(name, resource)| wgpu::BindGroupEntry {
@@ -416,35 +486,23 @@ impl Context {
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(&label(Location::caller())),
-            layout,
+            layout: &layout,
             entries: &entries,
         })
     }
 
-    /// Buffers bound to a pass by the names in WGSL.
+    /// The same with buffers alone.
     #[track_caller]
     pub(crate) fn bind(
         &self,
-        pass: &ComputePass,
-        buffers: &[(&str, &wgpu::Buffer)],
-    ) -> wgpu::BindGroup {
-        let layout = pass.pipeline.get_bind_group_layout(0);
-        self.bind_buffers(&layout, &pass.bindings, buffers)
-    }
-
-    /// The same for any layout.
-    #[track_caller]
-    pub(crate) fn bind_buffers(
-        &self,
-        layout: &wgpu::BindGroupLayout,
-        bindings: &Bindings,
+        pass: &impl Pass,
         buffers: &[(&str, &wgpu::Buffer)],
     ) -> wgpu::BindGroup {
         let resources: Vec<(&str, wgpu::BindingResource<'_>)> = buffers
             .iter()
             .map(|(name, buffer)| (*name, buffer.as_entire_binding()))
             .collect();
-        self.bind_resources(layout, bindings, &resources)
+        self.bind_resources(pass, &resources)
     }
 
     pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
@@ -502,6 +560,72 @@ impl Context {
     }
 }
 
+/// What things are bound to.
+pub(crate) trait Pass {
+    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings);
+}
+
+impl Pass for ComputePass {
+    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
+        (self.pipeline.get_bind_group_layout(0), &self.bindings)
+    }
+}
+
+impl Pass for RenderPass {
+    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
+        (self.pipeline.get_bind_group_layout(0), &self.bindings)
+    }
+}
+
+impl<P: Pass> Pass for Arc<P> {
+    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
+        (**self).bindings()
+    }
+}
+
+impl RenderPass {
+    /// Draws into targets, over what is in them or cleared before.
+    pub(crate) fn draw(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &[&wgpu::TextureView],
+        load: wgpu::LoadOp<wgpu::Color>,
+        group: &wgpu::BindGroup,
+        (vertices, instances): (Range<u32>, Range<u32>),
+    ) {
+        let store = wgpu::StoreOp::Store;
+        let attachments: Vec<_> = targets
+            .iter()
+            .map(|view| {
+                Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations { load, store },
+                })
+            })
+            .collect();
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(&self.label),
+            color_attachments: &attachments,
+            ..Default::default()
+        });
+        self.draw_in(&mut pass, group, (vertices, instances));
+    }
+
+    /// Draws in a pass that has begun.
+    pub(crate) fn draw_in(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        group: &wgpu::BindGroup,
+        (vertices, instances): (Range<u32>, Range<u32>),
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.draw(vertices, instances);
+    }
+}
+
 impl ComputePass {
     /// Runs `groups` workgroups.
     pub(crate) fn dispatch(
@@ -517,6 +641,14 @@ impl ComputePass {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, bind_group, &[]);
         pass.dispatch_workgroups(groups[0] as u32, groups[1] as u32, groups[2] as u32);
+    }
+}
+
+pub(crate) fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
+    wgpu::Extent3d {
+        width: width as u32,
+        height: height as u32,
+        depth_or_array_layers: 1,
     }
 }
 

@@ -12,6 +12,7 @@ use crate::shader;
 const PIECE_BYTES: usize = 64 << 20;
 
 gpu_struct! {
+    in "project_environment";
     /// Uniforms of the pass.
     struct ProjectParameters {
         width: u32,
@@ -78,20 +79,4 @@ pub fn project_environment(
         degree,
         coefficients: sums.iter().map(|c| c.map(|v| v as f32)).collect(),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn structs_match_the_shader() {
-        let source = shader::project_environment(3);
-        crate::layout::check(
-            &source,
-            "ProjectParameters",
-            ProjectParameters::FIELDS,
-            size_of::<ProjectParameters>(),
-        );
-    }
 }

@@ -1,4 +1,4 @@
-//! Structs that cross to the GPU: declared once, and checked against the WGSL by name, offset and size.
+//! Structs that cross to the GPU: declared once, and each held by a test of its name against the WGSL by name, offset and size.
 
 /// A field of a struct: name, offset and size in bytes.
 #[cfg(test)]
@@ -8,9 +8,9 @@ pub struct Field {
     pub size: usize,
 }
 
-/// Declares a plain struct with its layout as `FIELDS`.
+/// Declares a plain struct of a shader.
 macro_rules! gpu_struct {
-    ($(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty),* $(,)? }) => {
+    (in $shader:literal; $(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty),* $(,)? }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
@@ -18,23 +18,28 @@ macro_rules! gpu_struct {
             $($field: $type),*
         }
 
-        impl $name {
-            #[cfg(test)]
-            const FIELDS: &'static [$crate::layout::Field] = &[
+        #[cfg(test)]
+        #[test]
+        #[allow(non_snake_case)]
+        fn $name() {
+            let fields = [
                 $($crate::layout::Field {
                     name: stringify!($field),
                     offset: std::mem::offset_of!($name, $field),
                     size: size_of::<$type>(),
                 }),*
             ];
+            $crate::layout::check($shader, stringify!($name), &fields, size_of::<$name>());
         }
     };
 }
 pub(crate) use gpu_struct;
 
-/// Checks a struct against the struct of that name in a WGSL source.
+/// Checks a struct against the struct of that name in a shader.
 #[cfg(test)]
-pub fn check(source: &str, name: &str, fields: &[Field], size: usize) {
+pub fn check(shader: &str, name: &str, fields: &[Field], size: usize) {
+    let usual = crate::shader::usual();
+    let (_, source) = usual.iter().find(|(s, _)| *s == shader).expect("a shader");
     let module = wgpu::naga::front::wgsl::parse_str(source).expect("valid WGSL");
     let mut layouter = wgpu::naga::proc::Layouter::default();
     layouter.update(module.to_ctx()).expect("sized types");
@@ -50,12 +55,7 @@ pub fn check(source: &str, name: &str, fields: &[Field], size: usize) {
     assert_eq!(members.len(), fields.len(), "fields of {name}");
     for (member, field) in members.iter().zip(fields) {
         assert_eq!(member.name.as_deref(), Some(field.name), "{name}");
-        assert_eq!(
-            member.offset as usize, field.offset,
-            "offset of {name}.{}",
-            field.name
-        );
-        let member_size = layouter[member.ty].size as usize;
-        assert_eq!(member_size, field.size, "size of {name}.{}", field.name);
+        let found = (member.offset as usize, layouter[member.ty].size as usize);
+        assert_eq!(found, (field.offset, field.size), "{name}.{}", field.name);
     }
 }

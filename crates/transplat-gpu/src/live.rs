@@ -20,8 +20,7 @@ use transplat_core::transfer::Part;
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
 use crate::rasterize::{
-    GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, extent,
-    read_texture,
+    GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, read_texture,
 };
 use crate::transfer::GpuTransfer;
 
@@ -518,21 +517,8 @@ impl Live {
         if self.screen.as_ref().is_some_and(|s| s.size == size) {
             return;
         }
-        let texture = self
-            .context
-            .device
-            .create_texture(&wgpu::TextureDescriptor {
-                label: Some("screen"),
-                size: extent(size),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: SCREEN_FORMAT,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                    | wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            });
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let texture = self.context.texture("screen", size, SCREEN_FORMAT, usage);
         let view = texture.create_view(&Default::default());
         self.screen = Some(Screen {
             blit: self.blit.bind(&self.context, &view),

@@ -10,9 +10,9 @@ use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
 
-use crate::context::{Bindings, Context, Shader};
+use crate::context::{Context, RenderPass, extent};
 use crate::layout::gpu_struct;
-use crate::rasterize::{Target, extent};
+use crate::rasterize::Target;
 use crate::shader;
 
 /// The screen's format: display-encoded values.
@@ -22,6 +22,7 @@ pub const SCREEN_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const MAX_BACKDROP_WIDTH: usize = 8192;
 
 gpu_struct! {
+    in "present";
     /// Uniforms of the pass.
     #[derive(PartialEq)]
     struct PresentParameters {
@@ -196,16 +197,8 @@ fn texture(
     bytes: &[u8],
     texel_bytes: usize,
 ) -> wgpu::TextureView {
-    let texture = context.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("map"),
-        size: extent(size),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
+    let usage = wgpu::TextureUsages::COPY_DST;
+    let texture = context.texture("map", size, format, usage);
     context.queue.write_texture(
         texture.as_image_copy(),
         bytes,
@@ -221,9 +214,7 @@ fn texture(
 
 /// The pass and what it samples with.
 pub struct PresentPass {
-    pipeline: wgpu::RenderPipeline,
-    layout: wgpu::BindGroupLayout,
-    bindings: Bindings,
+    pass: RenderPass,
     map_sampler: wgpu::Sampler,
     ground_sampler: wgpu::Sampler,
     /// Stands for a map or ground that is not there.
@@ -233,50 +224,6 @@ pub struct PresentPass {
 impl PresentPass {
     /// Compiles the pass.
     pub fn new(context: &Context) -> Self {
-        let fragment = wgpu::ShaderStages::FRAGMENT;
-        let shader = context.shader(&shader::present(), "present");
-        let texture_entry = |name, filterable| wgpu::BindGroupLayoutEntry {
-            binding: shader.bindings.number(name),
-            visibility: fragment,
-            ty: wgpu::BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Float { filterable },
-                view_dimension: wgpu::TextureViewDimension::D2,
-                multisampled: false,
-            },
-            count: None,
-        };
-        let sampler_entry = |name| wgpu::BindGroupLayoutEntry {
-            binding: shader.bindings.number(name),
-            visibility: fragment,
-            ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-            count: None,
-        };
-        let layout = context
-            .device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some("present"),
-                entries: &[
-                    wgpu::BindGroupLayoutEntry {
-                        binding: shader.bindings.number("parameters"),
-                        visibility: fragment,
-                        ty: wgpu::BindingType::Buffer {
-                            ty: wgpu::BufferBindingType::Storage { read_only: true },
-                            has_dynamic_offset: false,
-                            min_binding_size: None,
-                        },
-                        count: None,
-                    },
-                    texture_entry("before_color", false),
-                    texture_entry("after_color", false),
-                    texture_entry("after_depth", false),
-                    texture_entry("before_map", true),
-                    texture_entry("after_map", true),
-                    texture_entry("ground_before", true),
-                    sampler_entry("map_sampler"),
-                    sampler_entry("ground_sampler"),
-                    texture_entry("ground_after", true),
-                ],
-            });
         let sampler = |across| {
             context.device.create_sampler(&wgpu::SamplerDescriptor {
                 address_mode_u: across,
@@ -286,9 +233,7 @@ impl PresentPass {
             })
         };
         Self {
-            pipeline: fullscreen_pipeline(context, &shader, "present", &layout, SCREEN_FORMAT),
-            layout,
-            bindings: shader.bindings,
+            pass: fullscreen_pass(context, &shader::present(), "present", SCREEN_FORMAT),
             map_sampler: sampler(wgpu::AddressMode::Repeat),
             ground_sampler: sampler(wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
@@ -315,8 +260,7 @@ impl PresentPass {
         let backdrop = |side: usize| backdrops[side].map_or(&self.nothing, |b| &b.0);
         let texture = wgpu::BindingResource::TextureView;
         let group = context.bind_resources(
-            &self.layout,
-            &self.bindings,
+            &self.pass,
             &[
                 ("parameters", parameters.as_entire_binding()),
                 ("before_color", texture(&views[0])),
@@ -343,68 +287,23 @@ impl PresentPass {
             ],
         );
         let mut encoder = context.encoder();
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("present"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: screen,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })],
-                ..Default::default()
-            });
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            pass.draw(0..3, 0..1);
-        }
+        let black = wgpu::LoadOp::Clear(wgpu::Color::BLACK);
+        (self.pass).draw(&mut encoder, &[screen], black, &group, (0..3, 0..1));
         context.submit(encoder);
     }
 }
 
 /// Brings the screen's picture to its place in the window.
 pub struct Blit {
-    pipeline: wgpu::RenderPipeline,
-    layout: wgpu::BindGroupLayout,
-    bindings: Bindings,
+    pass: RenderPass,
     sampler: wgpu::Sampler,
 }
 
 impl Blit {
     /// Compiles the pass for a window of a format.
     pub fn new(context: &Context, window: wgpu::TextureFormat) -> Self {
-        let fragment = wgpu::ShaderStages::FRAGMENT;
-        let shader = context.shader(&shader::blit(), "blit");
-        let layout = context
-            .device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some("blit"),
-                entries: &[
-                    wgpu::BindGroupLayoutEntry {
-                        binding: shader.bindings.number("picture"),
-                        visibility: fragment,
-                        ty: wgpu::BindingType::Texture {
-                            sample_type: wgpu::TextureSampleType::Float { filterable: true },
-                            view_dimension: wgpu::TextureViewDimension::D2,
-                            multisampled: false,
-                        },
-                        count: None,
-                    },
-                    wgpu::BindGroupLayoutEntry {
-                        binding: shader.bindings.number("picture_sampler"),
-                        visibility: fragment,
-                        ty: wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
-                        count: None,
-                    },
-                ],
-            });
         Self {
-            pipeline: fullscreen_pipeline(context, &shader, "blit", &layout, window),
-            layout,
-            bindings: shader.bindings,
+            pass: fullscreen_pass(context, &shader::blit(), "blit", window),
             sampler: context.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
@@ -414,76 +313,25 @@ impl Blit {
     }
 
     pub(crate) fn bind(&self, context: &Context, screen: &wgpu::TextureView) -> wgpu::BindGroup {
+        let sampler = wgpu::BindingResource::Sampler(&self.sampler);
+        let picture = wgpu::BindingResource::TextureView(screen);
         context.bind_resources(
-            &self.layout,
-            &self.bindings,
-            &[
-                ("picture", wgpu::BindingResource::TextureView(screen)),
-                (
-                    "picture_sampler",
-                    wgpu::BindingResource::Sampler(&self.sampler),
-                ),
-            ],
+            &self.pass,
+            &[("picture", picture), ("picture_sampler", sampler)],
         )
     }
 
     pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>, group: &wgpu::BindGroup) {
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, group, &[]);
-        pass.draw(0..3, 0..1);
+        self.pass.draw_in(pass, group, (0..3, 0..1));
     }
 }
 
-fn fullscreen_pipeline(
+fn fullscreen_pass(
     context: &Context,
-    shader: &Shader,
+    source: &str,
     entry: &str,
-    layout: &wgpu::BindGroupLayout,
     format: wgpu::TextureFormat,
-) -> wgpu::RenderPipeline {
-    let layout = context
-        .device
-        .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some(entry),
-            bind_group_layouts: &[Some(layout)],
-            immediate_size: 0,
-        });
-    context
-        .device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(entry),
-            layout: Some(&layout),
-            vertex: wgpu::VertexState {
-                module: &shader.module,
-                entry_point: Some("corner"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            primitive: Default::default(),
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &shader.module,
-                entry_point: Some(entry),
-                compilation_options: Default::default(),
-                targets: &[Some(format.into())],
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn structs_match_the_shader() {
-        crate::layout::check(
-            &shader::present(),
-            "PresentParameters",
-            PresentParameters::FIELDS,
-            size_of::<PresentParameters>(),
-        );
-    }
+) -> RenderPass {
+    let topology = wgpu::PrimitiveTopology::TriangleList;
+    context.render_pass(source, entry, topology, &[format.into()])
 }

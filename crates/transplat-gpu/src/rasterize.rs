@@ -15,7 +15,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::Part;
 use wgpu::BufferUsages;
 
-use crate::context::{Bindings, ComputePass, Context, Result};
+use crate::context::{ComputePass, Context, RenderPass, Result, extent};
 use crate::layout::gpu_struct;
 use crate::shader;
 use crate::{CHUNK, WORKGROUP};
@@ -27,6 +27,7 @@ const MAX_TILE: usize = 4096;
 const DRAW_AT_ONCE: usize = 1 << 18;
 
 gpu_struct! {
+    in "rasterize_project";
     /// Camera and tile, and which surfels a dispatch projects.
     struct View {
         right: [f32; 4],
@@ -45,6 +46,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "rasterize_project";
     /// Geometry of a surfel.
     struct Surfel {
         position: [f32; 4],
@@ -54,6 +56,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "rasterize_project";
     /// A surfel on the screen.
     struct ProjectedSurfel {
         t_u: [f32; 4],
@@ -64,6 +67,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "rasterize_shade";
     /// Uniforms of the shading pass.
     struct ShadeParameters {
         eye: [f32; 4],
@@ -188,20 +192,8 @@ pub struct Target {
 impl Target {
     /// A target of `size` pixels, which an adapter must be able to hold.
     pub fn new(context: &Context, size: [usize; 2]) -> Self {
-        let texture = |label, format| {
-            context.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: extent(size),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                    | wgpu::TextureUsages::COPY_SRC
-                    | wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            })
-        };
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let texture = |label, format| context.texture(label, size, format, usage);
         Self {
             color: texture("color", context.color_format),
             depth: texture("depth", context.depth_format),
@@ -245,8 +237,7 @@ pub struct GpuRasterizer {
     project: Arc<ComputePass>,
     /// By degree of colour and entry point.
     shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
-    draw: wgpu::RenderPipeline,
-    draw_bindings: Bindings,
+    draw: RenderPass,
     chunks: Vec<SurfelChunk>,
     projected: wgpu::Buffer,
     colors: wgpu::Buffer,
@@ -281,15 +272,13 @@ impl GpuRasterizer {
                 }
             })
             .collect();
-        let (draw, draw_bindings) = draw_pipeline(context);
         let rasterizer = Self {
             context: context.clone(),
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
             project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
             shade_passes: Mutex::default(),
-            draw,
-            draw_bindings,
+            draw: draw_pass(context),
             chunks,
             projected: context.storage(n * size_of::<ProjectedSurfel>()),
             colors: context.storage(n * 16),
@@ -537,47 +526,25 @@ impl GpuRasterizer {
     /// Blends the surfels into a part of the picture that is of the target's size.
     pub fn draw_tile(&self, camera: &Camera, layer: Layer, order: &Order, target: &Target) {
         let view = self.view(camera, layer, target.size, 0..0);
-        let group = self.context.bind_buffers(
-            &self.draw.get_bind_group_layout(0),
-            &self.draw_bindings,
-            &[
-                ("view", &view),
-                ("projected", &self.projected),
-                ("colors", &self.colors),
-                ("order", &order.buffer),
-            ],
-        );
+        let bindings = [
+            ("view", &view),
+            ("projected", &self.projected),
+            ("colors", &self.colors),
+            ("order", &order.buffer),
+        ];
+        let group = self.context.bind(&self.draw, &bindings);
+        let views = [&target.color, &target.depth].map(|t| t.create_view(&Default::default()));
         for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
             let load = if first == 0 && layer.is_first {
                 wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
             } else {
                 wgpu::LoadOp::Load
             };
-            let color_view = target.color.create_view(&Default::default());
-            let depth_view = target.depth.create_view(&Default::default());
-            let attachment = |view| {
-                Some(wgpu::RenderPassColorAttachment {
-                    view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load,
-                        store: wgpu::StoreOp::Store,
-                    },
-                })
-            };
+            let last = order.drawn.min(first + DRAW_AT_ONCE);
+            let quads = (0..4, first as u32..last as u32);
             let mut encoder = self.context.encoder();
-            {
-                let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                    label: Some("rasterize_draw"),
-                    color_attachments: &[attachment(&color_view), attachment(&depth_view)],
-                    ..Default::default()
-                });
-                pass.set_pipeline(&self.draw);
-                pass.set_bind_group(0, &group, &[]);
-                let last = order.drawn.min(first + DRAW_AT_ONCE);
-                pass.draw(0..4, first as u32..last as u32);
-            }
+            let targets = views.each_ref();
+            self.draw.draw(&mut encoder, &targets, load, &group, quads);
             self.context.submit(encoder);
         }
     }
@@ -672,75 +639,16 @@ pub(crate) fn read_texture(
     })
 }
 
-pub(crate) fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {
-    wgpu::Extent3d {
-        width: width as u32,
-        height: height as u32,
-        depth_or_array_layers: 1,
-    }
-}
-
-fn draw_pipeline(context: &Context) -> (wgpu::RenderPipeline, Bindings) {
+fn draw_pass(context: &Context) -> RenderPass {
     let half_float = context.color_format == wgpu::TextureFormat::Rgba16Float;
-    let shader = context.shader(&shader::rasterize_draw(half_float), "rasterize_draw");
-    let module = &shader.module;
-    let blended = |format| {
-        Some(wgpu::ColorTargetState {
-            format,
-            blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-            write_mask: wgpu::ColorWrites::ALL,
-        })
-    };
-    let pipeline = context
-        .device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("rasterize_draw"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module,
-                entry_point: Some("corner"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState {
-                topology: wgpu::PrimitiveTopology::TriangleStrip,
-                ..Default::default()
-            },
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module,
-                entry_point: Some("shade_pixel"),
-                compilation_options: Default::default(),
-                targets: &[blended(context.color_format), blended(context.depth_format)],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-    (pipeline, shader.bindings)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn structs_match_the_shaders() {
-        let project = shader::rasterize_project();
-        crate::layout::check(&project, "View", View::FIELDS, size_of::<View>());
-        crate::layout::check(
-            &project,
-            "ProjectedSurfel",
-            ProjectedSurfel::FIELDS,
-            size_of::<ProjectedSurfel>(),
-        );
-        crate::layout::check(&project, "Surfel", Surfel::FIELDS, size_of::<Surfel>());
-        let shade = shader::rasterize_shade(3);
-        crate::layout::check(
-            &shade,
-            "ShadeParameters",
-            ShadeParameters::FIELDS,
-            size_of::<ShadeParameters>(),
-        );
-    }
+    let targets = [context.color_format, context.depth_format].map(|format| {
+        let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
+        wgpu::ColorTargetState {
+            blend,
+            ..format.into()
+        }
+    });
+    let topology = wgpu::PrimitiveTopology::TriangleStrip;
+    let source = shader::rasterize_draw(half_float);
+    context.render_pass(&source, "shade_pixel", topology, &targets)
 }

@@ -1,23 +1,22 @@
 //! WGSL put together: the files of `shaders/`, with what depends on constants and degrees written in front of them.
 
-mod directional;
 mod files;
 mod generated;
-mod harmonic;
 mod numbers;
 mod source;
-mod text;
 
+use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
+use transplat_core::transfer::directional::Nodes;
 
-pub use directional::{fits_by_tables, tables, transfer_directional};
 pub use files::PATCH_BATCH;
 use files::{
     BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW,
     RASTERIZE_PROJECT, RASTERIZE_SHADE,
 };
-pub use generated::sh_basis;
-pub use harmonic::{TransferShape, transfer_harmonic};
+pub use generated::directional::{fits_by_tables, tables, transfer_directional};
+pub use generated::harmonic::{TransferShape, transfer_harmonic};
+pub use generated::sh::sh_basis;
 pub use numbers::{background_number, encoding_number, layout_number, tone_number};
 use source::Source;
 
@@ -70,29 +69,44 @@ pub fn blit() -> String {
     BLIT.after(Source::default())
 }
 
+/// Every shader with its file's name, as it is compiled for a splat of degree 3: to be read.
+pub fn usual() -> Vec<(&'static str, String)> {
+    let shape = TransferShape {
+        light_degree: 3,
+        asset_degree: 3,
+        specular_degree: 3,
+        shadow: true,
+        reflection: true,
+    };
+    let directional = transfer_directional(&Nodes::new(3), Encoding::Stored);
+    vec![
+        ("project_environment", project_environment(3)),
+        ("bake_harmonic", bake_harmonic()),
+        ("bake_directional", bake_directional()),
+        ("transfer_harmonic", transfer_harmonic(shape)),
+        ("transfer_directional", directional),
+        ("rasterize_project", rasterize_project()),
+        ("rasterize_draw", rasterize_draw(false)),
+        ("rasterize_shade", rasterize_shade(3)),
+        ("present", present()),
+        ("blit", blit()),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
     use std::path::Path;
     use std::sync::LazyLock;
 
-    use transplat_core::color::Encoding;
-    use transplat_core::transfer::directional::Nodes;
     use wgpu::naga;
 
     use super::*;
 
     /// Every shader that the program can ask for, with its file's name.
     static ALL: LazyLock<Vec<(&str, String)>> = LazyLock::new(|| {
-        let mut all = vec![
-            ("bake_harmonic", bake_harmonic()),
-            ("bake_directional", bake_directional()),
-            ("rasterize_project", rasterize_project()),
-            ("rasterize_draw", rasterize_draw(false)),
-            ("rasterize_draw", rasterize_draw(true)),
-            ("present", present()),
-            ("blit", blit()),
-        ];
+        let mut all = usual();
+        all.push(("rasterize_draw", rasterize_draw(true)));
         for degree in 0..=8 {
             all.push(("project_environment", project_environment(degree)));
             all.push(("rasterize_shade", rasterize_shade(degree)));

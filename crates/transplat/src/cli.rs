@@ -481,6 +481,15 @@ fn parse_background(text: &str) -> Result<Background, String> {
     })
 }
 
+/// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
+pub fn usage(message: &str) -> ! {
+    clap::Error::raw(
+        clap::error::ErrorKind::MissingRequiredArgument,
+        format!("{message}\n"),
+    )
+    .exit()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -519,13 +528,4 @@ mod tests {
         assert!(parse_named::<ToneMap>("agx2").is_err());
         assert_eq!(parse_point("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
     }
-}
-
-/// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
-pub fn usage(message: &str) -> ! {
-    clap::Error::raw(
-        clap::error::ErrorKind::MissingRequiredArgument,
-        format!("{message}\n"),
-    )
-    .exit()
 }

@@ -90,7 +90,7 @@ fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
         .unwrap_or_else(|| Value::Object(Map::new()));
     for (name, value) in [("objects", objects), ("environment", environment)] {
         if look.insert(name.into(), value).is_some() {
-            return Err(format!("not a look: it holds one object, and no `{name}`"));
+            return Err(format!("not a look: unknown field `{name}`"));
         }
     }
     let scene: Scene = serde_json::from_value(Value::Object(look)).map_err(not_a_look)?;

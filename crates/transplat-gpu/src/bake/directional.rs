@@ -17,6 +17,7 @@ use crate::trace::ResidentTracer;
 use crate::{CHUNK, WORKGROUP};
 
 gpu_struct! {
+    in "bake_directional";
     /// Uniforms of the pass.
     struct DirectionalParameters {
         count: u32,
@@ -27,6 +28,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "bake_directional";
     /// A surfel that rays start from.
     struct DirectionalBakeSurfel {
         position: [f32; 3],
@@ -172,29 +174,5 @@ impl GpuTracer {
             }
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn structs_match_the_shader() {
-        let source = shader::bake_directional();
-        for (name, fields, size) in [
-            (
-                "DirectionalParameters",
-                DirectionalParameters::FIELDS,
-                size_of::<DirectionalParameters>(),
-            ),
-            (
-                "DirectionalBakeSurfel",
-                DirectionalBakeSurfel::FIELDS,
-                size_of::<DirectionalBakeSurfel>(),
-            ),
-        ] {
-            crate::layout::check(&source, name, fields, size);
-        }
     }
 }

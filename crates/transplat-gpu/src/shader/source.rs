@@ -2,8 +2,6 @@
 
 use std::fmt::Write;
 
-use super::text::literal;
-
 /// Constants and code, in their order.
 #[derive(Default)]
 pub(super) struct Source(String);
@@ -65,3 +63,16 @@ fn vector(values: &[f32]) -> String {
     let all: Vec<String> = values.iter().map(|v| literal(f64::from(*v))).collect();
     format!("vec{}f({})", values.len(), all.join(", "))
 }
+
+/// An f32 or f64 as a WGSL literal that parses back to the same f32.
+pub(super) fn literal(value: f64) -> String {
+    format!("f32({:?})", value as f32)
+}
+
+macro_rules! line {
+    ($out:expr, $($argument:tt)*) => {{
+        // Writing to a String cannot fail.
+        let _ = writeln!($out, $($argument)*);
+    }};
+}
+pub(super) use line;

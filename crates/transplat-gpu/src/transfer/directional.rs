@@ -17,6 +17,7 @@ use crate::trace::ResidentTracer;
 use crate::{CHUNK, WORKGROUP};
 
 gpu_struct! {
+    in "transfer_directional";
     /// Which surfels a chunk has.
     struct DirectionalChunk {
         count: u32,
@@ -27,6 +28,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "transfer_directional";
     /// What changes with the light.
     struct DirectionalSettings {
         least: [f32; 3],
@@ -45,6 +47,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "transfer_directional";
     /// Light from one direction.
     struct DirectionalBeam {
         direction: [f32; 3],
@@ -55,6 +58,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "transfer_directional";
     /// What the transfer needs of a surfel besides its colours.
     struct DirectionalSurfel {
         normal: [f32; 3],
@@ -569,40 +573,5 @@ fn bind(
         unseen,
         tau,
         relit,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use transplat_core::transfer::directional::Nodes;
-
-    #[test]
-    fn structs_match_the_shader() {
-        let source = shader::transfer_directional(&Nodes::new(3), Encoding::Stored);
-        for (name, fields, size) in [
-            (
-                "DirectionalChunk",
-                DirectionalChunk::FIELDS,
-                size_of::<DirectionalChunk>(),
-            ),
-            (
-                "DirectionalSettings",
-                DirectionalSettings::FIELDS,
-                size_of::<DirectionalSettings>(),
-            ),
-            (
-                "DirectionalBeam",
-                DirectionalBeam::FIELDS,
-                size_of::<DirectionalBeam>(),
-            ),
-            (
-                "DirectionalSurfel",
-                DirectionalSurfel::FIELDS,
-                size_of::<DirectionalSurfel>(),
-            ),
-        ] {
-            crate::layout::check(&source, name, fields, size);
-        }
     }
 }

@@ -11,6 +11,7 @@ use crate::shader::{self, TransferShape};
 use crate::{CHUNK, WORKGROUP};
 
 gpu_struct! {
+    in "transfer_harmonic";
     /// Uniforms of the pass.
     struct TransferParameters {
         count: u32,
@@ -21,6 +22,7 @@ gpu_struct! {
 }
 
 gpu_struct! {
+    in "transfer_harmonic";
     /// What the transfer needs of a surfel besides its visibility.
     struct TransferSurfel {
         normal: [f32; 4],
@@ -179,35 +181,5 @@ fn upload_chunk(
         count,
         group: context.bind(pass, &bindings),
         relit,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn structs_match_the_shader() {
-        let source = shader::transfer_harmonic(TransferShape {
-            light_degree: 3,
-            asset_degree: 3,
-            specular_degree: 3,
-            shadow: true,
-            reflection: true,
-        });
-        for (name, fields, size) in [
-            (
-                "TransferParameters",
-                TransferParameters::FIELDS,
-                size_of::<TransferParameters>(),
-            ),
-            (
-                "TransferSurfel",
-                TransferSurfel::FIELDS,
-                size_of::<TransferSurfel>(),
-            ),
-        ] {
-            crate::layout::check(&source, name, fields, size);
-        }
     }
 }

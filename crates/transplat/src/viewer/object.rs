@@ -229,7 +229,7 @@ pub struct Doubts {
 pub type GroundKey = (usize, UpAxis);
 
 /// All that its light depends on.
-pub type GroundLitKey = (GroundKey, [Illumination; 2]);
+pub type GroundLitKey = (GroundKey, LightsKey);
 
 /// What was measured on an object; empty until it is asked for.
 #[derive(Default)]

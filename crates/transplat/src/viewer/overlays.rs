@@ -190,7 +190,7 @@ impl Viewer {
                 context,
                 name,
                 key,
-                &session.light(side),
+                session.light(side),
             );
         }
         let area = egui::Area::new(egui::Id::unique("probes"))

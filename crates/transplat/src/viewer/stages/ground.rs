@@ -35,22 +35,23 @@ impl Session {
     }
 
     fn light_ground(&mut self, at: usize) {
-        let ground = &self.states[at].ground;
-        let (Some(ground), Some(key)) = (ground.get(), ground.made_from()) else {
+        let (up, state) = (self.up_of(at), &self.states[at]);
+        let (Some(ground), Some(key), Some(lights)) = (
+            state.ground.get(),
+            state.ground.made_from(),
+            state.lights.made_from(),
+        ) else {
             return;
         };
-        let up = self.up_of(at);
-        let sides = self.sides_of(at);
-        let oriented = sides.map(|(set, there)| set.orient(&there.light.illumination, up));
-        let key = (*key, oriented);
-        if self.states[at].ground_lit.is_asked(&key) {
+        let key = (*key, lights.clone());
+        if state.ground_lit.is_asked(&key) {
             return;
         }
-        let lit = key
-            .1
-            .each_ref()
-            .map(|light| ground.lit_share(&light.radiance));
-        self.live().set_ground([&lit[0], &lit[1]]);
+        let [source, target] = self.sides_of(at).map(|(settings, there)| {
+            let light = settings.orient(&there.light.illumination, up);
+            ground.lit_share(&light.radiance)
+        });
+        self.live().set_ground([&source, &target]);
         self.states[at].ground_lit.set(key, ());
     }
 

@@ -6,11 +6,11 @@ use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{Nodes, WIDTHS};
 
-use super::files::TRANSFER_DIRECTIONAL;
-use super::generated::{MAX_STRAIGHT_COEFFICIENTS, mirror};
-use super::numbers::encoding_number;
-use super::source::Source;
-use super::text::{line, literal};
+use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror};
+use crate::shader::files::TRANSFER_DIRECTIONAL;
+use crate::shader::numbers::encoding_number;
+use crate::shader::source::Source;
+use crate::shader::source::{line, literal};
 
 /// The nodes' matrices one after the other, and where each begins: `evaluate` and `project` of both sides, the heights, the fit.
 pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {

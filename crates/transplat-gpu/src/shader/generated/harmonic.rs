@@ -5,10 +5,10 @@ use std::fmt::Write;
 use transplat_core::sh::{SQRT_4PI, band, band_of, coefficient_count, cosine_kernel};
 use transplat_core::transfer::harmonic::HarmonicTransfer;
 
-use super::files::TRANSFER_HARMONIC;
-use super::generated::{MAX_STRAIGHT_COEFFICIENTS, mirror, sh_basis};
-use super::source::Source;
-use super::text::{line, literal};
+use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror, sh_basis};
+use crate::shader::files::TRANSFER_HARMONIC;
+use crate::shader::source::Source;
+use crate::shader::source::{line, literal};
 
 /// What the transfer's source depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
