@@ -139,7 +139,11 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
     let prepared = PreparedTransfer::new(&cloud, &bake, source, &settings).expect("good settings");
     let bounds = cloud.bounds();
     let unseen = case.hide.unseen(&cloud, &bounds, &skips);
-    let left_alone = if skips.unseen { &unseen[..] } else { &[] };
+    let left_alone = if skips.has(Skip::Unseen) {
+        &unseen[..]
+    } else {
+        &[]
+    };
     let relit = relit(&prepared, target, left_alone, gpu);
     let pose = CameraPose {
         pivot: bounds.center,
@@ -175,8 +179,7 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
 
 fn same_when_forced(gpu: Option<&Arc<Context>>) {
     for case in cases() {
-        let mut forced = Skips::default();
-        *case.skip.switch(&mut forced) = false;
+        let forced = Skips::default().without(case.skip);
         let (with, told) = picture(&case, gpu, Skips::default());
         let (without, told_forced) = picture(&case, gpu, forced);
         let psnr = psnr(&with, &without);

@@ -81,7 +81,7 @@ impl Bake {
         if progress(0.0).is_break() {
             return Err(Error::Cancelled);
         }
-        if skips.open_object
+        if skips.has(Skip::OpenObject)
             && let Some(open) = HarmonicBake::of_open_object(cloud, settings.directions)
         {
             return Ok(Self::Harmonic(open));

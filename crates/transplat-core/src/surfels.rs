@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
 use crate::error::{Error, Result};
-use crate::settings::skips::Skips;
+use crate::settings::skips::{Skip, Skips};
 use crate::sh::{band, coefficient_count};
 
 /// Contributions below this are not drawn.
@@ -168,7 +168,7 @@ impl Hide {
         } else {
             self.hidden(cloud, bounds)
         };
-        if skips.unseen && cloud.opacities.iter().any(|o| is_faint(*o)) {
+        if skips.has(Skip::Unseen) && cloud.opacities.iter().any(|o| is_faint(*o)) {
             unseen.resize(cloud.len(), false);
             for (unseen, opacity) in unseen.iter_mut().zip(&cloud.opacities) {
                 *unseen |= is_faint(*opacity);

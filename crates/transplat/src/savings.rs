@@ -155,8 +155,7 @@ fn compare(
     (skip, skipped): (Skip, Skipped),
     repeats: usize,
 ) -> Result<Saved> {
-    let mut forced = Skips::default();
-    *skip.switch(&mut forced) = false;
+    let forced = Skips::default().without(skip);
     // The bake is the same unless it is what is forced.
     let kept = (skip.stage() != Stage::Bake).then_some(&with.bake);
     let without = run(subject, method, forced, kept)?;

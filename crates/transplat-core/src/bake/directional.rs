@@ -14,7 +14,7 @@ use super::trace::{MISS, PACKET, Tracer};
 use crate::error::{Error, Result};
 use crate::numeric::smoothstep;
 use crate::progress::Progress;
-use crate::settings::skips::Skips;
+use crate::settings::skips::{Skip, Skips};
 use crate::sh::refining_order;
 use crate::surfels::SurfelCloud;
 
@@ -140,7 +140,7 @@ impl DirectionalBake {
         if progress(0.0).is_break() {
             return Err(Error::Cancelled.into());
         }
-        if skips.open_object
+        if skips.has(Skip::OpenObject)
             && let Some(open) = OpenObject::probe(tracer)
         {
             return Ok(Self {
@@ -150,7 +150,7 @@ impl DirectionalBake {
         }
         let directions = directions();
         let patches = refining_order(PATCHES);
-        let is_closed = |f: &Front| skips.closed_sides && f.hides_its_back();
+        let is_closed = |f: &Front| skips.has(Skip::ClosedSides) && f.hides_its_back();
         let begin = |f: &Front| Found {
             back_is_closed: is_closed(f),
             ..Found::default()
@@ -159,7 +159,7 @@ impl DirectionalBake {
         let mut done = 0;
         let mut ends: Vec<usize> = stages.iter().map(|s| PATCHES.div_ceil(*s)).collect();
         let shown = ends.clone();
-        if skips.closed_sides {
+        if skips.has(Skip::ClosedSides) {
             ends.push(PROBES);
             ends.sort_unstable();
             ends.dedup();
@@ -169,7 +169,7 @@ impl DirectionalBake {
             let within = |p: f64| progress((done as f64 + p * part.len() as f64) / PATCHES as f64);
             trace(part, &mut found, &within)?;
             done = end;
-            if done == PROBES && skips.closed_sides {
+            if done == PROBES && skips.has(Skip::ClosedSides) {
                 close_backs(tracer, &directions, &patches[..done], &mut found);
             }
             if done < PATCHES && shown.contains(&done) {

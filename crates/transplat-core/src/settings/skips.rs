@@ -2,79 +2,55 @@
 
 use super::method::Method;
 
-/// What the stages may leave out; all of it unless a test or a measurement wants to know what that saves.
+/// What the stages leave out: all of it unless a test or a measurement wants to know what that saves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Skips {
-    /// Bake of the directional method: rays into sides of surfels that the first rays found closed.
-    pub closed_sides: bool,
-    /// Bakes: where nothing blocks anything.
-    pub open_object: bool,
-    /// Transfer and drawing: SH bands in which the result holds nothing.
-    pub empty_bands: bool,
-    /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
-    pub gray_light: bool,
-    /// Transfer of the directional method: the pass for suns, where the light has none.
-    pub suns: bool,
-    /// Transfer of the directional method: all turns of the bounce but one, where no light bounces.
-    pub bounces: bool,
-    /// Transfer of the directional method: the lobe of surfels that show no gloss.
-    pub matte: bool,
-    /// Transfer and drawing: surfels that are hidden or too faint to be seen.
-    pub unseen: bool,
-}
+pub struct Skips([bool; Skip::ALL.len()]);
 
 impl Skips {
     /// Nothing is left out.
-    pub const NONE: Self = Self {
-        closed_sides: false,
-        open_object: false,
-        empty_bands: false,
-        gray_light: false,
-        suns: false,
-        bounces: false,
-        matte: false,
-        unseen: false,
-    };
+    pub const NONE: Self = Self([false; Skip::ALL.len()]);
+
+    /// Whether that is left out.
+    pub fn has(self, skip: Skip) -> bool {
+        self.0[skip as usize]
+    }
+
+    /// All but that.
+    pub fn without(mut self, skip: Skip) -> Self {
+        self.0[skip as usize] = false;
+        self
+    }
 }
 
 impl Default for Skips {
     fn default() -> Self {
-        Self {
-            closed_sides: true,
-            open_object: true,
-            empty_bands: true,
-            gray_light: true,
-            suns: true,
-            bounces: true,
-            matte: true,
-            unseen: true,
-        }
+        Self([true; Skip::ALL.len()])
     }
 }
 
-/// One of the [`Skips`].
+/// Something that a stage may leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Skip {
-    /// [`Skips::closed_sides`]
+    /// Bake of the directional method: rays into sides of surfels that the first rays found closed.
     ClosedSides,
-    /// [`Skips::open_object`]
+    /// Bakes: where nothing blocks anything.
     OpenObject,
-    /// [`Skips::empty_bands`]
+    /// Transfer and drawing: SH bands in which the result holds nothing.
     EmptyBands,
-    /// [`Skips::gray_light`]
+    /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
     GrayLight,
-    /// [`Skips::suns`]
+    /// Transfer of the directional method: the pass for suns, where the light has none.
     Suns,
-    /// [`Skips::bounces`]
+    /// Transfer of the directional method: all turns of the bounce but one, where no light bounces.
     Bounces,
-    /// [`Skips::matte`]
+    /// Transfer of the directional method: the lobe of surfels that show no gloss.
     Matte,
-    /// [`Skips::unseen`]
+    /// Transfer and drawing: surfels that are hidden or too faint to be seen.
     Unseen,
 }
 
 impl Skip {
-    /// All of them.
+    /// All of them, in their order.
     pub const ALL: [Self; 8] = [
         Self::ClosedSides,
         Self::OpenObject,
@@ -135,20 +111,6 @@ impl Skip {
             Self::Bounces => "all turns of the bounce: surfels light each other",
             Self::Matte => "a lobe on every surfel: all of them show gloss",
             Self::Unseen => "every surfel: none is too faint to be seen",
-        }
-    }
-
-    /// Its switch.
-    pub fn switch(self, skips: &mut Skips) -> &mut bool {
-        match self {
-            Self::ClosedSides => &mut skips.closed_sides,
-            Self::OpenObject => &mut skips.open_object,
-            Self::EmptyBands => &mut skips.empty_bands,
-            Self::GrayLight => &mut skips.gray_light,
-            Self::Suns => &mut skips.suns,
-            Self::Bounces => &mut skips.bounces,
-            Self::Matte => &mut skips.matte,
-            Self::Unseen => &mut skips.unseen,
         }
     }
 }

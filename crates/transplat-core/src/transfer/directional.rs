@@ -149,7 +149,7 @@ impl DirectionalAsset {
         scratch: &mut Scratch,
     ) {
         scratch.glossy.clear();
-        if gloss.is_matte() && light.skips.matte {
+        if gloss.is_matte() && light.skips.has(Skip::Matte) {
             return;
         }
         let q = self.nodes.count();
@@ -328,7 +328,7 @@ impl DirectionalTransfer {
     pub fn turns(&self) -> usize {
         let Terms { shadow, bounce, .. } = self.settings.terms;
         let bounces = shadow && bounce && !self.asset.bake.hits.is_empty();
-        if bounces || !self.settings.skips.bounces {
+        if bounces || !self.settings.skips.has(Skip::Bounces) {
             TURNS
         } else {
             1
@@ -488,7 +488,10 @@ impl Relight for DirectionalTransfer {
                 ..Skipped::exact(Stage::Transfer, what, why)
             });
         }
-        if self.settings.terms.lobe && self.settings.skips.matte && self.glossy_surfels < n {
+        if self.settings.terms.lobe
+            && self.settings.skips.has(Skip::Matte)
+            && self.glossy_surfels < n
+        {
             let (what, why) = if self.glossy_surfels > 0 {
                 let matte = 100.0 * (n - self.glossy_surfels) as f32 / n as f32;
                 let what = format!("the lobe of {matte:.0} % of the surfels");
@@ -521,7 +524,7 @@ impl Relight for DirectionalTransfer {
     fn left_out_for(&self, light: &Illumination, _: bool) -> Option<Skipped> {
         let Terms { sums, suns, .. } = self.settings.terms;
         let has_none = light.beams.as_ref().is_none_or(|b| b.suns.is_empty());
-        (has_none && sums && suns && self.settings.skips.suns).then(|| Skipped {
+        (has_none && sums && suns && self.settings.skips.has(Skip::Suns)).then(|| Skipped {
             skip: Some(Skip::Suns),
             ..Skipped::exact(Stage::Transfer, "rays to suns", "the light has no sun")
         })

@@ -206,7 +206,7 @@ impl HarmonicTransfer {
             settings: settings.clone(),
             surfels: cloud.len(),
             light_degree,
-            asset_degree: if settings.skips.empty_bands {
+            asset_degree: if settings.skips.has(Skip::EmptyBands) {
                 specular_degree
             } else {
                 cloud.sh_degree
@@ -281,7 +281,7 @@ impl HarmonicTransfer {
             })
             .collect();
         let mut operator = light_operator(self.light_degree, &relative);
-        operator.is_gray &= self.settings.skips.gray_light;
+        operator.is_gray &= self.settings.skips.has(Skip::GrayLight);
         HarmonicLight { operator }
     }
 
@@ -385,7 +385,11 @@ impl Relight for HarmonicTransfer {
             let why = "the source light has nothing there (see SH degree)";
             out.push(Skipped {
                 bytes,
-                skip: self.settings.skips.empty_bands.then_some(Skip::EmptyBands),
+                skip: self
+                    .settings
+                    .skips
+                    .has(Skip::EmptyBands)
+                    .then_some(Skip::EmptyBands),
                 max_error: None,
                 ..Skipped::exact(Stage::Transfer, what, why)
             });
@@ -399,7 +403,11 @@ impl Relight for HarmonicTransfer {
             };
             out.push(Skipped {
                 bytes,
-                skip: self.settings.skips.empty_bands.then_some(Skip::EmptyBands),
+                skip: self
+                    .settings
+                    .skips
+                    .has(Skip::EmptyBands)
+                    .then_some(Skip::EmptyBands),
                 ..Skipped::exact(Stage::Transfer, "specular transfer", why)
             });
         }
@@ -410,7 +418,7 @@ impl Relight for HarmonicTransfer {
         let is_gray = (light.radiance.coefficients.iter())
             .take(coefficient_count(self.light_degree))
             .all(|[r, g, b]| r == g && g == b);
-        (is_gray && self.settings.skips.gray_light && !on_gpu).then(|| Skipped {
+        (is_gray && self.settings.skips.has(Skip::GrayLight) && !on_gpu).then(|| Skipped {
             skip: Some(Skip::GrayLight),
             ..Skipped::exact(
                 Stage::Transfer,

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use transplat_core::bake::patches::{DIRECTIONS, WORDS, directions};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{Beam, MAX_SUNS};
+use transplat_core::settings::skips::Skip;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
 use transplat_core::transfer::{Part, Relit};
@@ -400,7 +401,7 @@ fn surfels_of(
                 end_hit: hits.len() as u32,
                 front_mean,
                 width: match gloss.is_matte() {
-                    true if p.settings.skips.matte => 0,
+                    true if p.settings.skips.has(Skip::Matte) => 0,
                     true => WIDTHS[0],
                     false => gloss.width,
                 },

@@ -11,7 +11,7 @@ use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{ExrFloats, PngBits, load_cameras, write_exr, write_png};
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
-use transplat_core::settings::skips::Skipped;
+use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
@@ -324,7 +324,7 @@ impl Shots<'_> {
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(pipeline, target);
-            let unseen = if pipeline.scene.transfer.skips.unseen {
+            let unseen = if pipeline.scene.transfer.skips.has(Skip::Unseen) {
                 &self.studio.hidden[..]
             } else {
                 &[]

@@ -12,7 +12,7 @@ use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, fill
 use transplat_core::files::{geometry_key, load_bake, save_bake};
 use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
-use transplat_core::settings::skips::Skips;
+use transplat_core::settings::skips::{Skip, Skips};
 use transplat_core::sh::refining_order;
 use transplat_core::surfels::SurfelCloud;
 
@@ -163,7 +163,7 @@ fn harmonic(
     if progress(0.0).is_break() {
         return Err(transplat_core::Error::Cancelled.into());
     }
-    if wanted.skips.open_object
+    if wanted.skips.has(Skip::OpenObject)
         && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
     {
         return Ok(Bake::Harmonic(open));

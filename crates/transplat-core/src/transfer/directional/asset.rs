@@ -11,7 +11,7 @@ use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
 use crate::color::Encoding;
 use crate::environment::Beam;
-use crate::settings::skips::Skips;
+use crate::settings::skips::{Skip, Skips};
 use crate::sh::{coefficient_count, with_degree};
 use crate::surfels::SurfelCloud;
 
@@ -63,11 +63,12 @@ impl DirectionalAsset {
     pub fn new(cloud: &SurfelCloud, bake: Arc<DirectionalBake>, skips: &Skips) -> Self {
         // A two-sided surfel may show another colour on either side, and gloss fills bands that the capture left empty.
         let has_two_sides = bake.two_sided.iter().any(|t| *t > 0.0);
-        let degree = if skips.empty_bands && !has_two_sides && !cloud.has_view_dependence() {
-            0
-        } else {
-            cloud.sh_degree
-        };
+        let degree =
+            if skips.has(Skip::EmptyBands) && !has_two_sides && !cloud.has_view_dependence() {
+                0
+            } else {
+                cloud.sh_degree
+            };
         let nodes = Nodes::new(degree);
         let encoding = cloud.encoding;
         let directions = directions();

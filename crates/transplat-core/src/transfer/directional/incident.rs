@@ -10,7 +10,7 @@ use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, pla
 use super::lobe::Rays;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 use crate::environment::{Beam, Beams, IncidentRadiance};
-use crate::settings::skips::Skips;
+use crate::settings::skips::{Skip, Skips};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::evaluate_sh;
 
@@ -79,7 +79,7 @@ impl DirectionalAsset {
             (self.series(&light), Vec::new())
         };
         let mut suns = suns;
-        if suns.is_empty() && !settings.skips.suns {
+        if suns.is_empty() && !settings.skips.has(Skip::Suns) {
             // One that holds nothing, to know what it costs.
             suns.push(Beam {
                 direction: Vec3::Z,

@@ -4,7 +4,7 @@ use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
 use crate::settings::Method;
-use crate::settings::skips::Skips;
+use crate::settings::skips::{Skip, Skips};
 use crate::sh::rotate_coefficients;
 use crate::synthetic;
 use glam::{DMat3, DVec3};
@@ -33,10 +33,7 @@ fn settings(sh_degree: usize) -> TransferSettings {
     TransferSettings {
         sh_degree,
         // Bands are looked at one by one.
-        skips: Skips {
-            empty_bands: false,
-            ..Skips::default()
-        },
+        skips: Skips::default().without(Skip::EmptyBands),
         ..TransferSettings::of(Method::Harmonic)
     }
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use transplat_core::present;
+use transplat_core::settings::skips::Skip;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
@@ -29,7 +30,7 @@ impl Session {
             return;
         }
         // Now that it runs, it leaves out what is not seen now.
-        if self.scene.transfer.skips.unseen {
+        if self.scene.transfer.skips.has(Skip::Unseen) {
             state.leave_out_hidden();
             key.unseen = state.unseen.version;
         }
