@@ -55,6 +55,16 @@ pub fn program() -> &'static Path {
     })
 }
 
+/// A command line's words, each `{}` one of the names: those may hold spaces.
+pub fn args<'a>(line: &'a str, names: &[&'a str]) -> Vec<&'a str> {
+    let mut names = names.iter();
+    let word = |word| match word {
+        "{}" => names.next().copied().expect("a name for each"),
+        word => word,
+    };
+    line.split_whitespace().map(word).collect()
+}
+
 /// Runs the program.
 ///
 /// # Panics

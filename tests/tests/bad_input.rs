@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use transplat_tests::{Folder, asset, run, small_splat};
+use transplat_tests::{Folder, args, asset, run, small_splat};
 
 #[test]
 fn no_input_is_written_over() {
@@ -91,61 +91,18 @@ fn wrong_usage_exits_with_2() {
         &["relight", &teapot, "--source", "even", "-o", "x.ply"],
         &["render", &teapot, "-o", "x"],
         &["render", &teapot, "--turntable", "0", "-o", "x"],
-        &[
-            "render",
-            &teapot,
-            "--turntable",
-            "2",
-            "--eye",
-            "0,0,1",
-            "-o",
-            "x",
-        ],
-        &[
-            "render",
-            &teapot,
-            "--turntable",
-            "2",
-            "--target",
-            "even",
-            "-o",
-            "x",
-        ],
-        &[
-            "render",
-            &teapot,
-            "--turntable",
-            "2",
-            "--view",
-            "tau",
-            "-o",
-            "x",
-        ],
+        &args("render {} --turntable 2 --eye 0,0,1 -o x", &[&teapot]),
+        &args("render {} --turntable 2 --target even -o x", &[&teapot]),
+        &args("render {} --turntable 2 --view tau -o x", &[&teapot]),
         &["bake", &teapot, "--directions", "3", "-o", "x"],
-        &[
-            "relight",
-            &teapot,
-            "--source",
-            "even",
-            "--target",
-            "even",
-            "--sh-degree",
-            "9",
-            "-o",
-            "x.ply",
-        ],
-        &[
-            "relight",
-            &teapot,
-            "--source",
-            "even",
-            "--target",
-            "even",
-            "--epsilon",
-            "-1",
-            "-o",
-            "x.ply",
-        ],
+        &args(
+            "relight {} --source even --target even --sh-degree 9 -o x.ply",
+            &[&teapot],
+        ),
+        &args(
+            "relight {} --source even --target even --epsilon -1 -o x.ply",
+            &[&teapot],
+        ),
         &["paint"],
     ] {
         let output = run(arguments);
@@ -289,27 +246,17 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "the bake is for preset paper",
     );
     check(
-        &[
-            "render",
-            &good_ply,
-            "--turntable",
-            "3",
-            "--device",
-            "cpu",
-            "-o",
-            &folder.name("a.png"),
-        ],
+        &args(
+            "render {} --turntable 3 --device cpu -o {}",
+            &[&good_ply, &folder.name("a.png")],
+        ),
         "do not fit",
     );
     check(
-        &[
-            "render",
-            &good_ply,
-            "--turntable",
-            "1",
-            "-o",
-            &folder.name("a.jpg"),
-        ],
+        &args(
+            "render {} --turntable 1 -o {}",
+            &[&good_ply, &folder.name("a.jpg")],
+        ),
         "a picture is .png or .exr",
     );
     let two = ["--source", "even", "--target", "even", "--target"];
@@ -324,16 +271,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "give a folder",
     );
     check(
-        &[
-            "render",
-            &good_ply,
-            "--cameras",
-            &good_ply,
-            "--device",
-            "cpu",
-            "-o",
-            &folder.name("pictures"),
-        ],
+        &args(
+            "render {} --cameras {} --device cpu -o {}",
+            &[&good_ply, &good_ply, &folder.name("pictures")],
+        ),
         "camera file",
     );
     // A disk that is full.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, bake_harmonic};
+use transplat_core::bake::harmonic::{BakeInput, HarmonicBake, bake_harmonic};
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, Encoding, ToneMap};
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
@@ -67,7 +67,7 @@ fn bake() {
     cloud.tangents[0] = [Vec3::X, Vec3::Y];
     // Not a multiple of the batch.
     for directions in [16, 21] {
-        let input = BakeInput::new(&cloud, &BakeSettings { directions });
+        let input = BakeInput::new(&cloud, directions);
         let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
         let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
             .expect("the driver works");
@@ -98,7 +98,7 @@ fn bake() {
 fn bake_with_more_directions_than_one_read_back() {
     let gpu = gpu();
     let cloud = synthetic::sphere(40);
-    let input = BakeInput::new(&cloud, &BakeSettings { directions: 1037 });
+    let input = BakeInput::new(&cloud, 1037);
     let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
     let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
         .expect("the driver works");
@@ -115,7 +115,7 @@ fn transfer() {
     let gpu = gpu();
     for (light_degree, asset_degree) in [(3, 3), (0, 1), (2, 4), (5, 3), (6, 0), (8, 2)] {
         let cloud = synthetic::glossy_sphere_over_plate(150, asset_degree);
-        let input = BakeInput::new(&cloud, &BakeSettings { directions: 64 });
+        let input = BakeInput::new(&cloud, 64);
         let open = bake_harmonic(&input, &no_progress).expect("not cancelled");
         let visibility = HarmonicBake::from_open(&cloud, 64, open);
         let source = project_environment(&sky(64, 32), light_degree);
@@ -133,12 +133,8 @@ fn transfer() {
                 HarmonicTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
             let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
             // Twice, to see that nothing is left of the light before.
-            on_gpu
-                .relight(&prepared.light(&source))
-                .expect("the driver works");
-            on_gpu
-                .relight(&prepared.light(&target))
-                .expect("the driver works");
+            on_gpu.submit(&prepared.light(&source));
+            on_gpu.submit(&prepared.light(&target));
             let got = on_gpu.read().expect("the driver works");
             let cpu = prepared.relight(&target);
             let oracle = OracleHarmonic::new(&source, &target, &settings);
@@ -194,9 +190,7 @@ fn transfer_over_more_than_one_chunk() {
     .expect("good input");
     let target = project_environment(&sky(16, 8), 1);
     let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
-    on_gpu
-        .relight(&prepared.light(&target))
-        .expect("the driver works");
+    on_gpu.submit(&prepared.light(&target));
     let (got, cpu) = (
         on_gpu.read().expect("the driver works"),
         prepared.relight(&target),
@@ -217,7 +211,7 @@ fn bake_and_rasterize_over_more_than_one_chunk() {
         cloud.positions[i] = Vec3::new(1.3, 0.01 * (i + 40 - n) as f32 - 0.2, 0.1);
         cloud.scales[i] = Vec2::splat(0.05);
     }
-    let input = BakeInput::new(&cloud, &BakeSettings { directions: 16 });
+    let input = BakeInput::new(&cloud, 16);
     let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
     let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
         .expect("the driver works");

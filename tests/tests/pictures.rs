@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use transplat_tests::{asset, picture, psnr, root, run_json};
+use transplat_tests::{args, asset, picture, psnr, root, run_json};
 
 fn render(folder: &Path, device: &str, frame: &str, more: &[&str]) -> Vec<[f32; 3]> {
     let (teapot, cameras, out) = (
@@ -10,20 +10,10 @@ fn render(folder: &Path, device: &str, frame: &str, more: &[&str]) -> Vec<[f32; 
         asset("teapot_cameras.json"),
         folder.display().to_string(),
     );
-    let common = [
-        "render",
-        &teapot,
-        "--cameras",
-        &cameras,
-        "--frames",
-        frame,
-        "--size",
-        "200x200",
-        "--device",
-        device,
-        "-o",
-        &out,
-    ];
+    let common = args(
+        "render {} --cameras {} --frames {} --size 200x200 --device {} -o {}",
+        &[&teapot, &cameras, frame, device, &out],
+    );
     run_json(&[&common[..], more].concat());
     picture(&folder.join(format!("00{frame}.png")))
 }
@@ -64,16 +54,10 @@ fn relighting_comes_nearer_to_the_path_traced_truth_than_doing_nothing() {
             folder.path(),
             "cpu",
             frame,
-            &[
-                "--background",
-                "black",
-                "--source",
-                &city,
-                "--target",
-                &sunset,
-                "--supersample",
-                "2",
-            ],
+            &args(
+                "--background black --source {} --target {} --supersample 2",
+                &[&city, &sunset],
+            ),
         );
         let (before, after) = (psnr(&before, &truth), psnr(&relit, &truth));
         println!("frame {frame}: nothing {before:.1} dB, relit {after:.1} dB");
@@ -89,16 +73,10 @@ fn relighting_comes_nearer_to_the_path_traced_truth_than_doing_nothing() {
 fn cpu_and_gpu_relight_alike() {
     let folder = tempfile::tempdir().expect("a folder");
     let (city, sunset) = (asset("city.hdr"), asset("sunset.hdr"));
-    let light = [
-        "--source",
-        &city,
-        "--target",
-        &sunset,
-        "--directions",
-        "64",
-        "--background",
-        "environment",
-    ];
+    let light = args(
+        "--source {} --target {} --directions 64 --background environment",
+        &[&city, &sunset],
+    );
     let cpu = render(folder.path(), "cpu", "3", &light);
     let gpu = render(folder.path(), "gpu", "3", &light);
     let psnr = psnr(&cpu, &gpu);

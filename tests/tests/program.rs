@@ -3,27 +3,17 @@
 use std::fs;
 
 use transplat_core::files::load_asset;
-use transplat_tests::{Folder, asset, run, run_json, small_splat};
+use transplat_tests::{Folder, args, asset, run, run_json, small_splat};
 
 #[test]
 fn relight_writes_the_layout_that_came_in() {
     let folder = Folder::new();
     let (teapot, city, sunset) = (asset("teapot.ply"), asset("city.hdr"), asset("sunset.hdr"));
     let out = folder.name("out.ply");
-    let told = run_json(&[
-        "relight",
-        &teapot,
-        "--source",
-        &city,
-        "--target",
-        &sunset,
-        "--directions",
-        "64",
-        "--device",
-        "cpu",
-        "-o",
-        &out,
-    ]);
+    let told = run_json(&args(
+        "relight {} --source {} --target {} --directions 64 --device cpu -o {}",
+        &[&teapot, &city, &sunset, &out],
+    ));
     assert_eq!(told["command"], "relight");
     assert_eq!(told["surfels"], 30000);
     assert_eq!(told["adapter"], "cpu");
@@ -82,20 +72,10 @@ fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
         assert_eq!(a.expect("an output"), b.expect("an output"));
     }
     let other = folder.write("b.ply", small_splat(90));
-    let output = run(&[
-        "relight",
-        &other,
-        "--source",
-        "even",
-        "--target",
-        "even",
-        "--bake",
-        &bake,
-        "-o",
-        &folder.name("b2.ply"),
-        "--device",
-        "cpu",
-    ]);
+    let output = run(&args(
+        "relight {} --source even --target even --bake {} -o {} --device cpu",
+        &[&other, &bake, &folder.name("b2.ply")],
+    ));
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("another geometry"));
 }
@@ -161,20 +141,10 @@ fn even_light_to_even_light_changes_little() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(100));
     let out = folder.name("out.ply");
-    run_json(&[
-        "relight",
-        &splat,
-        "--source",
-        "even",
-        "--target",
-        "even",
-        "-o",
-        &out,
-        "--epsilon",
-        "0.000001",
-        "--device",
-        "cpu",
-    ]);
+    run_json(&args(
+        "relight {} --source even --target even -o {} --epsilon 0.000001 --device cpu",
+        &[&splat, &out],
+    ));
     let (a, _) = load_asset(splat.as_ref()).expect("the splat");
     let (b, _) = load_asset(out.as_ref()).expect("the result");
     for (a, b) in a.sh.iter().flatten().zip(b.sh.iter().flatten()) {
@@ -187,16 +157,10 @@ fn frames_keep_their_numbers_and_their_pixels() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(100));
     let (all, some) = (folder.name("all"), folder.name("some"));
-    let common = [
-        "render",
-        &splat,
-        "--turntable",
-        "4",
-        "--size",
-        "64x48",
-        "--device",
-        "cpu",
-    ];
+    let common = args(
+        "render {} --turntable 4 --size 64x48 --device cpu",
+        &[&splat],
+    );
     let told = run_json(&[&common[..], &["-o", &all]].concat());
     assert_eq!(told["pictures"], 4);
     run_json(&[&common[..], &["-o", &some, "--frames", "1-2"]].concat());
@@ -230,34 +194,10 @@ fn every_view_and_format_is_written_by_both_devices() {
         ] {
             for format in ["png", "exr"] {
                 let out = folder.name(&format!("{device}-{view}.{format}"));
-                run_json(&[
-                    "render",
-                    &splat,
-                    "--source",
-                    "even",
-                    "--target",
-                    &sunset,
-                    "--view",
-                    view,
-                    "--eye",
-                    "5,-8,9",
-                    "--look-at",
-                    "5,5,0",
-                    "--size",
-                    "40x30",
-                    "--supersample",
-                    "2",
-                    "--directions",
-                    "16",
-                    "--background",
-                    "#2a4b8c",
-                    "--tone-map",
-                    "agx",
-                    "--device",
-                    device,
-                    "-o",
-                    &out,
-                ]);
+                run_json(&args(
+                    "render {} --source even --target {} --view {} --eye 5,-8,9 --look-at 5,5,0 --size 40x30 --supersample 2 --directions 16 --background #2a4b8c --tone-map agx --device {} -o {}",
+                    &[&splat, &sunset, view, device, &out],
+                ));
                 if format == "png" {
                     let picture = image::open(&out).expect("a picture").into_rgba8();
                     assert_eq!(picture.dimensions(), (40, 30));
@@ -297,19 +237,10 @@ fn a_transparent_png_is_straight_and_an_exr_premultiplied() {
     // One faint white surfel.
     let splat = small_splat(1).replace("0.5 0.2 -0.3 3", "1.7724539 1.7724539 1.7724539 0");
     let splat = folder.write("a.ply", splat);
-    let common = [
-        "render",
-        &splat,
-        "--eye",
-        "0,0,2",
-        "--look-at",
-        "0,0,0",
-        "--size",
-        "21x21",
-        "--device",
-        "cpu",
-        "-o",
-    ];
+    let common = args(
+        "render {} --eye 0,0,2 --look-at 0,0,0 --size 21x21 --device cpu -o",
+        &[&splat],
+    );
     run_json(&[&common[..], &[&folder.name("a.png")]].concat());
     let middle = image::open(folder.path("a.png"))
         .expect("a picture")
@@ -335,16 +266,10 @@ fn info_knows_every_kind() {
     let folder = Folder::new();
     let splat = folder.write("a.ply", small_splat(50));
     let bake = folder.name("a.bake");
-    run_json(&[
-        "bake",
-        &splat,
-        "-o",
-        &bake,
-        "--device",
-        "cpu",
-        "--directions",
-        "32",
-    ]);
+    run_json(&args(
+        "bake {} -o {} --device cpu --directions 32",
+        &[&splat, &bake],
+    ));
     let look = folder.write("look.json", r#"{"target": {"rotation": 90}}"#);
     for (file, kind) in [
         (&splat, "2DGS"),
@@ -407,28 +332,15 @@ fn a_folder_of_truth_is_read_and_scored() {
     let (truth, out) = (folder.name("truth"), folder.name("report"));
     let drawn = folder.name("truth/dev/teapot/gt/sunset");
     let render = ["render", &teapot, "--source", &city, "--target", &sunset];
-    let options = [
-        "--cameras",
-        &transforms,
-        "--format",
-        "exr",
-        "--device",
-        "cpu",
-        "-o",
-        &drawn,
-    ];
+    let options = args(
+        "--cameras {} --format exr --device cpu -o {}",
+        &[&transforms, &drawn],
+    );
     run_json(&[&render[..], &options].concat());
-    let report = [
-        "report",
-        "--only",
-        "truth",
-        "--ground-truth",
-        &truth,
-        "--device",
-        "cpu",
-        "-o",
-        &out,
-    ];
+    let report = args(
+        "report --only truth --ground-truth {} --device cpu -o {}",
+        &[&truth, &out],
+    );
     let told = run_json(&report);
     assert_eq!(told["pairs"], 1);
     let table = fs::read_to_string(folder.path("report/truth.csv")).expect("the table");
@@ -503,22 +415,10 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
     assert!(relit[0] == relit[1]);
     let relit_name = folder.name("relit.ply");
     // A bake that does not fit is told before anything is baked for the estimate.
-    let output = run(&[
-        "relight",
-        &teapot,
-        "--preset",
-        "paper",
-        "--bake",
-        &bake,
-        "--source",
-        "estimate",
-        "--target",
-        &sunset,
-        "--device",
-        "cpu",
-        "-o",
-        &relit_name,
-    ]);
+    let output = run(&args(
+        "relight {} --preset paper --bake {} --source estimate --target {} --device cpu -o {}",
+        &[&teapot, &bake, &sunset, &relit_name],
+    ));
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success(), "{message}");
     assert!(
@@ -600,19 +500,10 @@ fn a_report_measures_settings_and_extreme_cases() {
     let out = folder.name("report");
     // Of another splat than the bundled one there is no truth.
     let splat = folder.write("small.ply", small_splat(300));
-    let told = run_json(&[
-        "report",
-        &splat,
-        "--source",
-        "even",
-        "--target",
-        &asset("sunset.hdr"),
-        "--quick",
-        "--device",
-        "cpu",
-        "-o",
-        &out,
-    ]);
+    let told = run_json(&args(
+        "report {} --source even --target {} --quick --device cpu -o {}",
+        &[&splat, &asset("sunset.hdr"), &out],
+    ));
     assert_eq!(told["extreme_cases_failed"], 0);
     let table = |name: &str| {
         let text = fs::read_to_string(folder.path("report").join(name)).expect("a table");

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::BakeSettings;
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::present::PLAIN;
@@ -23,15 +23,11 @@ use transplat_tests::{gpu, psnr};
 
 /// A sky that is brighter on one side, in one colour; with a sun or without.
 fn sky(toward: DVec3, tint: [f32; 3], sun: f32) -> Illumination {
-    let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
-    let pixels = (0..128 * 64)
-        .map(|i| {
-            let d = DVec3::from_array(plain.direction(i % 128, i / 128));
-            let disc = if d.dot(toward) > 0.999 { sun } else { 0.0 };
-            tint.map(|t| t * ((1.2 + d.dot(toward)) as f32 + disc))
-        })
-        .collect();
-    Illumination::of(&EnvironmentMap::new(128, 64, pixels), 8)
+    let map = EnvironmentMap::of_directions(128, 64, |d| {
+        let disc = if d.dot(toward) > 0.999 { sun } else { 0.0 };
+        tint.map(|t| t * ((1.2 + d.dot(toward)) as f32 + disc))
+    });
+    Illumination::of(&map, 8)
 }
 
 /// Something that does not need something.
@@ -132,8 +128,7 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
         ..TransferSettings::of(case.method)
     };
     let cloud = Arc::new(case.cloud.clone());
-    let bake_settings = BakeSettings { directions: 128 };
-    let bake = Bake::with_skips(&cloud, case.method, &bake_settings, &skips, &no_progress);
+    let bake = Bake::with_skips(&cloud, case.method, 128, &skips, &no_progress);
     let bake = bake.expect("not cancelled");
     let [source, target] = &case.lights;
     let prepared = PreparedTransfer::new(&cloud, &bake, source, &settings).expect("good settings");
@@ -156,15 +151,9 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
     let camera = Camera::from_pose(&pose, UpAxis::PlusZ, [160, 160], bounds.radius);
     let (sh, degree, encoding) = (&relit.sh, relit.degree, relit.encoding);
     let raster = if let Some(gpu) = gpu {
-        let paint = Paint::Sh {
-            sh,
-            degree,
-            encoding,
-        };
         let painter = GpuRasterizer::new(gpu, &cloud).expect("room for it");
-        painter
-            .draw(&camera, paint, PLAIN, &unseen)
-            .expect("the driver works")
+        let drawn = painter.draw(&camera, Paint::relit(&relit), PLAIN, &unseen);
+        drawn.expect("the driver works")
     } else {
         let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
         rasterize(&cloud, &camera, &colors, &unseen)
@@ -245,7 +234,7 @@ fn bands_that_gloss_may_fill_are_kept() {
     let bake = Bake::new(
         &cloud,
         Method::Directional,
-        &BakeSettings::default(),
+        DEFAULT_DIRECTIONS,
         &no_progress,
     );
     let bake = bake.expect("not cancelled");

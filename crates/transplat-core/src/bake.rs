@@ -22,7 +22,7 @@ use crate::sh::lattice;
 use crate::surfels::SurfelCloud;
 
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
-use harmonic::{BakeSettings, HarmonicBake};
+use harmonic::HarmonicBake;
 
 /// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
@@ -50,17 +50,17 @@ pub enum Bake {
 }
 
 impl Bake {
-    /// Bakes on the CPU from start to end; `settings` are the harmonic method's.
+    /// Bakes on the CPU from start to end; `directions` are the harmonic method's.
     ///
     /// # Errors
     /// The asset is too large, or [`Error::Cancelled`] when `progress` asked for it.
     pub fn new(
         cloud: &SurfelCloud,
         method: Method,
-        settings: &BakeSettings,
+        directions: usize,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        Self::with_skips(cloud, method, settings, &Skips::default(), progress)
+        Self::with_skips(cloud, method, directions, &Skips::default(), progress)
     }
 
     /// The same, leaving out what it is told to.
@@ -70,7 +70,7 @@ impl Bake {
     pub fn with_skips(
         cloud: &SurfelCloud,
         method: Method,
-        settings: &BakeSettings,
+        directions: usize,
         skips: &Skips,
         progress: Progress<'_>,
     ) -> Result<Self> {
@@ -82,11 +82,11 @@ impl Bake {
             return Err(Error::Cancelled);
         }
         if skips.has(Skip::OpenObject)
-            && let Some(open) = HarmonicBake::of_open_object(cloud, settings.directions)
+            && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
         {
             return Ok(Self::Harmonic(open));
         }
-        Ok(Self::Harmonic(harmonic::bake(cloud, settings, progress)?))
+        Ok(Self::Harmonic(harmonic::bake(cloud, directions, progress)?))
     }
 
     /// What was left out of it.

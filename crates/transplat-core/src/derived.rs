@@ -52,32 +52,6 @@ impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
         self.accept(key, value);
     }
 
-    /// The value of a key: the one that is there, or a new one.
-    ///
-    /// # Errors
-    /// It could not be made; the last one stays.
-    pub fn get_or_make<E>(
-        &mut self,
-        key: &Key,
-        make: impl FnOnce() -> Result<Value, E>,
-    ) -> Result<&mut Value, E> {
-        let made = match self.made.take() {
-            Some(made) if made.0 == *key => made,
-            last => match make() {
-                Ok(value) => {
-                    self.version += 1;
-                    (key.clone(), value)
-                }
-                Err(error) => {
-                    self.made = last;
-                    return Err(error);
-                }
-            },
-        };
-        self.ask(key);
-        Ok(&mut self.made.insert(made).1)
-    }
-
     /// What is there, whatever it was made from.
     pub fn get(&self) -> Option<&Value> {
         self.made.as_ref().map(|(_, value)| value)
@@ -133,21 +107,5 @@ mod tests {
         assert!(!stage.accept(2, "broken off") && stage.ask(&2));
         assert!(stage.accept(2, "two"));
         assert_eq!((stage.made_from(), stage.of(&1)), (Some(&2), None));
-    }
-
-    #[test]
-    fn a_value_is_made_once_a_key_and_kept_where_the_next_cannot_be_made() {
-        let mut stage = Derived::default();
-        let mut made = 0;
-        for key in [1, 1, 2] {
-            let made_of = stage.get_or_make(&key, || {
-                made += 1;
-                Ok::<_, ()>(10 * key)
-            });
-            assert_eq!(made_of, Ok(&mut (10 * key)));
-        }
-        assert_eq!((made, stage.version()), (2, 2));
-        assert_eq!(stage.get_or_make(&3, || Err("no")), Err("no"));
-        assert_eq!(stage.current(), Some(&20));
     }
 }

@@ -20,7 +20,7 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
-pub use cameras::{CameraFile, CameraFrame, load_cameras};
+pub use cameras::{CameraFile, load_cameras};
 pub use estimate::load_estimate;
 pub use exr::load_picture;
 pub use look::{LOOK_VERSION, load_look, look_text, save_look};

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bake::harmonic::{BakeInput, BakeSettings, Softness, bake_receivers};
+use crate::bake::harmonic::{BakeInput, Softness, bake_receivers};
 use crate::bake::scaled::BakeSurfel;
 use crate::camera::Camera;
 use crate::color::luminance;
@@ -11,7 +11,7 @@ use crate::environment::IncidentRadiance;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::rasterize::ColorSpace;
-use crate::sh::{evaluate_sh, fibonacci_sphere};
+use crate::sh::{evaluate_sh, lattice};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Receivers along an edge of the ground.
@@ -72,10 +72,10 @@ impl Ground {
     pub fn bake(
         cloud: &SurfelCloud,
         up: UpAxis,
-        settings: &BakeSettings,
+        directions: usize,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        let input = BakeInput::new(cloud, settings);
+        let input = BakeInput::new(cloud, directions);
         let (center, axes) = ground_plane(cloud, up);
         let half = GROUND_REACH * cloud.bounds().radius;
         let normal = up.direction();
@@ -96,7 +96,7 @@ impl Ground {
             axes,
             half,
             normal,
-            directions: settings.directions,
+            directions,
             open: bake_receivers(&input, &receivers, Softness::default(), progress)?,
         })
     }
@@ -105,11 +105,11 @@ impl Ground {
     ///
     /// `light` is the light as the asset sees it, of the highest degree there is.
     pub fn lit_share(&self, light: &IncidentRadiance) -> Vec<f32> {
-        let weights: Vec<f32> = fibonacci_sphere(self.directions)
+        let weights: Vec<f32> = lattice(self.directions)
             .into_iter()
             .map(|d| {
-                let d = d.map(|v| v as f32);
-                let cosine = Vec3::from_array(d).dot(self.normal).max(0.0);
+                let cosine = d.dot(self.normal).max(0.0);
+                let d = d.to_array();
                 let radiance = luminance(evaluate_sh(&light.coefficients, light.degree, d));
                 cosine * radiance.max(0.0)
             })
@@ -183,6 +183,7 @@ fn in_space(lit: f32, space: ColorSpace) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bake::harmonic::DEFAULT_DIRECTIONS;
     use crate::present::PLAIN;
     use crate::progress::no_progress;
     use crate::synthetic;
@@ -192,20 +193,14 @@ mod tests {
     fn the_shadow_lies_opposite_the_light() {
         let cloud = synthetic::sphere(2000);
         let ground =
-            Ground::bake(&cloud, cloud.up, &BakeSettings::default(), &no_progress).expect("a bake");
+            Ground::bake(&cloud, cloud.up, DEFAULT_DIRECTIONS, &no_progress).expect("a bake");
         // A lobe towards +X, 45 degrees up.
         let mut light = IncidentRadiance::even(8);
         let towards = Vec3::new(1.0, 0.0, 1.0).normalize();
-        let lobe = fibonacci_sphere(4000);
         light.coefficients.fill([0.0; 3]);
-        for d in &lobe {
-            let mut y = [0f32; crate::sh::MAX_COEFFICIENTS];
-            let direction = d.map(|v| v as f32);
-            crate::sh::evaluate_basis(direction, 8, &mut y);
-            let radiance = Vec3::from_array(direction).dot(towards).max(0.0).powi(30);
-            for (c, y) in light.coefficients.iter_mut().zip(y) {
-                *c = c.map(|v| v + radiance * y / 4000.0);
-            }
+        for d in lattice(4000) {
+            let radiance = d.dot(towards).max(0.0).powi(30);
+            light.add(d, [radiance / 4000.0; 3]);
         }
         let lit = ground.lit_share(&light);
         let at = |x: f32, y: f32| {

@@ -11,6 +11,7 @@
 //!
 //! ```
 //! use transplat_core::bake::Bake;
+//! use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 //! use transplat_core::environment::{EnvironmentMap, Illumination};
 //! use transplat_core::progress::no_progress;
 //! use transplat_core::synthetic;
@@ -25,7 +26,7 @@
 //!
 //! // Once for the asset, once for asset and source light, and then once for each new light.
 //! let settings = TransferSettings::default();
-//! let bake = Bake::new(&cloud, settings.method, &Default::default(), &no_progress)?;
+//! let bake = Bake::new(&cloud, settings.method, DEFAULT_DIRECTIONS, &no_progress)?;
 //! let prepared = PreparedTransfer::new(&cloud, &bake, &source, &settings)?;
 //! let relit = prepared.relight(&target, Part::Whole)?;
 //! assert!(relit.tau[0][2] > relit.tau[499][2], "the top of the sphere is the brighter one");

@@ -57,6 +57,16 @@ impl SurfelCloud {
         &self.sh[i * k..][..k]
     }
 
+    /// Adds another cloud of the same degree and encoding, scaled and then moved.
+    pub fn add(&mut self, other: &Self, scale: f32, offset: Vec3) {
+        let places = other.positions.iter().map(|p| scale * *p + offset);
+        self.positions.extend(places);
+        self.tangents.extend(&other.tangents);
+        self.scales.extend(other.scales.iter().map(|s| scale * *s));
+        self.opacities.extend(&other.opacities);
+        self.sh.extend(&other.sh);
+    }
+
     /// At most `count` surfels of it, taken evenly from their order and so much larger that they cover as much.
     pub fn thinned(&self, count: usize) -> Self {
         let n = self.len();
@@ -178,7 +188,7 @@ impl Hide {
     }
 
     /// Which surfels of an asset are hidden, `[n]`.
-    pub fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
+    fn hidden(&self, cloud: &SurfelCloud, bounds: &Bounds) -> Vec<bool> {
         (0..cloud.len())
             .map(|i| {
                 let p = (cloud.positions[i] - bounds.center) / bounds.radius;
@@ -306,9 +316,7 @@ mod tests {
 
     #[test]
     fn floaters_do_not_grow_the_bounds() {
-        let mut points: Vec<Vec3> = (0..1000)
-            .map(|i| Vec3::from_array(crate::sh::fibonacci_sphere(1000)[i].map(|v| v as f32)))
-            .collect();
+        let mut points = crate::sh::lattice(1000);
         let clean = Bounds::of(&points);
         assert!((clean.radius - 1.0).abs() < 0.02 && clean.center.length() < 0.02);
         points[17] = Vec3::splat(1e6);

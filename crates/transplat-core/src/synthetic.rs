@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::color::Encoding;
-use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, fibonacci_sphere};
+use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, lattice};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
@@ -30,10 +30,7 @@ pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud
 
 /// A unit sphere of `n` surfels with outward normals.
 pub fn sphere(n: usize) -> SurfelCloud {
-    let points: Vec<Vec3> = fibonacci_sphere(n)
-        .iter()
-        .map(|d| Vec3::from_array(d.map(|v| v as f32)))
-        .collect();
+    let points = lattice(n);
     // Spacing sqrt(4 pi / n); 0.64 of it is what training comes to.
     let scale = 0.64 * (4.0 * std::f32::consts::PI / n as f32).sqrt();
     from_points(&points, &points, scale)
@@ -70,14 +67,7 @@ pub fn sphere_over_plate(n: usize) -> SurfelCloud {
 /// A sphere over a slab: the plate has an underside, so that every surfel has one front.
 pub fn sphere_over_slab(n: usize) -> SurfelCloud {
     let mut cloud = sphere_over_plate(n);
-    let plate = cloud.len() - sheet((n as f32).sqrt() as usize).len()..cloud.len();
-    for i in plate {
-        cloud.positions.push(cloud.positions[i] - 0.15 * Vec3::Z);
-        cloud.tangents.push(cloud.tangents[i]);
-        cloud.scales.push(cloud.scales[i]);
-        cloud.opacities.push(cloud.opacities[i]);
-        cloud.sh.push(cloud.sh[i]);
-    }
+    cloud.add(&sheet((n as f32).sqrt() as usize), 1.0, -0.15 * Vec3::Z);
     cloud
 }
 
@@ -108,11 +98,7 @@ pub fn mirroring_ball_plate_and_sheet(toward_sun: Vec3, degree: usize) -> Surfel
     let sheet = sheet(6);
     let (ball_and_plate, k) = (cloud.len(), coefficient_count(degree));
     let grey = cloud.sh[0];
-    let lift = |p: &Vec3| 0.5 * *p + 2.5 * Vec3::Z;
-    cloud.positions.extend(sheet.positions.iter().map(lift));
-    cloud.tangents.extend(&sheet.tangents);
-    cloud.scales.extend(sheet.scales.iter().map(|s| 0.5 * *s));
-    cloud.opacities.extend(&sheet.opacities);
+    cloud.add(&sheet, 0.5, 2.5 * Vec3::Z);
     cloud.sh_degree = degree;
     cloud.sh = (0..cloud.len())
         .flat_map(|i| {

@@ -144,7 +144,7 @@ impl TransferAsset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::harmonic::BakeSettings;
+    use crate::bake::harmonic::DEFAULT_DIRECTIONS;
     use crate::progress::no_progress;
     use crate::settings::Method;
     use crate::synthetic;
@@ -155,9 +155,8 @@ mod tests {
         let light = Illumination::even(3);
         for method in Method::ALL {
             let settings = TransferSettings::of(method);
-            let bake_settings = BakeSettings { directions: 32 };
             for baked in Method::ALL {
-                let bake = Bake::new(&cloud, baked, &bake_settings, &no_progress);
+                let bake = Bake::new(&cloud, baked, 32, &no_progress);
                 let bake = bake.expect("not cancelled");
                 let result = PreparedTransfer::new(&cloud, &bake, &light, &settings);
                 match result {
@@ -181,7 +180,7 @@ mod tests {
         let bake = Bake::new(
             &cloud,
             Method::Directional,
-            &BakeSettings::default(),
+            DEFAULT_DIRECTIONS,
             &no_progress,
         );
         let without = Illumination {

@@ -62,27 +62,19 @@ impl Bindings {
     }
 }
 
-/// WGSL for the driver, with its bindings.
-struct Shader {
-    module: wgpu::ShaderModule,
-    bindings: Bindings,
-}
-
-/// A compute pipeline of one entry point.
+/// A pipeline of one entry point, and what it is bound to by the names in WGSL.
 #[derive(Debug)]
-pub(crate) struct ComputePass {
-    pipeline: wgpu::ComputePipeline,
+pub(crate) struct Pass<P> {
+    pipeline: P,
+    layout: wgpu::BindGroupLayout,
     bindings: Bindings,
     label: String,
 }
 
-/// A render pipeline of one entry point, whose vertices are made by `corner`.
-#[derive(Debug)]
-pub(crate) struct RenderPass {
-    pipeline: wgpu::RenderPipeline,
-    bindings: Bindings,
-    label: String,
-}
+pub(crate) type ComputePass = Pass<wgpu::ComputePipeline>;
+
+/// Its vertices are made by `corner`.
+pub(crate) type RenderPass = Pass<wgpu::RenderPipeline>;
 
 /// Something that was submitted.
 #[derive(Clone, Debug)]
@@ -339,20 +331,21 @@ impl Context {
     }
 
     fn compile(&self, source: &str, entry: &str) -> ComputePass {
-        let shader = self.shader(source, entry);
+        let (module, bindings) = self.shader(source, entry);
         let pipeline = self
             .device
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: None,
-                module: &shader.module,
+                module: &module,
                 entry_point: Some(entry),
                 compilation_options: Default::default(),
                 cache: None,
             });
         ComputePass {
+            layout: pipeline.get_bind_group_layout(0),
             pipeline,
-            bindings: shader.bindings,
+            bindings,
             label: entry.to_owned(),
         }
     }
@@ -365,13 +358,13 @@ impl Context {
         topology: wgpu::PrimitiveTopology,
         targets: &[wgpu::ColorTargetState],
     ) -> RenderPass {
-        let shader = self.shader(source, entry);
+        let (module, bindings) = self.shader(source, entry);
         let targets: Vec<_> = targets.iter().cloned().map(Some).collect();
         let descriptor = wgpu::RenderPipelineDescriptor {
             label: Some(entry),
             layout: None,
             vertex: wgpu::VertexState {
-                module: &shader.module,
+                module: &module,
                 entry_point: Some("corner"),
                 compilation_options: Default::default(),
                 buffers: &[],
@@ -383,7 +376,7 @@ impl Context {
             depth_stencil: None,
             multisample: Default::default(),
             fragment: Some(wgpu::FragmentState {
-                module: &shader.module,
+                module: &module,
                 entry_point: Some(entry),
                 compilation_options: Default::default(),
                 targets: &targets,
@@ -391,9 +384,11 @@ impl Context {
             multiview_mask: None,
             cache: None,
         };
+        let pipeline = self.device.create_render_pipeline(&descriptor);
         RenderPass {
-            pipeline: self.device.create_render_pipeline(&descriptor),
-            bindings: shader.bindings,
+            layout: pipeline.get_bind_group_layout(0),
+            pipeline,
+            bindings,
             label: entry.to_owned(),
         }
     }
@@ -418,7 +413,7 @@ impl Context {
         })
     }
 
-    fn shader(&self, source: &str, label: &str) -> Shader {
+    fn shader(&self, source: &str, label: &str) -> (wgpu::ShaderModule, Bindings) {
         // Parsed once, for the driver and for the names. What does not parse is told by wgpu, in its own words.
         let (bindings, source) = match naga::front::wgsl::parse_str(source) {
             Ok(module) => (
@@ -431,10 +426,7 @@ impl Context {
             label: Some(label),
             source,
         };
-        Shader {
-            module: self.device.create_shader_module(descriptor),
-            bindings,
-        }
+        (self.device.create_shader_module(descriptor), bindings)
     }
 
     /// A buffer with data, called by where it is made; an empty slice makes a small buffer, since none may be empty.
@@ -471,31 +463,30 @@ impl Context {
 
     /// Anything bound to a pass by the names in WGSL.
     #[track_caller]
-    pub(crate) fn bind_resources(
+    pub(crate) fn bind_resources<P>(
         &self,
-        pass: &impl Pass,
+        pass: &Pass<P>,
         resources: &[(&str, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
-        let (layout, bindings) = pass.bindings();
         let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
             .iter()
             .map(|(name, resource)| wgpu::BindGroupEntry {
-                binding: bindings.number(name),
+                binding: pass.bindings.number(name),
                 resource: resource.clone(),
             })
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(&label(Location::caller())),
-            layout: &layout,
+            layout: &pass.layout,
             entries: &entries,
         })
     }
 
     /// The same with buffers alone.
     #[track_caller]
-    pub(crate) fn bind(
+    pub(crate) fn bind<P>(
         &self,
-        pass: &impl Pass,
+        pass: &Pass<P>,
         buffers: &[(&str, &wgpu::Buffer)],
     ) -> wgpu::BindGroup {
         let resources: Vec<(&str, wgpu::BindingResource<'_>)> = buffers
@@ -507,6 +498,13 @@ impl Context {
 
     pub(crate) fn encoder(&self) -> wgpu::CommandEncoder {
         self.device.create_command_encoder(&Default::default())
+    }
+
+    /// Runs `groups` workgroups of a pass alone.
+    pub(crate) fn run(&self, pass: &ComputePass, group: &wgpu::BindGroup, groups: [usize; 3]) {
+        let mut encoder = self.encoder();
+        pass.dispatch(&mut encoder, group, groups);
+        self.submit(encoder);
     }
 
     pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) {
@@ -557,29 +555,6 @@ impl Context {
             .get_mapped_range(..)
             .map_err(|e| GpuError::Driver(e.to_string()))?;
         Ok(take(&view))
-    }
-}
-
-/// What things are bound to.
-pub(crate) trait Pass {
-    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings);
-}
-
-impl Pass for ComputePass {
-    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
-        (self.pipeline.get_bind_group_layout(0), &self.bindings)
-    }
-}
-
-impl Pass for RenderPass {
-    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
-        (self.pipeline.get_bind_group_layout(0), &self.bindings)
-    }
-}
-
-impl<P: Pass> Pass for Arc<P> {
-    fn bindings(&self) -> (wgpu::BindGroupLayout, &Bindings) {
-        (**self).bindings()
     }
 }
 

@@ -63,9 +63,7 @@ pub fn project_environment(
                 ("row_sums", &row_sums),
             ],
         );
-        let mut encoder = context.encoder();
-        pass.dispatch(&mut encoder, &bind_group, [pixels.len() / width, 1, 1]);
-        context.submit(encoder);
+        context.run(&pass, &bind_group, [pixels.len() / width, 1, 1]);
         context.wait()?;
     }
     let rows: Vec<[f32; 3]> = context.read(&row_sums, height * k)?;

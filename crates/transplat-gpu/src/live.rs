@@ -338,6 +338,12 @@ impl Live {
         self.surroundings_version += 1;
     }
 
+    /// Forgets all objects but the first.
+    pub fn truncate(&mut self, count: usize) {
+        self.objects.truncate(count);
+        self.surroundings_version += 1;
+    }
+
     /// Takes an object's surfels where they are held now; they are the same.
     pub fn set_cloud(&mut self, object: usize, cloud: &Arc<SurfelCloud>) {
         self.objects[object].asset.rasterizer.set_cloud(cloud);

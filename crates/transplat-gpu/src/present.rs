@@ -130,9 +130,9 @@ impl Presentation {
             principal: camera.principal_point(),
             depth_range: depth_range(camera, &self.bounds),
             difference_scale: self.difference_scale,
-            arrangement: shader::layout_number(self.view),
+            arrangement: self.view as u32,
             background: shader::background_number(self.background),
-            tone_map: shader::tone_number(self.display.tone_map),
+            tone_map: self.display.tone_map as u32,
             wipe_column: wipe_column(self.wipe, self.size[0]) as u32,
             false_color: u32::from(self.false_color),
         }
@@ -147,24 +147,11 @@ impl Backdrop {
     /// Uploads a map as half floats; a larger one than can be seen or held is reduced first.
     pub fn new(context: &Context, map: &EnvironmentMap) -> Self {
         let reduced = map.reduced(MAX_BACKDROP_WIDTH.min(context.max_texture()));
-        let texels: Vec<[half::f16; 4]> = reduced
-            .pixels()
-            .iter()
-            .map(|&[r, g, b]| [r, g, b, 1.0].map(|v| half::f16::from_f32(v.min(65504.0))))
-            .collect();
-        let bytes: Vec<u8> = texels
-            .iter()
-            .flatten()
-            .flat_map(|v| v.to_le_bytes())
-            .collect();
+        let texels = reduced.pixels().iter();
+        let texels = texels.flat_map(|&[r, g, b]| [r, g, b, 1.0].map(|v| v.min(65504.0)));
         let size = [reduced.width(), reduced.height()];
-        Self(texture(
-            context,
-            size,
-            wgpu::TextureFormat::Rgba16Float,
-            &bytes,
-            8,
-        ))
+        let format = wgpu::TextureFormat::Rgba16Float;
+        Self(half_floats(context, size, format, texels))
     }
 }
 
@@ -175,40 +162,31 @@ pub struct GroundLit(wgpu::TextureView);
 impl GroundLit {
     /// Uploads the lit share of each cell.
     pub fn new(context: &Context, lit: &[f32]) -> Self {
-        let bytes: Vec<u8> = lit
-            .iter()
-            .flat_map(|v| half::f16::from_f32(*v).to_le_bytes())
-            .collect();
         let size = [GROUND_CELLS, GROUND_CELLS];
-        Self(texture(
-            context,
-            size,
-            wgpu::TextureFormat::R16Float,
-            &bytes,
-            2,
-        ))
+        let format = wgpu::TextureFormat::R16Float;
+        Self(half_floats(context, size, format, lit.iter().copied()))
     }
 }
 
-fn texture(
+fn half_floats(
     context: &Context,
     size: [usize; 2],
     format: wgpu::TextureFormat,
-    bytes: &[u8],
-    texel_bytes: usize,
+    values: impl Iterator<Item = f32>,
 ) -> wgpu::TextureView {
-    let usage = wgpu::TextureUsages::COPY_DST;
-    let texture = context.texture("map", size, format, usage);
-    context.queue.write_texture(
-        texture.as_image_copy(),
-        bytes,
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some((size[0] * texel_bytes) as u32),
-            rows_per_image: None,
-        },
-        extent(size),
-    );
+    let texture = context.texture("map", size, format, wgpu::TextureUsages::COPY_DST);
+    let bytes: Vec<u8> = values
+        .flat_map(|v| half::f16::from_f32(v).to_le_bytes())
+        .collect();
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some((bytes.len() / size[1]) as u32),
+        rows_per_image: None,
+    };
+    let whole = texture.as_image_copy();
+    context
+        .queue
+        .write_texture(whole, &bytes, layout, extent(size));
     texture.create_view(&Default::default())
 }
 
@@ -233,7 +211,7 @@ impl PresentPass {
             })
         };
         Self {
-            pass: fullscreen_pass(context, &shader::present(), "present", SCREEN_FORMAT),
+            pass: fullscreen_pass(context, &shader::PRESENT.source(), "present", SCREEN_FORMAT),
             map_sampler: sampler(wgpu::AddressMode::Repeat),
             ground_sampler: sampler(wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
@@ -303,7 +281,7 @@ impl Blit {
     /// Compiles the pass for a window of a format.
     pub fn new(context: &Context, window: wgpu::TextureFormat) -> Self {
         Self {
-            pass: fullscreen_pass(context, &shader::blit(), "blit", window),
+            pass: fullscreen_pass(context, &shader::BLIT.source(), "blit", window),
             sampler: context.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,

@@ -12,7 +12,7 @@ use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, SurfelCloud};
-use transplat_core::transfer::Part;
+use transplat_core::transfer::{Part, Relit};
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, RenderPass, Result, extent};
@@ -96,6 +96,26 @@ pub enum Paint<'a> {
     },
     /// One colour a surfel, `[n][3]`.
     Colors(&'a [[f32; 3]]),
+}
+
+impl<'a> Paint<'a> {
+    /// What is as captured.
+    pub fn captured(cloud: &'a SurfelCloud) -> Self {
+        Self::Sh {
+            sh: &cloud.sh,
+            degree: cloud.sh_degree,
+            encoding: cloud.encoding,
+        }
+    }
+
+    /// What was relit.
+    pub fn relit(relit: &'a Relit) -> Self {
+        Self::Sh {
+            sh: &relit.sh,
+            degree: relit.degree,
+            encoding: relit.encoding,
+        }
+    }
 }
 
 /// SH colour on the GPU, `[n][K][3]` by chunk.
@@ -276,7 +296,7 @@ impl GpuRasterizer {
             context: context.clone(),
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
-            project: context.compute_pass(&shader::rasterize_project(), "project_surfels"),
+            project: context.compute_pass(&shader::RASTERIZE_PROJECT.source(), "project_surfels"),
             shade_passes: Mutex::default(),
             draw: draw_pass(context),
             chunks,
@@ -423,9 +443,8 @@ impl GpuRasterizer {
     }
 
     fn dispatch(&self, pass: &ComputePass, group: &wgpu::BindGroup, count: usize) {
-        let mut encoder = self.context.encoder();
-        pass.dispatch(&mut encoder, group, [count.div_ceil(WORKGROUP), 1, 1]);
-        self.context.submit(encoder);
+        self.context
+            .run(pass, group, [count.div_ceil(WORKGROUP), 1, 1]);
     }
 
     /// A pass of `rasterize_shade.wgsl`: its source is put together when it is first asked for, and not at each frame.
@@ -511,9 +530,9 @@ impl GpuRasterizer {
                 .to_array(),
             first: (chunk * CHUNK) as u32,
             count: self.chunks[chunk].count as u32,
-            encoding: shader::encoding_number(encoding),
+            encoding: encoding as u32,
             linear: u32::from(display.is_none()),
-            tone_map: display.map_or(0, |d| shader::tone_number(d.tone_map)),
+            tone_map: display.map_or(0, |d| d.tone_map as u32),
             identity: u32::from(
                 encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
             ),

@@ -10,14 +10,12 @@ use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::Nodes;
 
 pub use files::PATCH_BATCH;
-use files::{
-    BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW,
-    RASTERIZE_PROJECT, RASTERIZE_SHADE,
-};
+pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, PRESENT, RASTERIZE_PROJECT};
+use files::{PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
 pub use generated::directional::{fits_by_tables, tables, transfer_directional};
 pub use generated::harmonic::{TransferShape, transfer_harmonic};
 pub use generated::sh::sh_basis;
-pub use numbers::{background_number, encoding_number, layout_number, tone_number};
+pub use numbers::background_number;
 use source::Source;
 
 /// Source of `project_environment.wgsl` for a degree.
@@ -27,21 +25,6 @@ pub fn project_environment(degree: usize) -> String {
             .count("DEGREE", degree)
             .count("K", coefficient_count(degree)),
     )
-}
-
-/// Source of `bake_harmonic.wgsl`.
-pub fn bake_harmonic() -> String {
-    BAKE_HARMONIC.after(Source::default())
-}
-
-/// Source of `bake_directional.wgsl`.
-pub fn bake_directional() -> String {
-    BAKE_DIRECTIONAL.after(Source::default())
-}
-
-/// Source of `rasterize_project.wgsl`.
-pub fn rasterize_project() -> String {
-    RASTERIZE_PROJECT.after(Source::default())
 }
 
 /// Source of `rasterize_draw.wgsl`.
@@ -59,16 +42,6 @@ pub fn rasterize_shade(degree: usize) -> String {
     )
 }
 
-/// Source of `present.wgsl`.
-pub fn present() -> String {
-    PRESENT.after(Source::default())
-}
-
-/// Source of `blit.wgsl`.
-pub fn blit() -> String {
-    BLIT.after(Source::default())
-}
-
 /// Every shader with its file's name, as it is compiled for a splat of degree 3: to be read.
 pub fn usual() -> Vec<(&'static str, String)> {
     let shape = TransferShape {
@@ -81,15 +54,15 @@ pub fn usual() -> Vec<(&'static str, String)> {
     let directional = transfer_directional(&Nodes::new(3), Encoding::Stored);
     vec![
         ("project_environment", project_environment(3)),
-        ("bake_harmonic", bake_harmonic()),
-        ("bake_directional", bake_directional()),
+        ("bake_harmonic", BAKE_HARMONIC.source()),
+        ("bake_directional", BAKE_DIRECTIONAL.source()),
         ("transfer_harmonic", transfer_harmonic(shape)),
         ("transfer_directional", directional),
-        ("rasterize_project", rasterize_project()),
+        ("rasterize_project", RASTERIZE_PROJECT.source()),
         ("rasterize_draw", rasterize_draw(false)),
         ("rasterize_shade", rasterize_shade(3)),
-        ("present", present()),
-        ("blit", blit()),
+        ("present", PRESENT.source()),
+        ("blit", BLIT.source()),
     ]
 }
 

@@ -135,6 +135,13 @@ impl Device {
         }
     }
 
+    /// Relights once, where that device is measured.
+    pub fn relight(&self, prepared: &PreparedTransfer, light: &Illumination) -> Result<Relit> {
+        let mut transfer = self.transfer_here(prepared)?;
+        transfer.change_light(light, Part::Whole, &[])?;
+        transfer.result()
+    }
+
     /// Ready to draw an asset; one too large for the GPU is drawn on the CPU, and the message says so.
     pub fn painter(&self, cloud: &Arc<SurfelCloud>) -> Result<(Painter, Option<String>)> {
         let Self::Gpu(context) = self else {

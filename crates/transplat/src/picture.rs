@@ -41,18 +41,16 @@ impl Backdrop {
     }
 }
 
-/// Lit share of the ground's cells under source and target, from the light of their maps.
+/// Lit share of the ground's cells under an object's source and target, from the light of their maps.
 pub fn lit_ground(
     ground: &Ground,
     scene: &Scene,
     object: &Object,
-    [source, target]: [&Illumination; 2],
+    maps: [&Illumination; 2],
     up: UpAxis,
 ) -> [Vec<f32>; 2] {
-    [
-        ground.lit_share(&object.source.orient(source, up).radiance),
-        ground.lit_share(&scene.environment.orient(target, up).radiance),
-    ]
+    let lights = scene.lights_on(object, maps, up);
+    lights.map(|light| ground.lit_share(&light.radiance))
 }
 
 /// What a pair of lights makes of the asset; empty where the view needs none of it.
@@ -204,7 +202,6 @@ impl Studio {
     }
 
     fn before(&self, shot: Shot<'_>) -> Result<Raster> {
-        let cloud = &self.cloud;
         if let (Some((relit, display)), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
                 ColorSpace::Display(_) => {
@@ -212,14 +209,9 @@ impl Studio {
                 }
                 ColorSpace::Linear => ColorSpace::Linear,
             };
-            return self.paint(shot, paint_of(relit), space);
+            return self.paint(shot, Paint::relit(relit), space);
         }
-        let captured = Paint::Sh {
-            sh: &cloud.sh,
-            degree: cloud.sh_degree,
-            encoding: cloud.encoding,
-        };
-        self.paint(shot, captured, self.space)
+        self.paint(shot, Paint::captured(&self.cloud), self.space)
     }
 
     fn after(&self, shot: Shot<'_>) -> Result<Raster> {
@@ -236,7 +228,7 @@ impl Studio {
             View::Tau | View::Doubts => colors(&lit.colors),
             _ => {
                 let relit = lit.relit.as_ref().context("nothing is relit")?;
-                self.paint(shot, paint_of(relit), self.space)
+                self.paint(shot, Paint::relit(relit), self.space)
             }
         }
     }
@@ -276,14 +268,6 @@ impl Studio {
             }),
         }
         raster
-    }
-}
-
-fn paint_of(relit: &Relit) -> Paint<'_> {
-    Paint::Sh {
-        sh: &relit.sh,
-        degree: relit.degree,
-        encoding: relit.encoding,
     }
 }
 

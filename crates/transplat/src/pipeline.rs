@@ -15,7 +15,6 @@ use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::{Estimate, estimate_light};
@@ -31,7 +30,7 @@ use crate::cli::{AssetArgs, LightArgs};
 use crate::device::{Device, Transfer};
 use crate::summary::Summary;
 use bake::Wanted;
-use estimate::{estimate_as_json, estimate_in_words, what_stands_in};
+use estimate::{estimate_as_json, estimate_in_words, why_not};
 use settings::{asset_of, targets_of};
 use warnings::{AMBIGUOUS_SHARE, ambiguous_warning, asset_warnings, map_warnings};
 
@@ -211,11 +210,8 @@ impl Pipeline {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
         };
-        let settings = BakeSettings {
-            directions: self.scene.directions,
-        };
         let ground = summary.time("ground", || {
-            Ground::bake(&self.cloud, self.cloud.up, &settings, &progress)
+            Ground::bake(&self.cloud, self.cloud.up, self.scene.directions, &progress)
         })?;
         bar.finish_and_clear();
         Ok(ground)
@@ -322,11 +318,8 @@ impl Pipeline {
         if is_estimate(path) {
             let estimate = self.estimate(saved, summary)?;
             if let Some(obstacle) = estimate.obstacle {
-                summary.warn(format!(
-                    "the light of the capture cannot be told from the splat: {}; {}",
-                    obstacle.reason(),
-                    what_stands_in(self.scene.transfer.method, obstacle)
-                ));
+                let why = why_not(self.scene.transfer.method, obstacle);
+                summary.warn(format!("the light of the capture {why}"));
                 return Ok(None);
             }
             summary.note(estimate_in_words(estimate, self.cloud.up));

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::BakeSettings;
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::present::PLAIN;
 use transplat_core::progress::no_progress;
@@ -198,12 +198,11 @@ fn alternating(repeats: usize, work: impl Fn(usize) -> Result<()>) -> Result<[f6
 }
 
 fn bake(subject: &Subject, method: Method, skips: Skips) -> Result<Bake> {
-    let settings = BakeSettings::default();
     let cloud = &subject.cloud;
     Ok(Bake::with_skips(
         cloud,
         method,
-        &settings,
+        DEFAULT_DIRECTIONS,
         &skips,
         &no_progress,
     )?)

@@ -12,6 +12,7 @@ use crate::savings::Saved;
 use crate::words::milliseconds;
 
 /// Gathers what is told at the end.
+#[derive(Default)]
 pub struct Summary {
     command: &'static str,
     quiet: bool,
@@ -32,13 +33,7 @@ impl Summary {
             command,
             quiet: out.quiet,
             json: out.json,
-            fields: Map::new(),
-            stages_ms: Map::new(),
-            targets: Vec::new(),
-            notes: Vec::new(),
-            skipped: Vec::new(),
-            saved: Vec::new(),
-            warnings: Vec::new(),
+            ..Self::default()
         }
     }
 

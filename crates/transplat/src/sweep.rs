@@ -11,15 +11,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, bake_receivers};
-use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::bake::harmonic::{BakeInput, DEFAULT_DIRECTIONS, HarmonicBake, bake_receivers};
+use transplat_core::environment::EnvironmentMap;
 use transplat_core::oracle;
 use transplat_core::progress::no_progress;
 pub use transplat_core::settings::skips::Stage;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::device::Device;
 use reference::Reference;
@@ -223,7 +223,7 @@ impl<'a> Sweep<'a> {
     /// A method's bake as it is by default, of the whole asset and of the thinned one.
     fn default_bake(&self, method: Method) -> Result<[Bake; 2]> {
         self.next(&format!("bake for preset {}", method.preset()))?;
-        let bake = |cloud| Bake::new(cloud, method, &BakeSettings::default(), &no_progress);
+        let bake = |cloud| Bake::new(cloud, method, DEFAULT_DIRECTIONS, &no_progress);
         let known = self.subject.bakes.iter().find(|b| b.method() == method);
         Ok([
             match known {
@@ -353,11 +353,11 @@ impl<'a> Sweep<'a> {
         let small = setting.rounded(small);
         let relit = match setting.samples {
             Some(samples) => reference.relit_by_samples(&small, thinned, self.subject, samples)?,
-            None => relight(device, &small, target)?,
+            None => device.relight(&small, target)?,
         };
         let psnr_truth = match &self.subject.views {
             Some(views) if setting.samples.is_none() => {
-                Some(views.psnr(|light| relight(device, prepared, light))?)
+                Some(views.psnr(|light| device.relight(prepared, light))?)
             }
             _ => None,
         };
@@ -377,16 +377,10 @@ struct Measured {
     psnr_truth: Option<f64>,
 }
 
-fn relight(device: &Device, prepared: &PreparedTransfer, light: &Illumination) -> Result<Relit> {
-    let mut transfer = device.transfer_here(prepared)?;
-    transfer.change_light(light, Part::Whole, &[])?;
-    transfer.result()
-}
-
 /// A bake for the harmonic method; another softness than the default is the CPU's alone.
 fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake> {
     let directions = how.directions;
-    let mut input = BakeInput::new(cloud, &BakeSettings { directions });
+    let mut input = BakeInput::new(cloud, directions);
     input.resolution = how.resolution;
     let open = match device {
         Device::Cpu => bake_receivers(&input, &input.surfels, how.softness, &no_progress)?,

@@ -8,26 +8,16 @@ use crate::{Outcome, command, must, relight_bundled, setup};
 /// Runs all checks and closes with the number of tests that passed and failed.
 pub fn test() -> Outcome {
     setup::setup(false)?;
-    must("cargo", &["fetch", "--locked", "--quiet"])?;
-    must("cargo", &["fmt", "--all", "--check"])?;
-    must(
-        "cargo",
-        &[
-            "clippy",
-            "--workspace",
-            "--all-targets",
-            "--quiet",
-            "--",
-            "--deny",
-            "warnings",
-        ],
-    )?;
+    must("cargo fetch --locked --quiet", &[])?;
+    must("cargo fmt --all --check", &[])?;
+    let clippy = "cargo clippy --workspace --all-targets --quiet -- --deny warnings";
+    must(clippy, &[])?;
     let (passed, failed) = tests()?;
     docs()?;
-    let program = ["run", "--quiet", "--package", "transplat", "--"];
+    let program = "cargo run --quiet --package transplat --";
     for device in ["cpu", "gpu"] {
         let out = format!("target/checks/{device}");
-        relight_bundled(&program, &out, &["--device", device, "--quiet"])?;
+        relight_bundled(program, &out, &format!("--device {device} --quiet"))?;
     }
     println!("\n{passed} passed, {failed} failed");
     Ok(())

@@ -49,15 +49,15 @@ fn command(program: &str, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs a command that must succeed.
-fn must(program: &str, arguments: &[&str]) -> Outcome {
-    println!("> {program} {}", arguments.join(" "));
-    match command(program, arguments).status() {
+/// Runs a command line that must succeed, with words that may hold spaces at its end.
+fn must(line: &str, given: &[String]) -> Outcome {
+    let mut words = line.split_whitespace();
+    let program = words.next().unwrap_or_default();
+    println!("> {line} {}", given.join(" "));
+    let mut command = command(program, &words.collect::<Vec<_>>());
+    match command.args(given).status() {
         Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(format!(
-            "{program} {} failed: {status}",
-            arguments.join(" ")
-        )),
+        Ok(status) => Err(format!("{line} failed: {status}")),
         Err(error) => Err(format!("{program} could not be started: {error}")),
     }
 }
@@ -74,21 +74,13 @@ fn run(arguments: &[String]) -> Outcome {
     if let Err(message) = setup::setup(has_display()) {
         eprintln!("{message}\nGoing on without.");
     }
-    let cargo = [
-        "run",
-        "--release",
-        "--quiet",
-        "--package",
-        "transplat",
-        "--",
-    ];
+    let program = "cargo run --release --quiet --package transplat --";
     println!("building the program (a few minutes the first time)");
-    let given: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    if !given.is_empty() || has_display() {
-        return must("cargo", &[&cargo[..], &given].concat());
+    if !arguments.is_empty() || has_display() {
+        return must(program, arguments);
     }
     let out = "target/bundled";
-    relight_bundled(&cargo, out, &[])?;
+    relight_bundled(program, out, "")?;
     let full = root().join(out);
     println!(
         "\nThere is no display for the viewer. The teapot was captured under city.hdr. Relit by sunset.hdr and interior.hdr:\n  {0}/sunset.ply  {0}/interior.ply   open in any splat viewer\n  {0}/before/*.png  {0}/after/*/*.png   pictures, before and after\nMore: cargo xtask run --help",
@@ -97,36 +89,21 @@ fn run(arguments: &[String]) -> Outcome {
     Ok(())
 }
 
-/// The program's own commands on the bundled scene; `cargo` is how it is started, `more` goes to each command.
-fn relight_bundled(cargo: &[&str], out: &str, more: &[&str]) -> Outcome {
+/// The program's own commands on the bundled scene; `program` is how it is started, `more` goes to each command.
+fn relight_bundled(program: &str, out: &str, more: &str) -> Outcome {
     let (asset, bake) = ("assets/teapot.ply", format!("{out}/teapot.bake"));
-    let lights = [
-        "--source",
-        "assets/city.hdr",
-        "--target",
-        "assets/sunset.hdr",
-        "--target",
-        "assets/interior.hdr",
-        "--bake",
-        &bake,
-    ];
-    let (before, after) = (format!("{out}/before"), format!("{out}/after"));
+    let targets = "--target assets/sunset.hdr --target assets/interior.hdr";
+    let lights = format!("--source assets/city.hdr {targets} --bake {bake}");
+    let view = "--turntable 4 --supersample 2";
     std::fs::create_dir_all(root().join(out)).map_err(|e| format!("{out}: {e}"))?;
-    let view = ["--turntable", "4", "--supersample", "2"];
-    for arguments in [
-        &[&["info", asset][..]].concat(),
-        &[&["bake", asset, "-o", &bake], more].concat(),
-        &[&["relight", asset, "-o", out], &lights[..], more].concat(),
-        &[&["render", asset, "-o", &before], &view[..], more].concat(),
-        &[
-            &["render", asset, "-o", &after, "--background", "environment"],
-            &lights[..],
-            &view[..],
-            more,
-        ]
-        .concat(),
+    must(&format!("{program} info {asset}"), &[])?;
+    for line in [
+        format!("bake {asset} -o {bake}"),
+        format!("relight {asset} -o {out} {lights}"),
+        format!("render {asset} -o {out}/before {view}"),
+        format!("render {asset} -o {out}/after --background environment {lights} {view}"),
     ] {
-        must("cargo", &[cargo, arguments].concat())?;
+        must(&format!("{program} {line} {more}"), &[])?;
     }
     Ok(())
 }

@@ -21,19 +21,19 @@ use transplat_tests::{Folder, asset, psnr, run};
 fn controls_run_what_they_touch_and_nothing_else() {
     let mut d = Driver::new();
     let first = d.picture();
-    let at_rest = d.viewer().passes();
+    let at_rest = d.viewer().session.passes();
     d.settle();
     assert_eq!(
-        d.viewer().passes(),
+        d.viewer().session.passes(),
         at_rest,
         "nothing runs while nothing changes"
     );
 
     // A turn of the light: one transfer, one colouring, one drawing; the map is not read again, nothing is sorted or projected.
-    let stages = d.viewer().stages();
+    let stages = d.viewer().session.stages;
     d.viewer().session.scene.environment.rotation = 120.0;
     let turned = d.picture();
-    let after_turn = d.viewer().passes();
+    let after_turn = d.viewer().session.passes();
     assert_eq!(after_turn.transfer, at_rest.transfer + 1);
     assert_eq!(after_turn.shade, at_rest.shade + 1);
     assert_eq!(after_turn.draw, at_rest.draw + 1);
@@ -42,13 +42,17 @@ fn controls_run_what_they_touch_and_nothing_else() {
         (at_rest.sort, at_rest.project)
     );
     assert_eq!(after_turn.backdrop, at_rest.backdrop);
-    assert_eq!(d.viewer().stages(), stages, "no projection, no preparation");
+    assert_eq!(
+        d.viewer().session.stages,
+        stages,
+        "no projection, no preparation"
+    );
     assert!(psnr(&first, &turned) < 30.0);
 
     // Exposure: no transfer.
     d.viewer().session.scene.display.exposure = 1.0;
     let exposed = d.picture();
-    let after_exposure = d.viewer().passes();
+    let after_exposure = d.viewer().session.passes();
     assert_eq!(after_exposure.transfer, after_turn.transfer);
     assert_eq!(after_exposure.shade, after_turn.shade + 1);
     assert!(psnr(&turned, &exposed) < 25.0);
@@ -57,7 +61,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     let interior = d.folder.path("interior.hdr");
     d.viewer().session.set_light(1, interior);
     d.picture();
-    let after_light = d.viewer().passes();
+    let after_light = d.viewer().session.passes();
     assert_eq!(after_light.transfer, after_exposure.transfer + 1);
     assert_eq!(after_light.backdrop, after_exposure.backdrop + 1);
     assert_eq!(
@@ -68,16 +72,19 @@ fn controls_run_what_they_touch_and_nothing_else() {
     // One that is new to the program is projected once.
     let fresh = d.folder.path("fresh.hdr");
     fs::copy(asset("city.hdr"), &fresh).expect("room for it");
-    let projections = d.viewer().stages().project_environment;
+    let projections = d.viewer().session.stages.project_environment;
     d.viewer().open(&fresh);
     d.picture();
-    assert_eq!(d.viewer().stages().project_environment, projections + 1);
+    assert_eq!(
+        d.viewer().session.stages.project_environment,
+        projections + 1
+    );
 
     // The camera: no transfer.
-    let before_orbit = d.viewer().passes();
+    let before_orbit = d.viewer().session.passes();
     d.viewer().session.pose.azimuth += 20.0;
     d.picture();
-    let orbited = d.viewer().passes();
+    let orbited = d.viewer().session.passes();
     assert_eq!(orbited.transfer, before_orbit.transfer);
     assert_eq!(orbited.sort, before_orbit.sort + 1);
     assert_eq!(orbited.project, before_orbit.project + 1);
@@ -87,13 +94,13 @@ fn controls_run_what_they_touch_and_nothing_else() {
     d.viewer().session.object_mut().hide.crop = true;
     d.viewer().session.object_mut().hide.crop_max.z = 0.0;
     let cropped = d.picture();
-    assert_eq!(d.viewer().passes().transfer, orbited.transfer);
+    assert_eq!(d.viewer().session.passes().transfer, orbited.transfer);
     assert!(psnr(&whole, &cropped) < 30.0);
     d.viewer().session.scene.environment.rotation = 60.0;
     d.picture();
     d.viewer().session.object_mut().hide.crop = false;
     let released = d.picture();
-    assert_eq!(d.viewer().passes().transfer, orbited.transfer + 2);
+    assert_eq!(d.viewer().session.passes().transfer, orbited.transfer + 2);
     d.viewer().session.scene.environment.rotation = 0.0;
     d.picture();
     d.viewer().session.scene.environment.rotation = 60.0;
@@ -102,10 +109,10 @@ fn controls_run_what_they_touch_and_nothing_else() {
     // Moving the wipe only presents.
     d.viewer().session.scene.view = View::Split;
     d.picture();
-    let split = d.viewer().passes();
+    let split = d.viewer().session.passes();
     d.viewer().session.scene.wipe = 0.3;
     d.picture();
-    let wiped = d.viewer().passes();
+    let wiped = d.viewer().session.passes();
     assert_eq!((wiped.draw, wiped.shade), (split.draw, split.shade));
     assert_eq!(wiped.present, split.present + 1);
 }
@@ -355,14 +362,8 @@ fn the_shelf_and_the_matching_toggle_change_the_light() {
         .iter()
         .position(|p| p.ends_with("interior.hdr"))
         .expect("on the shelf");
-    let keys = [
-        egui::Key::Num1,
-        egui::Key::Num2,
-        egui::Key::Num3,
-        egui::Key::Num4,
-        egui::Key::Num5,
-    ];
-    d.harness.key_press(keys[position]);
+    let key = egui::Key::from_name(&(position + 1).to_string()).expect("one of nine");
+    d.harness.key_press(key);
     d.settle();
     assert_eq!(target(&mut d), "interior");
 }

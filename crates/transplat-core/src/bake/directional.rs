@@ -510,13 +510,7 @@ mod tests {
         for thickness in [0.4, 2.0] {
             let mut plate = top.clone();
             let below = thickness * top.scales[0].x * Vec3::Z;
-            plate
-                .positions
-                .extend(top.positions.iter().map(|p| *p - below));
-            plate.tangents.extend(&top.tangents);
-            plate.scales.extend(&top.scales);
-            plate.opacities.extend(&top.opacities);
-            plate.sh.extend(&top.sh);
+            plate.add(&top, 1.0, -below);
             let baked = all_rays(&plate);
             let middle = |i: usize| plate.positions[i].truncate().abs().max_element() < 0.6;
             let ([front, back], two_sided) = openness_of(&baked, middle);

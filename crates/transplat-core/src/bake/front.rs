@@ -489,13 +489,7 @@ mod tests {
         let sheet = synthetic::sheet(24);
         let mut plate = sheet.clone();
         let thickness = 0.4 * sheet.scales[0].x;
-        for (i, p) in sheet.positions.iter().enumerate() {
-            plate.positions.push(*p - thickness * Vec3::Z);
-            plate.tangents.push(sheet.tangents[i]);
-            plate.scales.push(sheet.scales[i]);
-            plate.opacities.push(sheet.opacities[i]);
-            plate.sh.push(sheet.sh[i]);
-        }
+        plate.add(&sheet, 1.0, -thickness * Vec3::Z);
         turn_every_third(&mut plate);
         let wrong = (find(&plate).iter().enumerate())
             .filter(|(i, n)| (n.z > 0.0) != (*i < sheet.len()))
@@ -509,11 +503,7 @@ mod tests {
         let mut scene = synthetic::sphere_over_slab(1200);
         let solid = scene.len();
         let sheet = synthetic::sheet(16);
-        let lift = |p: &Vec3| 0.5 * *p + 2.0 * Vec3::Z;
-        scene.positions.extend(sheet.positions.iter().map(lift));
-        scene.tangents.extend(&sheet.tangents);
-        scene.scales.extend(sheet.scales.iter().map(|s| 0.5 * *s));
-        scene.opacities.extend(&sheet.opacities);
+        scene.add(&sheet, 0.5, 2.0 * Vec3::Z);
         scene.sh_degree = 3;
         let outward: Vec<Vec3> = find(&synthetic::sphere_over_slab(1200));
         // What cameras above a surface teach its colour: the kernel of bands 1 to 3 around their directions.

@@ -70,21 +70,6 @@ pub const MIN_SLOPE_COSINE: f32 = 0.2;
 /// Difference of the two sides' openness over their sum below which a surfel is two-sided.
 pub const TWO_SIDED_CONTRAST: f32 = 0.25;
 
-/// What a bake can be asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BakeSettings {
-    /// Directions of the lattice.
-    pub directions: usize,
-}
-
-impl Default for BakeSettings {
-    fn default() -> Self {
-        Self {
-            directions: DEFAULT_DIRECTIONS,
-        }
-    }
-}
-
 /// One direction with its map's axes, all unit and orthogonal.
 #[derive(Clone, Copy, Debug)]
 pub struct MapFrame {
@@ -113,7 +98,7 @@ pub struct BakeInput {
 
 impl BakeInput {
     /// Scales the object to the unit ball and chooses the maps' resolution: a texel over four median standard deviations, 64 to 256.
-    pub fn new(cloud: &SurfelCloud, settings: &BakeSettings) -> Self {
+    pub fn new(cloud: &SurfelCloud, directions: usize) -> Self {
         let ScaledObject {
             surfels,
             center,
@@ -122,7 +107,7 @@ impl BakeInput {
         } = ScaledObject::new(cloud);
         let texels = (0.5 / median_size.max(1e-30)).clamp(64.0, 256.0);
         let resolution = (texels as usize).next_power_of_two();
-        let frames = lattice(settings.directions)
+        let frames = lattice(directions)
             .into_iter()
             .map(|direction| {
                 let (right, up) = direction.any_orthonormal_pair();
@@ -484,12 +469,12 @@ impl HarmonicBake {
 /// [`Error::Cancelled`] when `progress` asked for it.
 pub fn bake(
     cloud: &SurfelCloud,
-    settings: &BakeSettings,
+    directions: usize,
     progress: Progress<'_>,
 ) -> Result<HarmonicBake> {
-    let input = BakeInput::new(cloud, settings);
+    let input = BakeInput::new(cloud, directions);
     let open = bake_harmonic(&input, progress)?;
-    Ok(HarmonicBake::from_open(cloud, settings.directions, open))
+    Ok(HarmonicBake::from_open(cloud, directions, open))
 }
 
 #[cfg(test)]
@@ -505,8 +490,7 @@ mod tests {
     #[test]
     fn production_follows_the_oracle() {
         let cloud = synthetic::sphere_over_plate(400);
-        let settings = BakeSettings { directions: 16 };
-        let input = BakeInput::new(&cloud, &settings);
+        let input = BakeInput::new(&cloud, 16);
         let open = bake_harmonic(&input, &no_progress).expect("not cancelled");
         let (mut sum, mut far) = (0.0, 0);
         for i in 0..cloud.len() {
@@ -526,8 +510,7 @@ mod tests {
     #[test]
     fn a_convex_object_sees_its_upper_half() {
         let cloud = synthetic::sphere(1500);
-        let visibility =
-            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        let visibility = bake(&cloud, DEFAULT_DIRECTIONS, &no_progress).expect("not cancelled");
         let lattice = fibonacci_sphere(DEFAULT_DIRECTIONS);
         let mut wrong = 0;
         for (i, n) in visibility.normals.iter().enumerate() {
@@ -555,8 +538,7 @@ mod tests {
             let s = cloud.scales[i];
             cloud.scales[i] = Vec2::new(s.y, s.x);
         }
-        let visibility =
-            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        let visibility = bake(&cloud, DEFAULT_DIRECTIONS, &no_progress).expect("not cancelled");
         let outward = (0..1000)
             .filter(|i| visibility.normals[*i].dot(cloud.positions[*i]) > 0.0)
             .count();
@@ -572,8 +554,7 @@ mod tests {
     #[test]
     fn a_lone_sheet_is_two_sided() {
         let cloud = synthetic::sheet(20);
-        let visibility =
-            bake(&cloud, &BakeSettings::default(), &no_progress).expect("not cancelled");
+        let visibility = bake(&cloud, DEFAULT_DIRECTIONS, &no_progress).expect("not cancelled");
         assert!(visibility.two_sided.iter().all(|t| *t));
     }
 
@@ -591,8 +572,7 @@ mod tests {
     #[test]
     fn coefficients_and_cosine_transfer_follow_the_oracle() {
         let cloud = synthetic::sphere_over_plate(60);
-        let visibility =
-            bake(&cloud, &BakeSettings { directions: 100 }, &no_progress).expect("not cancelled");
+        let visibility = bake(&cloud, 100, &no_progress).expect("not cancelled");
         for degree in [0, 3, 8] {
             let k = coefficient_count(degree);
             let (v, t) = (
@@ -612,11 +592,7 @@ mod tests {
 
     #[test]
     fn a_blurred_visibility_keeps_its_lower_bands() {
-        let visibility = bake(
-            &synthetic::sphere(40),
-            &BakeSettings { directions: 64 },
-            &no_progress,
-        );
+        let visibility = bake(&synthetic::sphere(40), 64, &no_progress);
         let visibility = visibility.expect("not cancelled");
         let (whole, blurred) = (
             visibility.coefficients(3),
@@ -651,24 +627,23 @@ mod tests {
     fn cancelling_stops() {
         let cloud = synthetic::sphere(100);
         let stop = |_: f64| ControlFlow::Break(());
-        let result = bake(&cloud, &BakeSettings::default(), &stop);
+        let result = bake(&cloud, DEFAULT_DIRECTIONS, &stop);
         assert!(matches!(result, Err(Error::Cancelled)));
     }
 
     #[test]
     fn an_unfinished_bake_is_close_to_the_finished_one() {
         let cloud = synthetic::sphere_over_plate(1500);
-        let settings = BakeSettings::default();
-        let whole = bake(&cloud, &settings, &no_progress).expect("a bake");
-        let order = refining_order(settings.directions);
+        let whole = bake(&cloud, DEFAULT_DIRECTIONS, &no_progress).expect("a bake");
+        let order = refining_order(DEFAULT_DIRECTIONS);
         let mut sorted = order.clone();
         sorted.sort_unstable();
-        assert!(sorted.iter().copied().eq(0..settings.directions));
+        assert!(sorted.iter().copied().eq(0..DEFAULT_DIRECTIONS));
         assert_eq!(refining_order(20).len(), 20);
         for (share, tolerance) in [(16, 0.12), (64, 0.06)] {
             let mut open = whole.open.clone();
-            fill_unfinished(&mut open, settings.directions, &order[..share]);
-            let part = HarmonicBake::from_open(&cloud, settings.directions, open);
+            fill_unfinished(&mut open, DEFAULT_DIRECTIONS, &order[..share]);
+            let part = HarmonicBake::from_open(&cloud, DEFAULT_DIRECTIONS, open);
             let error = |a: &[f32], b: &[f32]| {
                 let sum: f32 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
                 sum / a.len() as f32

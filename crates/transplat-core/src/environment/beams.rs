@@ -425,20 +425,14 @@ mod tests {
 
     /// A grey sky of radiance 0.2 with a sun of radiance 1000, 2 degrees wide.
     fn sunny(width: usize) -> EnvironmentMap {
-        let height = width / 2;
         let sun = DVec3::new(0.5, -0.6, 0.7).normalize();
-        let plain = EnvironmentMap::new(width, height, vec![[0.2; 3]; width * height]);
-        let pixels = (0..width * height)
-            .map(|i| {
-                let d = DVec3::from_array(plain.direction(i % width, i / width));
-                if d.dot(sun) > 1f64.to_radians().cos() {
-                    [1000.0, 900.0, 700.0]
-                } else {
-                    [0.2; 3]
-                }
-            })
-            .collect();
-        EnvironmentMap::new(width, height, pixels)
+        EnvironmentMap::of_directions(width, width / 2, |d| {
+            if d.dot(sun) > 1f64.to_radians().cos() {
+                [1000.0, 900.0, 700.0]
+            } else {
+                [0.2; 3]
+            }
+        })
     }
 
     #[test]
@@ -492,9 +486,7 @@ mod tests {
     fn no_sun_is_cut_out_of_a_soft_box() {
         // 24 and 40 degrees wide, brighter in its middle, in a dark room.
         for half_width in [12f64, 20.0] {
-            let plain = EnvironmentMap::new(512, 256, vec![[0.0; 3]; 512 * 256]);
-            let pixels = (0..512 * 256).map(|i| {
-                let d = DVec3::from_array(plain.direction(i % 512, i / 512));
+            let map = EnvironmentMap::of_directions(512, 256, |d| {
                 let off = d.dot(DVec3::X).clamp(-1.0, 1.0).acos().to_degrees() / half_width;
                 [if off < 1.0 {
                     (20.0 - 8.0 * off) as f32
@@ -502,7 +494,6 @@ mod tests {
                     0.02
                 }; 3]
             });
-            let map = EnvironmentMap::new(512, 256, pixels.collect());
             assert_eq!(Beams::of(&map).suns, [], "{half_width}");
         }
     }
@@ -511,11 +502,7 @@ mod tests {
     fn a_mosaic_holds_the_lights_energy_and_shows_its_sun() {
         let map = sunny(512);
         let beams = Beams::of(&map);
-        let directions: Vec<Vec3> = fibonacci_sphere(384)
-            .iter()
-            .map(|d| DVec3::from_array(*d).as_vec3())
-            .collect();
-        let mosaic = Mosaic::new(&beams, &directions);
+        let mosaic = Mosaic::new(&beams, &lattice(384));
         let many = fibonacci_sphere(200_000);
         let mean = many
             .iter()

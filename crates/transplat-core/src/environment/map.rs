@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::color::luminance;
@@ -56,6 +56,21 @@ impl EnvironmentMap {
     pub(crate) fn with_clipped_highlights(mut self) -> Self {
         self.clipped = true;
         self
+    }
+
+    /// A map of what comes from each pixel's direction.
+    ///
+    /// # Panics
+    /// If it has no pixel.
+    pub fn of_directions(
+        width: usize,
+        height: usize,
+        radiance: impl Fn(DVec3) -> [f32; 3],
+    ) -> Self {
+        let blank = Self::new(width, height, vec![[0.0; 3]; width * height]);
+        let direction = |i| DVec3::from_array(blank.direction(i % width, i / width));
+        let pixels = (0..width * height).map(|i| radiance(direction(i)));
+        Self::new(width, height, pixels.collect())
     }
 
     /// Uniform white light, for an asset whose light nobody knows.

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::clusters::{Clusters, NONE};
 use super::fit::{Fit, Fitted, FittedLight, Sun, sky_basis};
 use crate::bake::directional::DirectionalBake;
-use crate::sh::fibonacci_sphere;
+use crate::sh::lattice;
 
 /// Directions in which the brightest part of the sky is looked for.
 const SEARCHED: usize = 2000;
@@ -39,11 +39,9 @@ pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, bake: &DirectionalBake) -
 
 /// A sun where the sky is brightest.
 fn begin(fit: &Fit<'_>, sky: &FittedLight, bake: &DirectionalBake) -> Option<FittedLight> {
-    let directions = fibonacci_sphere(SEARCHED);
-    let radiance: Vec<(Vec3, [f64; 3])> = directions
-        .iter()
+    let radiance: Vec<(Vec3, [f64; 3])> = lattice(SEARCHED)
+        .into_iter()
         .map(|d| {
-            let d = glam::DVec3::from_array(*d).as_vec3();
             let basis = sky_basis(d);
             (d, std::array::from_fn(|c| sky.sky_radiance(c, &basis)))
         })

@@ -254,13 +254,8 @@ fn a_black_backdrop_changes_little() {
     // Below the plate, where it takes no light from the rest, and much larger.
     let plate = synthetic::sheet(40);
     let n = cloud.len();
-    cloud
-        .positions
-        .extend(plate.positions.iter().map(|p| 4.0 * *p - 4.0 * Vec3::Z));
-    cloud.tangents.extend(&plate.tangents);
-    cloud.scales.extend(plate.scales.iter().map(|s| 4.0 * *s));
-    cloud.opacities.extend(&plate.opacities);
-    cloud.sh.extend(vec![[0.0; 3]; plate.len()]);
+    cloud.add(&plate, 4.0, -4.0 * Vec3::Z);
+    cloud.sh[n..].fill([0.0; 3]);
     let share: f32 = cloud.scales[n..]
         .iter()
         .map(|s| s.element_product())

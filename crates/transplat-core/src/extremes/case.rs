@@ -3,7 +3,6 @@
 use std::cell::RefCell;
 
 use crate::bake::Bake;
-use crate::bake::harmonic::BakeSettings;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
 use crate::oracle::difference;
@@ -89,10 +88,7 @@ impl Trial<'_> {
 }
 
 pub(super) fn bake(cloud: &SurfelCloud, method: Method) -> Result<Bake> {
-    let settings = BakeSettings {
-        directions: DIRECTIONS,
-    };
-    Bake::new(cloud, method, &settings, &no_progress)
+    Bake::new(cloud, method, DIRECTIONS, &no_progress)
 }
 
 pub(super) fn relative_error(got: &[[f32; 3]], exact: &[[f64; 3]]) -> f64 {

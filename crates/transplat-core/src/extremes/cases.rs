@@ -29,12 +29,10 @@ pub fn all() -> Vec<Case> {
     cases
 }
 
-fn case(
-    name: &'static str,
-    property: &'static str,
-    make: fn() -> Result<Input>,
-    check: Check,
-) -> Case {
+/// What must hold, and how that is seen.
+type Property = (&'static str, Check);
+
+fn case(name: &'static str, (property, check): Property, make: fn() -> Result<Input>) -> Case {
     Case {
         name,
         property,
@@ -43,7 +41,12 @@ fn case(
     }
 }
 
-const FINITE: &str = "finite";
+const BOUNDED: Property = ("bounded", bounded);
+const SCALE_INVARIANT: Property = ("scale-invariant", scale_invariant);
+const BLACK: Property = ("black", black);
+const AS_AT_UNIT_SCALE: Property = ("as at scale 1", as_at_unit_scale);
+const FINITE: Property = ("finite", nothing_more);
+const IS_REFUSED: Property = (REFUSED, nothing_more);
 
 fn nothing_more(_: &Trial<'_>) -> std::result::Result<(), String> {
     Ok(())
@@ -63,11 +66,7 @@ fn cloud() -> SurfelCloud {
 
 /// A map of its directions.
 fn map(radiance: impl Fn(DVec3) -> [f32; 3]) -> EnvironmentMap {
-    let (width, height) = (64, 32);
-    let blank = EnvironmentMap::new(width, height, vec![[0.0; 3]; width * height]);
-    let pixels = (0..width * height)
-        .map(|i| radiance(DVec3::from_array(blank.direction(i % width, i / width))));
-    EnvironmentMap::new(width, height, pixels.collect())
+    EnvironmentMap::of_directions(64, 32, radiance)
 }
 
 fn sky(d: DVec3) -> [f32; 3] {
@@ -293,83 +292,47 @@ fn wide(values: &[[f32; 3]]) -> Vec<[f64; 3]> {
 
 fn lights() -> Vec<Case> {
     vec![
-        case("the usual scene", "bounded", || Ok(usual()), bounded),
-        case(
-            "near-black source",
-            "scale-invariant",
-            || strong([1e-20; 2]),
-            scale_invariant,
-        ),
+        case("the usual scene", BOUNDED, || Ok(usual())),
+        case("near-black source", SCALE_INVARIANT, || strong([1e-20; 2])),
         case(
             "black source",
-            "as with even light",
+            ("as with even light", as_with_even_light),
             || with_source(|_| [0.0; 3]),
-            as_with_even_light,
         ),
-        case(
-            "source without red",
-            "bounded",
-            || {
-                with_source(|d| {
-                    let [_, g, b] = sky(d);
-                    [0.0, g, b]
-                })
-            },
-            bounded,
-        ),
-        case(
-            "source of one colour alone",
-            "bounded",
-            || with_source(|d| [sky(d)[0], 0.0, 0.0]),
-            bounded,
-        ),
-        case(
-            "source from one half",
-            "bounded",
-            || with_source(|d| if d.x > 0.0 { sky(d) } else { [0.0; 3] }),
-            bounded,
-        ),
-        case(
-            "source from below alone",
-            "bounded",
-            || with_source(|d| if d.z < 0.0 { [1.0; 3] } else { [0.0; 3] }),
-            bounded,
-        ),
-        case(
-            "a sun of a million skies as source",
-            "bounded",
-            || {
-                with_source(|d| {
-                    let (sun, sky) = (pixel(d, 1e6), sky(d));
-                    std::array::from_fn(|c| sun[c] + sky[c])
-                })
-            },
-            bounded,
-        ),
-        case(
-            "a sun of a million skies as target",
-            "bounded",
-            || {
-                with_target(|d| {
-                    let (sun, sky) = (pixel(d, 1e6), sky(d));
-                    std::array::from_fn(|c| sun[c] + sky[c])
-                })
-            },
-            bounded,
-        ),
-        case(
-            "a source of one pixel",
-            "bounded",
-            || with_source(|d| pixel(d, 1.0)),
-            bounded,
-        ),
-        case(
-            "a target of one pixel",
-            "bounded",
-            || with_target(|d| pixel(d, 1.0)),
-            bounded,
-        ),
-        case("black target", "black", || with_target(|_| [0.0; 3]), black),
+        case("source without red", BOUNDED, || {
+            with_source(|d| {
+                let [_, g, b] = sky(d);
+                [0.0, g, b]
+            })
+        }),
+        case("source of one colour alone", BOUNDED, || {
+            with_source(|d| [sky(d)[0], 0.0, 0.0])
+        }),
+        case("source from one half", BOUNDED, || {
+            with_source(|d| if d.x > 0.0 { sky(d) } else { [0.0; 3] })
+        }),
+        case("source from below alone", BOUNDED, || {
+            with_source(|d| if d.z < 0.0 { [1.0; 3] } else { [0.0; 3] })
+        }),
+        case("a sun of a million skies as source", BOUNDED, || {
+            with_source(|d| {
+                let (sun, sky) = (pixel(d, 1e6), sky(d));
+                std::array::from_fn(|c| sun[c] + sky[c])
+            })
+        }),
+        case("a sun of a million skies as target", BOUNDED, || {
+            with_target(|d| {
+                let (sun, sky) = (pixel(d, 1e6), sky(d));
+                std::array::from_fn(|c| sun[c] + sky[c])
+            })
+        }),
+        case("a source of one pixel", BOUNDED, || {
+            with_source(|d| pixel(d, 1.0))
+        }),
+        case("a target of one pixel", BOUNDED, || {
+            with_target(|d| pixel(d, 1.0))
+        }),
+        case("black target", BLACK, || with_target(|_| [0.0; 3])),
         case(
             "pixels that are no numbers, negative or 1e30",
             FINITE,
@@ -384,279 +347,170 @@ fn lights() -> Vec<Case> {
                     }
                 })
             },
-            nothing_more,
         ),
-        case(
-            "a map of one pixel",
-            "bounded",
-            || {
-                Ok(Input {
-                    target: EnvironmentMap::new(1, 1, vec![[2.0, 1.0, 0.5]]),
-                    ..usual()
-                })
-            },
-            bounded,
-        ),
-        case(
-            "maps of one row and of one column",
-            "bounded",
-            || {
-                Ok(Input {
-                    source: EnvironmentMap::new(512, 1, vec![[1.0; 3]; 512]),
-                    target: EnvironmentMap::new(1, 512, vec![[0.5, 1.0, 1.0]; 512]),
-                    ..usual()
-                })
-            },
-            bounded,
-        ),
-        case(
-            "a map 16384 pixels wide",
-            "bounded",
-            || {
-                let (width, height) = (16384, 256);
-                let pixels = (0..width * height).map(|i| [0.5 + (i % 7) as f32; 3]);
-                Ok(Input {
-                    target: EnvironmentMap::new(width, height, pixels.collect()),
-                    ..usual()
-                })
-            },
-            bounded,
-        ),
+        case("a map of one pixel", BOUNDED, || {
+            Ok(Input {
+                target: EnvironmentMap::new(1, 1, vec![[2.0, 1.0, 0.5]]),
+                ..usual()
+            })
+        }),
+        case("maps of one row and of one column", BOUNDED, || {
+            Ok(Input {
+                source: EnvironmentMap::new(512, 1, vec![[1.0; 3]; 512]),
+                target: EnvironmentMap::new(1, 512, vec![[0.5, 1.0, 1.0]; 512]),
+                ..usual()
+            })
+        }),
+        case("a map 16384 pixels wide", BOUNDED, || {
+            let (width, height) = (16384, 256);
+            let pixels = (0..width * height).map(|i| [0.5 + (i % 7) as f32; 3]);
+            Ok(Input {
+                target: EnvironmentMap::new(width, height, pixels.collect()),
+                ..usual()
+            })
+        }),
     ]
 }
 
 fn settings() -> Vec<Case> {
     vec![
-        case("epsilon 0", REFUSED, || with_epsilon(0.0), nothing_more),
-        case("epsilon 1e-6", "bounded", || with_epsilon(1e-6), bounded),
-        case("epsilon 1e3", "bounded", || with_epsilon(1e3), bounded),
+        case("epsilon 0", IS_REFUSED, || with_epsilon(0.0)),
+        case("epsilon 1e-6", BOUNDED, || with_epsilon(1e-6)),
+        case("epsilon 1e3", BOUNDED, || with_epsilon(1e3)),
         case(
             "epsilon from 1e-6 to 1e2",
-            "monotone",
+            ("monotone", monotone_in_epsilon),
             || Ok(usual()),
-            monotone_in_epsilon,
         ),
-        case(
-            "degree 8",
-            "scale-invariant",
-            || {
-                Ok(Input {
-                    degree: 8,
-                    ..usual()
-                })
-            },
-            scale_invariant,
-        ),
-        case(
-            "degree 0",
-            "bounded",
-            || {
-                Ok(Input {
-                    degree: 0,
-                    ..usual()
-                })
-            },
-            bounded,
-        ),
-        case(
-            "target 40 stops stronger",
-            FINITE,
-            || strong([1.0, 40f32.exp2()]),
-            nothing_more,
-        ),
-        case(
-            "target 40 stops weaker",
-            "black",
-            || strong([1.0, (-40f32).exp2()]),
-            black,
-        ),
-        case(
-            "both 40 stops stronger",
-            "scale-invariant",
-            || strong([40f32.exp2(); 2]),
-            scale_invariant,
-        ),
-        case(
-            "both 40 stops weaker",
-            "scale-invariant",
-            || strong([(-40f32).exp2(); 2]),
-            scale_invariant,
-        ),
+        case("degree 8", SCALE_INVARIANT, || {
+            Ok(Input {
+                degree: 8,
+                ..usual()
+            })
+        }),
+        case("degree 0", BOUNDED, || {
+            Ok(Input {
+                degree: 0,
+                ..usual()
+            })
+        }),
+        case("target 40 stops stronger", FINITE, || {
+            strong([1.0, 40f32.exp2()])
+        }),
+        case("target 40 stops weaker", BLACK, || {
+            strong([1.0, (-40f32).exp2()])
+        }),
+        case("both 40 stops stronger", SCALE_INVARIANT, || {
+            strong([40f32.exp2(); 2])
+        }),
+        case("both 40 stops weaker", SCALE_INVARIANT, || {
+            strong([(-40f32).exp2(); 2])
+        }),
         case(
             "there and back fifty times",
-            "finite; best comes back once",
+            ("finite; best comes back once", comes_back),
             || Ok(usual()),
-            comes_back,
         ),
     ]
 }
 
 fn assets() -> Vec<Case> {
     vec![
-        case(
-            "no surfel",
-            FINITE,
-            || with_cloud(|c| *c = synthetic::sphere(0)),
-            nothing_more,
-        ),
-        case(
-            "one surfel",
-            "bounded",
-            || with_cloud(|c| *c = synthetic::sphere(1)),
-            bounded,
-        ),
-        case(
-            "surfels without extent",
-            "bounded",
-            || with_cloud(|c| c.scales.iter_mut().step_by(2).for_each(|s| *s = Vec2::ZERO)),
-            bounded,
-        ),
-        case(
-            "surfels of 1e-20 and of 1e6",
-            "bounded",
-            || {
-                with_cloud(|c| {
-                    c.scales
-                        .iter_mut()
-                        .step_by(3)
-                        .for_each(|s| *s = Vec2::splat(1e-20));
-                    c.scales[1] = Vec2::splat(1e6);
-                })
-            },
-            bounded,
-        ),
-        case(
-            "needles",
-            "bounded",
-            || with_cloud(|c| c.scales.iter_mut().for_each(|s| s.y *= 1e-4)),
-            bounded,
-        ),
-        case(
-            "all transparent",
-            "bounded",
-            || with_cloud(|c| c.opacities.fill(0.0)),
-            bounded,
-        ),
-        case(
-            "all opaque",
-            "bounded",
-            || with_cloud(|c| c.opacities.fill(1.0)),
-            bounded,
-        ),
-        case(
-            "all at one point",
-            "bounded",
-            || with_cloud(|c| c.positions.fill(Vec3::ONE)),
-            bounded,
-        ),
-        case(
-            "all on a line",
-            "bounded",
-            || with_cloud(|c| c.positions.iter_mut().for_each(|p| *p = Vec3::X * p.x)),
-            bounded,
-        ),
-        case(
-            "every surfel buried",
-            "bounded",
-            || {
-                with_cloud(|c| {
-                    let shell = synthetic::sphere(400);
-                    c.positions.iter_mut().for_each(|p| *p *= 0.05);
-                    c.scales.iter_mut().for_each(|s| *s *= 0.05);
-                    let k = coefficient_count(c.sh_degree);
-                    c.positions.extend(shell.positions.iter().map(|p| 2.0 * *p));
-                    c.tangents.extend(&shell.tangents);
-                    c.scales.extend(shell.scales.iter().map(|s| 3.0 * *s));
-                    c.opacities.extend(&shell.opacities);
-                    c.sh.extend(vec![[0.1; 3]; k * shell.len()]);
-                })
-            },
-            bounded,
-        ),
-        case(
-            "coefficients of 1e4",
-            FINITE,
-            || {
-                with_cloud(|c| {
-                    c.sh.iter_mut()
-                        .step_by(5)
-                        .for_each(|f| *f = [1e4, -1e4, 1e4])
-                })
-            },
-            nothing_more,
-        ),
-        case(
-            "a black asset",
-            "black",
-            || {
-                with_cloud(|c| {
-                    c.encoding = Encoding::StoredLinear;
-                    c.sh.fill([0.0; 3]);
-                    let offset = c.encoding.offset();
-                    let k = coefficient_count(c.sh_degree);
-                    for f in c.sh.chunks_exact_mut(k) {
-                        f[0] = [-offset * crate::sh::SQRT_4PI as f32; 3];
-                    }
-                })
-            },
-            black,
-        ),
-        case(
-            "colour of degree 8",
-            "scale-invariant",
-            || {
-                let mut input = usual();
-                input.cloud = synthetic::glossy_sphere_over_plate(SURFELS, 8);
-                Ok(input)
-            },
-            scale_invariant,
-        ),
-        case(
-            "a scene of 2^-20",
-            "as at scale 1",
-            || {
-                with_cloud(|c| {
-                    c.positions.iter_mut().for_each(|p| *p *= (-20f32).exp2());
-                    c.scales.iter_mut().for_each(|s| *s *= (-20f32).exp2());
-                })
-            },
-            as_at_unit_scale,
-        ),
-        case(
-            "a scene of 2^20",
-            "as at scale 1",
-            || {
-                with_cloud(|c| {
-                    c.positions.iter_mut().for_each(|p| *p *= 20f32.exp2());
-                    c.scales.iter_mut().for_each(|s| *s *= 20f32.exp2());
-                })
-            },
-            as_at_unit_scale,
-        ),
-        case(
-            "a thousand radii from the origin",
-            "bounded",
-            || {
-                with_cloud(|c| {
-                    c.positions
-                        .iter_mut()
-                        .for_each(|p| *p += Vec3::new(1e3, -1e3, 1e3))
-                })
-            },
-            bounded,
-        ),
-        case(
-            "detail of 1e-3 at 1e5 from the origin",
-            "bounded",
-            || {
-                with_cloud(|c| {
-                    c.positions
-                        .iter_mut()
-                        .for_each(|p| *p = *p * 1e-2 + Vec3::splat(1e5));
-                    c.scales.iter_mut().for_each(|s| *s *= 1e-2);
-                })
-            },
-            bounded,
-        ),
+        case("no surfel", FINITE, || {
+            with_cloud(|c| *c = synthetic::sphere(0))
+        }),
+        case("one surfel", BOUNDED, || {
+            with_cloud(|c| *c = synthetic::sphere(1))
+        }),
+        case("surfels without extent", BOUNDED, || {
+            with_cloud(|c| c.scales.iter_mut().step_by(2).for_each(|s| *s = Vec2::ZERO))
+        }),
+        case("surfels of 1e-20 and of 1e6", BOUNDED, || {
+            with_cloud(|c| {
+                c.scales
+                    .iter_mut()
+                    .step_by(3)
+                    .for_each(|s| *s = Vec2::splat(1e-20));
+                c.scales[1] = Vec2::splat(1e6);
+            })
+        }),
+        case("needles", BOUNDED, || {
+            with_cloud(|c| c.scales.iter_mut().for_each(|s| s.y *= 1e-4))
+        }),
+        case("all transparent", BOUNDED, || {
+            with_cloud(|c| c.opacities.fill(0.0))
+        }),
+        case("all opaque", BOUNDED, || {
+            with_cloud(|c| c.opacities.fill(1.0))
+        }),
+        case("all at one point", BOUNDED, || {
+            with_cloud(|c| c.positions.fill(Vec3::ONE))
+        }),
+        case("all on a line", BOUNDED, || {
+            with_cloud(|c| c.positions.iter_mut().for_each(|p| *p = Vec3::X * p.x))
+        }),
+        case("every surfel buried", BOUNDED, || {
+            with_cloud(|c| {
+                let shell = synthetic::sphere(400);
+                c.positions.iter_mut().for_each(|p| *p *= 0.05);
+                c.scales.iter_mut().for_each(|s| *s *= 0.05);
+                let k = coefficient_count(c.sh_degree);
+                c.positions.extend(shell.positions.iter().map(|p| 2.0 * *p));
+                c.tangents.extend(&shell.tangents);
+                c.scales.extend(shell.scales.iter().map(|s| 3.0 * *s));
+                c.opacities.extend(&shell.opacities);
+                c.sh.extend(vec![[0.1; 3]; k * shell.len()]);
+            })
+        }),
+        case("coefficients of 1e4", FINITE, || {
+            with_cloud(|c| {
+                c.sh.iter_mut()
+                    .step_by(5)
+                    .for_each(|f| *f = [1e4, -1e4, 1e4])
+            })
+        }),
+        case("a black asset", BLACK, || {
+            with_cloud(|c| {
+                c.encoding = Encoding::StoredLinear;
+                c.sh.fill([0.0; 3]);
+                let offset = c.encoding.offset();
+                let k = coefficient_count(c.sh_degree);
+                for f in c.sh.chunks_exact_mut(k) {
+                    f[0] = [-offset * crate::sh::SQRT_4PI as f32; 3];
+                }
+            })
+        }),
+        case("colour of degree 8", SCALE_INVARIANT, || {
+            let mut input = usual();
+            input.cloud = synthetic::glossy_sphere_over_plate(SURFELS, 8);
+            Ok(input)
+        }),
+        case("a scene of 2^-20", AS_AT_UNIT_SCALE, || {
+            with_cloud(|c| {
+                c.positions.iter_mut().for_each(|p| *p *= (-20f32).exp2());
+                c.scales.iter_mut().for_each(|s| *s *= (-20f32).exp2());
+            })
+        }),
+        case("a scene of 2^20", AS_AT_UNIT_SCALE, || {
+            with_cloud(|c| {
+                c.positions.iter_mut().for_each(|p| *p *= 20f32.exp2());
+                c.scales.iter_mut().for_each(|s| *s *= 20f32.exp2());
+            })
+        }),
+        case("a thousand radii from the origin", BOUNDED, || {
+            with_cloud(|c| {
+                c.positions
+                    .iter_mut()
+                    .for_each(|p| *p += Vec3::new(1e3, -1e3, 1e3))
+            })
+        }),
+        case("detail of 1e-3 at 1e5 from the origin", BOUNDED, || {
+            with_cloud(|c| {
+                c.positions
+                    .iter_mut()
+                    .for_each(|p| *p = *p * 1e-2 + Vec3::splat(1e5));
+                c.scales.iter_mut().for_each(|s| *s *= 1e-2);
+            })
+        }),
     ]
 }

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::relative_error;
 use crate::bake::Bake;
-use crate::bake::harmonic::{BakeSettings, HarmonicBake};
+use crate::bake::harmonic::HarmonicBake;
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
@@ -97,8 +97,7 @@ prop_compose! {
 }
 
 fn bake(cloud: &SurfelCloud, method: Method) -> Bake {
-    let settings = BakeSettings { directions: 32 };
-    Bake::new(cloud, method, &settings, &no_progress).expect("small")
+    Bake::new(cloud, method, 32, &no_progress).expect("small")
 }
 
 fn relight(

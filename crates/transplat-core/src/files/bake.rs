@@ -242,7 +242,7 @@ fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::harmonic::{BakeSettings, bake};
+    use crate::bake::harmonic::bake;
     use crate::files::save_bake;
     use crate::progress::no_progress;
     use crate::synthetic;
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn a_bake_comes_back_and_knows_its_asset() {
         let cloud = synthetic::sphere_over_plate(50);
-        let visibility = bake(&cloud, &BakeSettings { directions: 32 }, &no_progress);
+        let visibility = bake(&cloud, 32, &no_progress);
         let directional = DirectionalBake::bake(&cloud, &no_progress);
         let bakes = [
             Bake::Harmonic(visibility.expect("a bake")),

@@ -14,15 +14,8 @@ pub struct CameraFile {
     pub fov_x: f64,
     /// Picture size in pixels, where the file gives one.
     pub size: Option<[usize; 2]>,
-    /// The poses, in order.
-    pub frames: Vec<CameraFrame>,
-}
-
-/// One pose.
-#[derive(Clone, Debug)]
-pub struct CameraFrame {
-    /// Camera to world, OpenGL axes (x right, y up, looking along -z).
-    pub world_from_camera: DMat4,
+    /// The poses in order: camera to world, OpenGL axes (x right, y up, looking along -z).
+    pub frames: Vec<DMat4>,
 }
 
 #[derive(Deserialize)]
@@ -78,9 +71,7 @@ pub fn load_cameras(path: &Path) -> Result<CameraFile> {
                 format!("the transform_matrix of frame {i} is not a camera pose"),
             ));
         }
-        frames.push(CameraFrame {
-            world_from_camera: m,
-        });
+        frames.push(m);
     }
     Ok(CameraFile {
         fov_x: file.camera_angle_x,

@@ -11,7 +11,6 @@ use proptest::test_runner::TestRunner;
 use super::*;
 use crate::bake::Bake;
 use crate::bake::directional::DirectionalBake;
-use crate::bake::harmonic::BakeSettings;
 use crate::environment::Illumination;
 use crate::estimate::estimate_light;
 use crate::files::{ExrFloats, PngBits, save_bake, save_estimate, save_look, write_exr, write_png};
@@ -220,8 +219,7 @@ fn relit(cloud: &SurfelCloud) {
     }
     let lights = [Illumination::even(3), Illumination::even(3).scaled(2.0)];
     for method in Method::ALL {
-        let settings = BakeSettings { directions: 16 };
-        let bake = Bake::new(cloud, method, &settings, &no_progress).expect("not cancelled");
+        let bake = Bake::new(cloud, method, 16, &no_progress).expect("not cancelled");
         let settings = TransferSettings::of(method);
         let prepared = PreparedTransfer::new(cloud, &bake, &lights[0], &settings);
         let relit = prepared
@@ -355,8 +353,7 @@ fn pictures() {
 fn bakes() {
     let cloud = synthetic::sphere_over_plate(12);
     for method in Method::ALL {
-        let settings = BakeSettings { directions: 16 };
-        let bake = Bake::new(&cloud, method, &settings, &no_progress).expect("not cancelled");
+        let bake = Bake::new(&cloud, method, 16, &no_progress).expect("not cancelled");
         let whole = written(|path| save_bake(path, &cloud, &bake));
         let even = Illumination::even(3);
         fuzz(&whole, |path| {

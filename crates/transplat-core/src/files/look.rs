@@ -83,6 +83,13 @@ fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
             "a look of version {version}; this program reads versions up to {LOOK_VERSION}"
         ));
     }
+    if version == 1 {
+        // There was one method, and nothing to name it.
+        let transfer = look.entry("transfer").or_insert_with(|| Map::new().into());
+        if let Some(transfer) = transfer.as_object_mut() {
+            transfer.entry("preset").or_insert("paper".into());
+        }
+    }
     let object = OF_OBJECT.iter().filter_map(|name| look.remove_entry(*name));
     let objects = Value::Array(vec![Value::Object(object.collect())]);
     let environment = look
@@ -136,6 +143,7 @@ fn relative(path: &Path, folder: &Path) -> PathBuf {
 mod tests {
     use super::*;
     use crate::scene::EVEN;
+    use crate::settings::Method;
     use crate::surfels::UpAxis;
 
     #[test]
@@ -147,6 +155,17 @@ mod tests {
         assert_eq!(scene.objects.len(), 1);
         assert_eq!(scene.objects[0].up, Some(UpAxis::MinusY));
         assert_eq!(scene.environment.tilt, 7.0);
+        for (old, method) in [
+            (r#"{"version": 1, "up": "-y"}"#, Method::Harmonic),
+            (
+                r#"{"version": 1, "transfer": {"preset": "best"}}"#,
+                Method::Directional,
+            ),
+            (r#"{"version": 2}"#, Method::Directional),
+        ] {
+            let scene = parse(old.as_bytes()).expect("a good look");
+            assert_eq!(scene.transfer.method, method, "{old}");
+        }
         for wrong in [
             r#"{"epsilom": 1}"#,
             r#"{"transfer": {"terms": {"shadows": false}}}"#,

@@ -34,15 +34,6 @@ const MAX_RELATIVE_LIGHT: f32 = 1e12;
 /// The attenuation when that term is off: a mirror under a source of mean radiance 1, in units of its mean irradiance.
 pub const UNATTENUATED: f32 = std::f32::consts::PI;
 
-/// A light in units of the source's mean irradiance, as the operator that shadows it.
-///
-/// With `shadow` off, the visibility is the constant 1, whose only coefficient is the DC: the same operator serves.
-#[derive(Clone, Debug)]
-pub struct HarmonicLight {
-    /// `M_kq = sum_p G_kpq L_p`, per channel.
-    pub operator: LightOperator,
-}
-
 /// What the GPU pass and the CPU kernel share: everything of asset and source light that a change of target does not touch.
 #[derive(Clone, Debug)]
 pub struct HarmonicTransfer {
@@ -272,8 +263,11 @@ impl HarmonicTransfer {
         coefficient_count(self.asset_degree)
     }
 
-    /// The target light as the kernels want it. Bands that it lacks are dark, those beyond the transfer's degree are ignored.
-    pub fn light(&self, target: &IncidentRadiance) -> HarmonicLight {
+    /// The target light in units of the source's mean irradiance, as the operator that shadows it: `M_kq = sum_p G_kpq L_p`, per channel.
+    /// Bands that it lacks are dark, those beyond the transfer's degree are ignored.
+    ///
+    /// With `shadow` off, the visibility is the constant 1, whose only coefficient is the DC: the same operator serves.
+    pub fn light(&self, target: &IncidentRadiance) -> LightOperator {
         let relative: Vec<[f32; 3]> = (0..coefficient_count(self.light_degree))
             .map(|i| target.coefficients.get(i).copied().unwrap_or([0.0; 3]))
             .map(|c| {
@@ -282,18 +276,18 @@ impl HarmonicTransfer {
             .collect();
         let mut operator = light_operator(self.light_degree, &relative);
         operator.is_gray &= self.settings.skips.has(Skip::GrayLight);
-        HarmonicLight { operator }
+        operator
     }
 
     /// Relights: linear radiance SH into `sh` `[n][K][3]`, and the transfer ratio into `tau` `[n][3]` while the surfels are at hand.
-    fn relight_into(&self, light: &HarmonicLight, sh: &mut [[f32; 3]], tau: &mut [[f32; 3]]) {
+    fn relight_into(&self, light: &LightOperator, sh: &mut [[f32; 3]], tau: &mut [[f32; 3]]) {
         let (k, extent) = (self.coefficients(), self.extent());
         sh.par_chunks_mut(LANES * k)
             .zip(tau.par_chunks_mut(LANES))
             .zip(self.dc.par_chunks(LANES))
             .zip(&self.blocks)
             .for_each(|(((sh, tau), dc), block)| {
-                relight_block(extent, &light.operator, block, sh);
+                relight_block(extent, light, block, sh);
                 ratios(sh.chunks_exact(k), dc, tau);
             });
     }
@@ -302,17 +296,12 @@ impl HarmonicTransfer {
     ///
     /// # Panics
     /// If there is no such surfel.
-    pub fn relight_one(&self, light: &HarmonicLight, i: usize) -> Vec<[f32; 3]> {
+    pub fn relight_one(&self, light: &LightOperator, i: usize) -> Vec<[f32; 3]> {
         let k = self.coefficients();
         let (block, lane) = (i / LANES, i % LANES);
         let count = LANES.min(self.surfels - block * LANES);
         let mut out = vec![[0f32; 3]; count * k];
-        relight_block(
-            self.extent(),
-            &light.operator,
-            &self.blocks[block],
-            &mut out,
-        );
+        relight_block(self.extent(), light, &self.blocks[block], &mut out);
         out[lane * k..][..k].to_vec()
     }
 

@@ -92,7 +92,7 @@ impl GpuTracer {
         let chunks = chunks.collect();
         context.wait()?;
         Ok(Self {
-            pass: context.compute_pass(&shader::bake_directional(), "trace_patches"),
+            pass: context.compute_pass(&shader::BAKE_DIRECTIONAL.source(), "trace_patches"),
             order: tracer.order.clone(),
             chunks,
             resident,
@@ -157,13 +157,11 @@ impl GpuTracer {
             ("closed", closed),
         ];
         let group = context.bind(&self.pass, &bindings);
-        let mut encoder = context.encoder();
-        self.pass.dispatch(
-            &mut encoder,
+        context.run(
+            &self.pass,
             &group,
             [count.div_ceil(WORKGROUP), patches.len(), 1],
         );
-        context.submit(encoder);
         let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
         for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
             for (i, packed) in self.order[chunk.range.clone()].iter().zip(row) {

@@ -135,7 +135,7 @@ pub fn bake_harmonic(
 
 impl<'a> Baker<'a> {
     fn new(context: &'a Context, input: &BakeInput) -> Self {
-        let source = shader::bake_harmonic();
+        let source = shader::BAKE_HARMONIC.source();
         let texel = 2.0 / input.resolution as f32;
         let upload = |surfels: &[BakeSurfel], chunk: usize| -> Vec<SurfelChunk> {
             surfels

@@ -24,7 +24,7 @@ use transplat_core::transfer::directional::{
 };
 use transplat_core::transfer::harmonic::MAX_RADIANCE;
 
-use super::numbers::{background_number, encoding_number, layout_number, tone_number};
+use super::numbers::background_number;
 use super::source::Source;
 use crate::{CHUNK, WORKGROUP};
 
@@ -32,12 +32,12 @@ use crate::{CHUNK, WORKGROUP};
 pub const PATCH_BATCH: usize = 8;
 
 /// A file of `shaders/`.
-pub(super) struct File {
+pub struct File {
     /// Its path there, without extension.
     pub name: &'static str,
     pub text: &'static str,
     /// Writes its constants.
-    pub constants: fn(Source) -> Source,
+    constants: fn(Source) -> Source,
 }
 
 macro_rules! file {
@@ -52,7 +52,7 @@ macro_rules! file {
 
 pub(super) static PROJECT_ENVIRONMENT: File = file!("project_environment", |s| s);
 
-pub(super) static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
+pub static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
     .count("WORKGROUP", WORKGROUP)
     .count("DIRECTION_BATCH", DIRECTION_BATCH)
     .vectors("TAPS", &TAPS)
@@ -61,7 +61,7 @@ pub(super) static BAKE_HARMONIC: File = file!("bake_harmonic", |s| s
     .number("MIN_SLOPE_COSINE", MIN_SLOPE_COSINE)
     .number("EDGE_ON", EDGE_ON));
 
-pub(super) static BAKE_DIRECTIONAL: File = file!("bake_directional", |s| s
+pub static BAKE_DIRECTIONAL: File = file!("bake_directional", |s| s
     .count("WORKGROUP", WORKGROUP)
     .count("SURFEL_BITS", SURFEL_BITS)
     .count("PER_PATCH", PER_PATCH)
@@ -81,14 +81,14 @@ pub(super) static TRANSFER_DIRECTIONAL: File = file!("transfer_directional", |s|
     .count("MAX_SUNS", MAX_SUNS)
     .count("UNSEEN_VECTORS", CHUNK / 128)
     .count("BEAMS", MAX_SUNS + DIRECTIONS)
-    .count("ENCODING_STORED", encoding_number(Encoding::Stored))
+    .count("ENCODING_STORED", Encoding::Stored as u32)
     .number("MAX_STORED", MAX_STORED)
     .number("LEAST_IRRADIANCE", LEAST_IRRADIANCE)
     .number("RESIDUAL_FLOOR", RESIDUAL_FLOOR)
     .number("BACK_RANGE", BACK_RANGE)
     .number("HORIZON", HORIZON));
 
-pub(super) static RASTERIZE_PROJECT: File = file!("rasterize_project", |s| s
+pub static RASTERIZE_PROJECT: File = file!("rasterize_project", |s| s
     .number("MIN_ALPHA", MIN_ALPHA)
     .count("WORKGROUP", WORKGROUP));
 
@@ -98,19 +98,19 @@ pub(super) static RASTERIZE_DRAW: File = file!("rasterize_draw", |s| s
 
 pub(super) static RASTERIZE_SHADE: File = file!("rasterize_shade", |s| s
     .count("WORKGROUP", WORKGROUP)
-    .count("ENCODING_STORED", encoding_number(Encoding::Stored))
-    .count("ENCODING_LINEAR", encoding_number(Encoding::Linear))
+    .count("ENCODING_STORED", Encoding::Stored as u32)
+    .count("ENCODING_LINEAR", Encoding::Linear as u32)
     .number("STORED_OFFSET", STORED_OFFSET)
     .number("MAX_STORED", MAX_STORED));
 
-pub(super) static PRESENT: File = file!("present", |s| {
+pub static PRESENT: File = file!("present", |s| {
     let black = [0.0; 3];
     let bands = FALSE_COLORS.map(|(to, [r, g, b])| [r, g, b, to.min(1e30)]);
-    s.count("LAYOUT_BEFORE", layout_number(View::Before))
-        .count("LAYOUT_SPLIT", layout_number(View::Split))
-        .count("LAYOUT_SIDE_BY_SIDE", layout_number(View::SideBySide))
-        .count("LAYOUT_DIFFERENCE", layout_number(View::Difference))
-        .count("LAYOUT_DEPTH", layout_number(View::Depth))
+    s.count("LAYOUT_BEFORE", View::Before as u32)
+        .count("LAYOUT_SPLIT", View::Split as u32)
+        .count("LAYOUT_SIDE_BY_SIDE", View::SideBySide as u32)
+        .count("LAYOUT_DIFFERENCE", View::Difference as u32)
+        .count("LAYOUT_DEPTH", View::Depth as u32)
         .count(
             "BACKGROUND_COLOR",
             background_number(Background::Color(black)),
@@ -130,14 +130,14 @@ pub(super) static PRESENT: File = file!("present", |s| {
         .vectors("FALSE_COLORS", &bands)
 });
 
-pub(super) static BLIT: File = file!("blit", |s| s);
+pub static BLIT: File = file!("blit", |s| s);
 
 static COLOR: File = file!("shared/color", |s| s
-    .count("TONE_SRGB", tone_number(ToneMap::Srgb))
-    .count("TONE_NEUTRAL", tone_number(ToneMap::Neutral))
-    .count("TONE_AGX", tone_number(ToneMap::Agx))
-    .count("TONE_ACES", tone_number(ToneMap::Aces))
-    .count("TONE_NONE", tone_number(ToneMap::None))
+    .count("TONE_SRGB", ToneMap::Srgb as u32)
+    .count("TONE_NEUTRAL", ToneMap::Neutral as u32)
+    .count("TONE_AGX", ToneMap::Agx as u32)
+    .count("TONE_ACES", ToneMap::Aces as u32)
+    .count("TONE_NONE", ToneMap::None as u32)
     .number("MAX_LINEAR", MAX_LINEAR)
     .matrix("AGX_INSET", AGX_INSET)
     .matrix("AGX_OUTSET", AGX_OUTSET));
@@ -150,26 +150,17 @@ static TRACE: File = file!("shared/trace", |s| s
     .number("NEAREST_SCALES", NEAREST_SCALES)
     .number("STACK_SCALES", STACK_SCALES));
 
-/// All of them.
-static ALL: [&File; 13] = [
-    &PROJECT_ENVIRONMENT,
-    &BAKE_HARMONIC,
-    &BAKE_DIRECTIONAL,
-    &TRANSFER_HARMONIC,
-    &TRANSFER_DIRECTIONAL,
-    &RASTERIZE_PROJECT,
-    &RASTERIZE_DRAW,
-    &RASTERIZE_SHADE,
-    &PRESENT,
-    &BLIT,
-    &COLOR,
-    &SURFEL,
-    &TRACE,
-];
+/// What others import.
+static SHARED: [&File; 3] = [&COLOR, &SURFEL, &TRACE];
 
 impl File {
+    /// The shader, the same whatever it is for.
+    pub fn source(&'static self) -> String {
+        self.after(Source::default())
+    }
+
     /// The shader: what depends on what it is for, and the file with all that it imports (each once, with its own constants).
-    pub fn after(&'static self, source: Source) -> String {
+    pub(super) fn after(&'static self, source: Source) -> String {
         let mut out = source.text();
         self.append(&mut BTreeSet::new(), &mut out);
         out
@@ -182,7 +173,7 @@ impl File {
         *out += &(self.constants)(Source::default()).text();
         for line in self.text.lines() {
             let import = line.strip_prefix("#import ");
-            match import.and_then(|name| ALL.into_iter().find(|f| f.name == name.trim())) {
+            match import.and_then(|name| SHARED.into_iter().find(|f| f.name == name.trim())) {
                 Some(imported) => imported.append(there, out),
                 // An unknown name stays, and is told by the compiler.
                 None => {

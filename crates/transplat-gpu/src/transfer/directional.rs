@@ -96,18 +96,13 @@ impl From<&Beam> for DirectionalBeam {
 
 struct Chunk {
     count: usize,
-    parameters: wgpu::Buffer,
-    surfels: wgpu::Buffer,
-    irradiance: wgpu::Buffer,
-    unseen: wgpu::Buffer,
+    buffers: Buffers,
     gather: wgpu::BindGroup,
     /// From the first radiance to the second, and back.
     bounce: [wgpu::BindGroup; 2],
     finish: wgpu::BindGroup,
     /// Where a surfel has two sides.
     add_back: Option<wgpu::BindGroup>,
-    tau: wgpu::Buffer,
-    relit: wgpu::Buffer,
 }
 
 struct Passes {
@@ -231,7 +226,7 @@ impl GpuDirectional {
                 bits[i / 32] |= u32::from(is_unseen) << (i % 32);
             }
             let queue = &self.context.queue;
-            queue.write_buffer(&chunk.unseen, 0, bytemuck::cast_slice(&bits));
+            queue.write_buffer(&chunk.buffers.unseen, 0, bytemuck::cast_slice(&bits));
             first += chunk.count;
         }
     }
@@ -249,13 +244,13 @@ impl GpuDirectional {
             let pass = context.compute_pass(&source, "see_suns");
             let group = |chunk: &Chunk| {
                 let bindings = [
-                    ("chunk", &chunk.parameters),
+                    ("chunk", &chunk.buffers.chunk),
                     ("settings", &self.shared.settings),
                     ("beams", &self.shared.beams),
-                    ("surfels", &chunk.surfels),
+                    ("surfels", &chunk.buffers.surfels),
                     ("boxes", &tracer.boxes),
                     ("discs", &tracer.discs),
-                    ("irradiance", &chunk.irradiance),
+                    ("irradiance", &chunk.buffers.irradiance),
                 ];
                 context.bind(&pass, &bindings)
             };
@@ -265,15 +260,6 @@ impl GpuDirectional {
                 pass,
             }
         })
-    }
-
-    /// Relights by another light, and waits until it is done; the result stays on the GPU.
-    ///
-    /// # Errors
-    /// The driver failed.
-    pub fn relight(&self, light: &DirectionalLight, part: Part) -> Result<()> {
-        self.submit(light, part);
-        self.context.wait()
     }
 
     /// Relights without waiting: what is submitted afterwards sees the result.
@@ -325,9 +311,8 @@ impl GpuDirectional {
     fn run<'a>(&'a self, pass: &ComputePass, group: impl Fn(usize) -> Option<&'a wgpu::BindGroup>) {
         for (i, chunk) in self.chunks.iter().enumerate() {
             if let Some(group) = group(i) {
-                let mut encoder = self.context.encoder();
-                pass.dispatch(&mut encoder, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
-                self.context.submit(encoder);
+                self.context
+                    .run(pass, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
             }
         }
     }
@@ -339,12 +324,15 @@ impl GpuDirectional {
 
     /// The last result where it is: SH `[count][K][3]` of each chunk.
     pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
-        self.chunks.iter().map(|c| c.relit.clone()).collect()
+        self.chunks
+            .iter()
+            .map(|c| c.buffers.relit.clone())
+            .collect()
     }
 
     /// How much the matte light of each surfel's two sides changed: a vector a side, `[count][2]` of each chunk.
     pub(crate) fn tau(&self) -> Vec<wgpu::Buffer> {
-        self.chunks.iter().map(|c| c.tau.clone()).collect()
+        self.chunks.iter().map(|c| c.buffers.tau.clone()).collect()
     }
 
     /// The last result; of surfels that nobody sees it holds nothing in particular.
@@ -355,9 +343,9 @@ impl GpuDirectional {
         let k = coefficient_count(self.prepared.asset.nodes.degree);
         let (mut sh, mut tau) = (Vec::new(), Vec::new());
         for chunk in &self.chunks {
-            let read: Vec<[f32; 3]> = self.context.read(&chunk.relit, chunk.count * k)?;
+            let read: Vec<[f32; 3]> = self.context.read(&chunk.buffers.relit, chunk.count * k)?;
             sh.extend(read);
-            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.tau, chunk.count)?;
+            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.buffers.tau, chunk.count)?;
             tau.extend(read.iter().map(|[[r, g, b, _], _]| [*r, *g, *b]));
         }
         Ok(Relit {
@@ -488,91 +476,71 @@ fn bind(
     count: usize,
     fits_by_tables: bool,
 ) -> Chunk {
-    let Shared {
-        settings,
-        beams,
-        directions,
-        tables,
-        radiance,
-    } = shared;
-    let Buffers {
-        chunk,
-        surfels,
-        hits,
-        matte,
-        residual,
-        stored,
-        irradiance,
-        tau,
-        unseen,
-        relit,
-    } = buffers;
     let bounce = |from: usize| {
         let bindings = [
-            ("chunk", &chunk),
-            ("settings", settings),
-            ("directions", directions),
-            ("surfels", &surfels),
-            ("hits", &hits),
-            ("irradiance", &irradiance),
-            ("radiance", &radiance[from]),
-            ("next_radiance", &radiance[1 - from]),
-            ("tau", &tau),
+            ("chunk", &buffers.chunk),
+            ("settings", &shared.settings),
+            ("directions", &shared.directions),
+            ("surfels", &buffers.surfels),
+            ("hits", &buffers.hits),
+            ("irradiance", &buffers.irradiance),
+            ("radiance", &shared.radiance[from]),
+            ("next_radiance", &shared.radiance[1 - from]),
+            ("tau", &buffers.tau),
         ];
         context.bind(&passes.bounce, &bindings)
     };
     let mut finish = vec![
-        ("chunk", &chunk),
-        ("settings", settings),
-        ("beams", beams),
-        ("directions", directions),
-        ("surfels", &surfels),
-        ("hits", &hits),
-        ("radiance", &radiance[TURNS % 2]),
-        ("tau", &tau),
-        ("matte", &matte),
-        ("residual", &residual),
-        ("relit", &relit),
-        ("unseen", &unseen),
+        ("chunk", &buffers.chunk),
+        ("settings", &shared.settings),
+        ("beams", &shared.beams),
+        ("directions", &shared.directions),
+        ("surfels", &buffers.surfels),
+        ("hits", &buffers.hits),
+        ("radiance", &shared.radiance[TURNS % 2]),
+        ("tau", &buffers.tau),
+        ("matte", &buffers.matte),
+        ("residual", &buffers.residual),
+        ("relit", &buffers.relit),
+        ("unseen", &buffers.unseen),
     ];
     if fits_by_tables {
-        finish.push(("tables", tables));
+        finish.push(("tables", &shared.tables));
     }
     Chunk {
         count,
         gather: context.bind(
             &passes.gather,
             &[
-                ("chunk", &chunk),
-                ("settings", settings),
-                ("beams", beams),
-                ("surfels", &surfels),
-                ("irradiance", &irradiance),
-                ("next_radiance", &radiance[0]),
+                ("chunk", &buffers.chunk),
+                ("settings", &shared.settings),
+                ("beams", &shared.beams),
+                ("surfels", &buffers.surfels),
+                ("irradiance", &buffers.irradiance),
+                ("next_radiance", &shared.radiance[0]),
             ],
         ),
         bounce: [bounce(0), bounce(1)],
         finish: context.bind(&passes.finish, &finish),
-        add_back: stored.zip(passes.add_back.as_ref()).map(|(stored, pass)| {
-            context.bind(
-                pass,
-                &[
-                    ("chunk", &chunk),
-                    ("settings", settings),
-                    ("surfels", &surfels),
-                    ("tau", &tau),
-                    ("relit", &relit),
-                    ("stored", &stored),
-                    ("tables", tables),
-                    ("unseen", &unseen),
-                ],
-            )
-        }),
-        parameters: chunk,
-        surfels,
-        irradiance,
-        unseen,
-        tau,
-        relit,
+        add_back: buffers
+            .stored
+            .as_ref()
+            .zip(passes.add_back.as_ref())
+            .map(|(stored, pass)| {
+                context.bind(
+                    pass,
+                    &[
+                        ("chunk", &buffers.chunk),
+                        ("settings", &shared.settings),
+                        ("surfels", &buffers.surfels),
+                        ("tau", &buffers.tau),
+                        ("relit", &buffers.relit),
+                        ("stored", stored),
+                        ("tables", &shared.tables),
+                        ("unseen", &buffers.unseen),
+                    ],
+                )
+            }),
+        buffers,
     }
 }

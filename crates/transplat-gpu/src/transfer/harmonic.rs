@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use transplat_core::transfer::harmonic::{HarmonicLight, HarmonicTransfer};
+use transplat_core::sh::LightOperator;
+use transplat_core::transfer::harmonic::HarmonicTransfer;
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
@@ -79,23 +80,14 @@ impl GpuHarmonic {
         })
     }
 
-    /// Relights by another light, and waits until it is done; the result stays on the GPU.
-    ///
-    /// # Errors
-    /// The driver failed.
-    pub fn relight(&self, light: &HarmonicLight) -> Result<()> {
-        self.submit(light);
-        self.context.wait()
-    }
-
     /// The last result where it is: linear SH `[count][K][3]` of each chunk.
     pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
         self.chunks.iter().map(|c| c.relit.clone()).collect()
     }
 
     /// Relights without waiting: what is submitted afterwards sees the result.
-    pub fn submit(&self, light: &HarmonicLight) {
-        let mut floats: Vec<f32> = light.operator.matrices.concat();
+    pub fn submit(&self, light: &LightOperator) {
+        let mut floats: Vec<f32> = light.matrices.concat();
         floats.resize(self.operator_floats, 0.0);
         self.context
             .queue

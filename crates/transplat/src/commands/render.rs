@@ -17,7 +17,7 @@ use transplat_core::surfels::SurfelCloud;
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
-use crate::pipeline::settings::{asset_of, look_of, targets_of};
+use crate::pipeline::settings::{asset_of, look_of, put, targets_of};
 use crate::pipeline::{Lights, Pipeline, progress_bar};
 use crate::summary::Summary;
 
@@ -143,18 +143,11 @@ fn view_asked(
 
 fn settings(args: &RenderArgs) -> Result<Scene> {
     let mut scene = look_of(&args.asset.options, Some(&args.light))?;
-    if let Some(view) = args.view {
-        scene.view = view;
-    }
-    if let Some(background) = args.background {
-        scene.background = background;
-    }
-    if let Some(tone_map) = args.tone_map {
-        scene.display.tone_map = tone_map;
-    }
-    if let Some(stops) = args.exposure {
-        scene.display.exposure = stops.clamp(-60.0, 60.0) as f32;
-    }
+    put(&mut scene.view, args.view);
+    put(&mut scene.background, args.background);
+    put(&mut scene.display.tone_map, args.tone_map);
+    let exposure = args.exposure.map(|stops| stops.clamp(-60.0, 60.0) as f32);
+    put(&mut scene.display.exposure, exposure);
     Ok(scene)
 }
 
@@ -195,7 +188,7 @@ fn cameras(
         return Ok(file
             .frames
             .iter()
-            .map(|f| Camera::from_opengl_pose(f.world_from_camera, file.fov_x, size, near))
+            .map(|f| Camera::from_opengl_pose(*f, file.fov_x, size, near))
             .collect());
     }
     let size = size.unwrap_or([800, 800]);

@@ -63,7 +63,7 @@ impl Views {
             painter: device.painter(cloud)?.0,
             cloud: cloud.clone(),
             cameras: frames
-                .map(|f| Camera::from_opengl_pose(f.world_from_camera, file.fov_x, size, near))
+                .map(|f| Camera::from_opengl_pose(*f, file.fov_x, size, near))
                 .collect(),
             targets,
         })
@@ -71,15 +71,7 @@ impl Views {
 
     /// The splat as it was captured, or relit, from each camera.
     pub fn pictures(&self, relit: Option<&Relit>) -> Result<Vec<Picture>> {
-        let (sh, degree, encoding) = match relit {
-            Some(relit) => (&relit.sh, relit.degree, relit.encoding),
-            None => (&self.cloud.sh, self.cloud.sh_degree, self.cloud.encoding),
-        };
-        let paint = Paint::Sh {
-            sh,
-            degree,
-            encoding,
-        };
+        let paint = relit.map_or_else(|| Paint::captured(&self.cloud), Paint::relit);
         let cameras = self.cameras.iter();
         cameras
             .map(|camera| {

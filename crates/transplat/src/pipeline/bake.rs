@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::Result;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::harmonic::{BakeInput, BakeSettings, HarmonicBake, fill_unfinished};
+use transplat_core::bake::harmonic::{BakeInput, HarmonicBake, fill_unfinished};
 use transplat_core::files::{geometry_key, load_bake, save_bake};
 use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
@@ -48,24 +48,26 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    /// Where the bake may be kept: beside the asset, or in the user's cache.
-    pub fn cache_files(&self) -> Vec<PathBuf> {
-        let Some(asset) = &self.beside else {
-            return Vec::new();
-        };
+    fn cache_files(&self) -> Vec<PathBuf> {
         let kind = match self.method {
             Method::Harmonic => self.directions.to_string(),
             Method::Directional => "best".into(),
         };
-        let mut name = asset.file_name().unwrap_or_default().to_owned();
-        name.push(format!(".{kind}.bake"));
-        let beside = asset.with_file_name(name);
-        let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
-            let key = geometry_key(&self.cloud);
-            d.cache_dir().join(format!("{key:016x}.{kind}.bake"))
-        });
-        [Some(beside), cached].into_iter().flatten().collect()
+        let files = |asset: &PathBuf| cache_files(asset, &self.cloud, &format!("{kind}.bake"));
+        self.beside.as_ref().map_or(Vec::new(), files)
     }
+}
+
+/// Where what is made of an asset may be kept: beside it, or in the user's cache.
+pub fn cache_files(asset: &Path, cloud: &SurfelCloud, suffix: &str) -> Vec<PathBuf> {
+    let mut name = asset.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{suffix}"));
+    let beside = asset.with_file_name(name);
+    let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
+        let key = geometry_key(cloud);
+        d.cache_dir().join(format!("{key:016x}.{suffix}"))
+    });
+    [Some(beside), cached].into_iter().flatten().collect()
 }
 
 /// Bakes from start to end.
@@ -168,7 +170,7 @@ fn harmonic(
     {
         return Ok(Bake::Harmonic(open));
     }
-    let mut input = BakeInput::new(cloud, &BakeSettings { directions });
+    let mut input = BakeInput::new(cloud, directions);
     let frames = std::mem::take(&mut input.frames);
     let order = refining_order(directions);
     let mut open = vec![0u8; cloud.len() * directions];
@@ -264,8 +266,7 @@ mod tests {
             let again = run(&cloud);
             assert_eq!(shares.borrow().len(), stages.len(), "the second is read");
             // The same bake as in one go: the order of directions does not matter.
-            let settings = BakeSettings { directions };
-            let whole = Bake::new(&cloud, method, &settings, &no_progress).expect("a bake");
+            let whole = Bake::new(&cloud, method, directions, &no_progress).expect("a bake");
             for other in [&again.bake, &whole] {
                 match (&first.bake, other) {
                     (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),

@@ -1,34 +1,22 @@
 //! Stage *estimate*: the light of the capture as the object tells it, kept beside its bake.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::estimate::{Estimate, Obstacle, estimate_light};
 use transplat_core::files::{load_estimate, save_estimate};
 use transplat_core::settings::Method;
-use transplat_core::settings::skips::Skips;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 
-use super::bake::{Wanted, keep};
+use super::bake::{cache_files, keep};
 
-/// Where an asset's estimate may be kept: beside its bake.
-fn cache_files(asset: &Path, cloud: &Arc<SurfelCloud>) -> Vec<PathBuf> {
-    let wanted = Wanted {
-        cloud: cloud.clone(),
-        method: Method::Directional,
-        directions: DIRECTIONS,
-        skips: Skips::default(),
-        beside: Some(asset.to_owned()),
-    };
-    let files = wanted.cache_files().into_iter();
-    files.map(|f| f.with_extension("light")).collect()
-}
+/// Of an estimate's file, beside the asset's bake.
+const SUFFIX: &str = "best.light";
 
 /// An estimate that was made before.
 pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
-    let files = cache_files(asset, cloud);
+    let files = cache_files(asset, cloud, SUFFIX);
     files.iter().find_map(|f| load_estimate(f, cloud).ok())
 }
 
@@ -36,20 +24,29 @@ pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
 pub fn make_and_keep(asset: &Path, cloud: &Arc<SurfelCloud>, bake: &DirectionalBake) -> Estimate {
     let estimate = estimate_light(cloud, bake);
     // Where nothing can be kept, it is estimated again the next time.
-    let _ = keep(&cache_files(asset, cloud), |file| {
+    let _ = keep(&cache_files(asset, cloud, SUFFIX), |file| {
         save_estimate(file, cloud, &estimate)
     });
     estimate
 }
 
 /// What is done where the light of the capture cannot be told, for the user.
-pub fn what_stands_in(method: Method, obstacle: Obstacle) -> &'static str {
+fn what_stands_in(method: Method, obstacle: Obstacle) -> &'static str {
     match (method, obstacle) {
         (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
         (Method::Directional, _) => {
             "half of the change is made that would be right for a capture under even light"
         }
     }
+}
+
+/// Why the light of the capture cannot be told, and what is done then, for the user.
+pub fn why_not(method: Method, obstacle: Obstacle) -> String {
+    let instead = what_stands_in(method, obstacle);
+    format!(
+        "cannot be told from the object: {}; {instead}",
+        obstacle.reason()
+    )
 }
 
 /// An estimate for the user.

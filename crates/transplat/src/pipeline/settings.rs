@@ -32,33 +32,21 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         Some(path) => load_look(path)?,
         None => base,
     };
-    if let Some(up) = asset.up {
-        scene.objects[0].up = Some(up);
-    }
-    scene.objects[0].linear |= asset.linear;
+    let object = &mut scene.objects[0];
+    object.up = asset.up.or(object.up);
+    object.linear |= asset.linear;
     if !asset.outside_from.is_empty() {
-        scene.objects[0].outside_from = asset
-            .outside_from
-            .iter()
-            .map(|p| Vec3::from_array(*p))
-            .collect();
+        let places = asset.outside_from.iter();
+        object.outside_from = places.map(|p| Vec3::from_array(*p)).collect();
     }
-    if let Some(directions) = asset.directions {
-        scene.directions = directions;
-    }
+    put(&mut scene.directions, asset.directions);
     let Some(light) = light else {
         return Ok(scene);
     };
     let transfer = &mut scene.transfer;
-    if let Some(method) = light.preset {
-        transfer.method = method;
-    }
-    if let Some(degree) = light.sh_degree {
-        transfer.sh_degree = usize::from(degree);
-    }
-    if let Some(epsilon) = light.epsilon {
-        transfer.epsilon = Some(epsilon as f32);
-    }
+    put(&mut transfer.method, light.preset);
+    put(&mut transfer.sh_degree, light.sh_degree.map(usize::from));
+    transfer.epsilon = light.epsilon.map(|e| e as f32).or(transfer.epsilon);
     if light.compute_all {
         transfer.skips = Skips::NONE;
     }
@@ -72,15 +60,10 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     if let [target] = &light.target[..] {
         scene.environment.set_file(target.clone());
     }
-    if let Some(degrees) = light.rotate_source {
-        scene.objects[0].source.rotation = degrees;
-    }
-    if let Some(degrees) = light.rotate_target {
-        scene.environment.rotation = degrees;
-    }
-    if let Some(stops) = light.strength_target {
-        scene.environment.strength = stops as f32;
-    }
+    put(&mut scene.objects[0].source.rotation, light.rotate_source);
+    put(&mut scene.environment.rotation, light.rotate_target);
+    let strength = light.strength_target.map(|stops| stops as f32);
+    put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;
     scene.validate()?;
     Ok(scene)
@@ -137,4 +120,11 @@ pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
         .collect();
     inside.sort();
     Ok(inside)
+}
+
+/// Sets what the command line says, and leaves what it leaves open.
+pub fn put<T>(setting: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *setting = value;
+    }
 }

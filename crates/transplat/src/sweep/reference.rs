@@ -148,11 +148,7 @@ impl Reference {
     }
 
     fn picture(&self, relit: &Relit) -> Result<Picture> {
-        let paint = Paint::Sh {
-            sh: &relit.sh,
-            degree: relit.degree,
-            encoding: relit.encoding,
-        };
+        let paint = Paint::relit(relit);
         let raster = self.painter.draw(&self.camera, paint, PLAIN, &[])?;
         Ok(Picture::of_display(&raster))
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::{BakeInput, BakeSettings, DEFAULT_DIRECTIONS, Softness};
+use transplat_core::bake::harmonic::{BakeInput, DEFAULT_DIRECTIONS, Softness};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, Terms, TransferSettings};
@@ -100,10 +100,9 @@ pub fn projections() -> Vec<(Setting, Option<usize>)> {
 
 /// Bakes of the harmonic method: each knob alone, the others as they are by default.
 pub fn map_bakes(cloud: &SurfelCloud, effort: Effort) -> Vec<(Setting, MapBake)> {
-    let settings = BakeSettings::default();
     let plain = MapBake {
         directions: DEFAULT_DIRECTIONS,
-        resolution: BakeInput::new(cloud, &settings).resolution,
+        resolution: BakeInput::new(cloud, DEFAULT_DIRECTIONS).resolution,
         softness: Softness::default(),
     };
     let of = |name: String, how: MapBake| {

@@ -7,10 +7,10 @@ use super::app::Viewer;
 use super::export::Task;
 use super::files::{Dialog, ask};
 use super::menus::COMPARE;
-use super::navigation::{self, Preset};
+use super::navigation;
 use super::panels;
 use super::session::{SaveKind, TARGET};
-use super::shortcuts::{Action, SHORTCUTS};
+use super::shortcuts::{ARROWS, Action, SHORTCUTS};
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {
@@ -27,17 +27,11 @@ impl Viewer {
         table.sort_by_key(|s| std::cmp::Reverse(u8::from(s.0.ctrl) + u8::from(s.0.shift)));
         let mut actions = Vec::new();
         context.input_mut(|i| {
-            let nudges = [
-                Key::ArrowLeft,
-                Key::ArrowRight,
-                Key::ArrowUp,
-                Key::ArrowDown,
-            ];
             for (modifiers, key, action, _) in table {
-                if focused && nudges.contains(key) {
+                if focused && ARROWS.contains(key) {
                     continue;
                 }
-                let fine = nudges.contains(key) && i.consume_key(egui::Modifiers::SHIFT, *key);
+                let fine = ARROWS.contains(key) && i.consume_key(egui::Modifiers::SHIFT, *key);
                 if fine {
                     actions.push((*action, true));
                 } else if i.consume_key(*modifiers, *key) {
@@ -54,20 +48,10 @@ impl Viewer {
         for (action, fine) in actions {
             self.act(action, fine);
         }
-        let digits = [
-            Key::Num1,
-            Key::Num2,
-            Key::Num3,
-            Key::Num4,
-            Key::Num5,
-            Key::Num6,
-            Key::Num7,
-            Key::Num8,
-            Key::Num9,
-        ];
-        for (i, key) in digits.into_iter().enumerate() {
-            let pressed = context.input_mut(|input| input.consume_key(egui::Modifiers::NONE, key));
-            if pressed && let Some(path) = self.shelf.paths.get(i).cloned() {
+        for (number, path) in (1..=9).zip(self.shelf.paths.clone()) {
+            let key = Key::from_name(&number.to_string());
+            let is_pressed = |k| context.input_mut(|i| i.consume_key(egui::Modifiers::NONE, k));
+            if key.is_some_and(is_pressed) {
                 self.session.set_light(TARGET, path);
             }
         }
@@ -88,9 +72,9 @@ impl Viewer {
             Action::Redo => self.redo(),
             Action::Frame => panels::frame(self),
             Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
-            Action::Front => navigation::look_from(&mut session.pose, Preset::Front),
-            Action::Right => navigation::look_from(&mut session.pose, Preset::Right),
-            Action::Top => navigation::look_from(&mut session.pose, Preset::Top),
+            Action::Front => navigation::look_from(&mut session.pose, navigation::FRONT),
+            Action::Right => navigation::look_from(&mut session.pose, navigation::RIGHT),
+            Action::Top => navigation::look_from(&mut session.pose, navigation::TOP),
             Action::NextCompare => {
                 let ways = COMPARE.map(|(_, view, _)| view);
                 let at = ways.iter().position(|v| *v == session.scene.view);

@@ -34,18 +34,13 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
     match view {
         View::Split => {
             let x = at(session.scene.wipe).x;
-            tag(
-                painter,
-                egui::pos2(x - margin, top),
-                Align2::RIGHT_TOP,
-                left,
-            );
-            tag(
-                painter,
-                egui::pos2(x + margin, top),
-                Align2::LEFT_TOP,
-                right,
-            );
+            let sides = [
+                (x - margin, Align2::RIGHT_TOP, left),
+                (x + margin, Align2::LEFT_TOP, right),
+            ];
+            for (x, anchor, name) in sides {
+                tag(painter, egui::pos2(x, top), anchor, name);
+            }
             let handle = egui::pos2(x, rect.center().y);
             let rim = Stroke::new(1.5, Color32::from_gray(60));
             painter.circle(handle, 7.0, Color32::from_gray(230), rim);

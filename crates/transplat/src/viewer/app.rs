@@ -8,14 +8,13 @@ use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
-use transplat_gpu::live::Passes;
 
 use super::asset::OpenedWith;
 use super::export::{self, Task};
 use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::probes::Probe;
-use super::session::{Event, SOURCE, SaveKind, Session, StageCounts, TARGET};
+use super::session::{Event, SOURCE, SaveKind, Session, TARGET};
 use super::shelf::Shelf;
 use super::viewport::Viewport;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
@@ -402,16 +401,6 @@ impl Viewer {
 
     // ---- what tests read ----
 
-    /// How often the stages on the GPU ran.
-    pub fn passes(&self) -> Passes {
-        self.session.passes()
-    }
-
-    /// How often the stages before them ran.
-    pub fn stages(&self) -> StageCounts {
-        self.session.stages
-    }
-
     /// The lights on the shelf.
     pub fn shelf(&self) -> &[PathBuf] {
         &self.shelf.paths
@@ -425,12 +414,7 @@ impl Viewer {
             return out;
         }
         let state = session.state();
-        out.extend(
-            state
-                .hidden
-                .get()
-                .and_then(|h| Skipped::of_unseen(&h.unseen)),
-        );
+        out.extend(state.hidden.get().and_then(|h| Skipped::of_unseen(h)));
         if session.source_is_assumed() {
             out.push(Skipped::exact(
                 Stage::Project,

@@ -20,8 +20,6 @@ pub struct Asset {
     pub bounds: Bounds,
     pub warnings: Vec<String>,
     pub load_ms: f64,
-    /// Surfels that are too faint to be seen, or broken.
-    pub never_seen: usize,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
     /// Up axis that the ground is made for.

@@ -259,8 +259,8 @@ pub struct Resolved {
     pub settings: EnvironmentLight,
 }
 
-impl Resolved {
-    pub fn even() -> Self {
+impl Default for Resolved {
+    fn default() -> Self {
         Self {
             light: Arc::new(Environment::even()),
             settings: EnvironmentLight::of(EVEN),

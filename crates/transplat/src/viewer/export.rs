@@ -8,7 +8,6 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use serde::{Deserialize, Serialize};
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
@@ -276,11 +275,13 @@ impl Snapshot {
             );
         }
         if self.scene.shadow_catcher && self.ground.is_none() {
-            let settings = BakeSettings {
-                directions: self.scene.directions,
-            };
             let report = |_| handle.progress(0.0);
-            self.ground = Some(Ground::bake(&self.cloud, self.up, &settings, &report)?);
+            self.ground = Some(Ground::bake(
+                &self.cloud,
+                self.up,
+                self.scene.directions,
+                &report,
+            )?);
         }
         if let Some(bake) = self.missing_bake(handle)? {
             self.bakes.push(bake);
@@ -293,18 +294,8 @@ impl Snapshot {
                 Ok(Made::Files(vec![path.clone()]))
             }
             Task::Screenshot(None) => {
-                let views = self.views();
-                let mut written = Vec::new();
-                for (i, view) in views.iter().enumerate() {
-                    handle_step(handle, i, views.len())?;
-                    let light = &self.lights[TARGET];
-                    let raster = self.picture(*view, light)?;
-                    handle_step(handle, i, views.len())?;
-                    let path = self.named(&light.name(), *view, None);
-                    self.write(&path, &raster)?;
-                    written.push(path);
-                }
-                Ok(Made::Files(written))
+                let views = self.views().into_iter();
+                self.each(handle, views.map(|view| (view, &self.lights[TARGET])))
             }
             Task::Clipboard => {
                 let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
@@ -316,21 +307,33 @@ impl Snapshot {
                 Ok(Made::Picture([raster.width, raster.height], bytes))
             }
             Task::EachLight => {
-                let mut written = Vec::new();
                 self.need_shelf()?;
-                for (i, light) in self.shelf.iter().enumerate() {
-                    handle_step(handle, i, self.shelf.len())?;
-                    let raster = self.picture(self.scene.view, light)?;
-                    let path = self.named(&light.name(), self.scene.view, None);
-                    self.write(&path, &raster)?;
-                    written.push(path);
-                }
-                Ok(Made::Files(written))
+                let lights = self.shelf.iter();
+                self.each(handle, lights.map(|light| (self.scene.view, light)))
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
             Task::Splat(_) => bail!("not a picture"),
         }
+    }
+
+    /// A picture of each view and light, by folder and pattern.
+    fn each<'a>(
+        &self,
+        handle: &Handle<Outcome>,
+        pictures: impl ExactSizeIterator<Item = (View, &'a Arc<Environment>)>,
+    ) -> Result<Made> {
+        let count = pictures.len();
+        let mut written = Vec::new();
+        for (i, (view, light)) in pictures.enumerate() {
+            handle_step(handle, i, count)?;
+            let raster = self.picture(view, light)?;
+            handle_step(handle, i, count)?;
+            let path = self.named(&light.name(), view, None);
+            self.write(&path, &raster)?;
+            written.push(path);
+        }
+        Ok(Made::Files(written))
     }
 
     /// The bake of a pinned look whose method has none yet.
@@ -343,11 +346,8 @@ impl Snapshot {
         if there.any(|bake| bake.method() == method) {
             return Ok(None);
         }
-        let settings = BakeSettings {
-            directions: scene.directions,
-        };
         let report = |done| handle.progress(done);
-        let bake = Bake::new(&self.cloud, method, &settings, &report)?;
+        let bake = Bake::new(&self.cloud, method, scene.directions, &report)?;
         Ok(Some(Arc::new(bake)))
     }
 

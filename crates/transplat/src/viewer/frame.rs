@@ -106,7 +106,7 @@ fn match_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
 
 /// What of an object is not drawn, and its version.
 fn hidden(state: &ObjectState) -> (Arc<Vec<bool>>, u64) {
-    let hidden = state.hidden.get().map(|h| h.unseen.clone());
+    let hidden = state.hidden.get().cloned();
     (hidden.unwrap_or_default(), state.hidden.version())
 }
 

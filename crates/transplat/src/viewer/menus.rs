@@ -13,6 +13,7 @@ use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};
+use super::widgets::entry;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
 
 impl Viewer {
@@ -21,20 +22,10 @@ impl Viewer {
             ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("Edit", |ui| {
                 let scene = self.session.scene.clone();
-                let item = |ui: &mut Ui, name: &str, action, enabled| {
-                    let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
-                    ui.add_enabled(enabled, button).clicked()
-                };
-                if item(ui, "Undo", Action::Undo, self.undoer.has_undo(&scene)) {
-                    self.undo();
-                    ui.close();
-                }
-                if item(ui, "Redo", Action::Redo, self.undoer.has_redo(&scene)) {
-                    self.redo();
-                    ui.close();
-                }
+                self.item(ui, "Undo", Action::Undo, self.undoer.has_undo(&scene));
+                self.item(ui, "Redo", Action::Redo, self.undoer.has_redo(&scene));
                 ui.separator();
-                if ui.button("Reset all settings").clicked() {
+                if entry(ui, "Reset all settings") {
                     let kept = &self.session.scene;
                     let same = |light: &EnvironmentLight| EnvironmentLight {
                         file: light.file.clone(),
@@ -50,19 +41,12 @@ impl Viewer {
                         environment: same(&kept.environment),
                         ..Preferences::default().scene()
                     };
-                    ui.close();
                 }
             });
             ui.menu_button("View", |ui| self.view_menu(ui));
             ui.menu_button("Help", |ui| {
-                if ui.button("Shortcuts (?)").clicked() {
-                    self.shown.help = true;
-                    ui.close();
-                }
-                if ui.button("About").clicked() {
-                    self.shown.about = true;
-                    ui.close();
-                }
+                self.shown.help |= entry(ui, "Shortcuts (?)");
+                self.shown.about |= entry(ui, "About");
             });
             ui.separator();
             self.compare_bar(ui);
@@ -70,22 +54,10 @@ impl Viewer {
     }
 
     pub(super) fn file_menu(&mut self, ui: &mut Ui) {
-        let item = |ui: &mut Ui, name: &str, action| {
-            let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
-            ui.add(button).clicked()
-        };
-        let mut chosen = None;
-        for (name, action) in [
-            ("Open…", Action::Open),
-            ("Open folder of environments…", Action::OpenFolder),
-        ] {
-            if item(ui, name, action) {
-                chosen = Some(action);
-            }
-        }
-        if ui.button("Open or save by path…").clicked() {
+        self.item(ui, "Open…", Action::Open, true);
+        self.item(ui, "Open folder of environments…", Action::OpenFolder, true);
+        if entry(ui, "Open or save by path…") {
             self.shown.path_field = Some(PathField::new(None));
-            ui.close();
         }
         let recent = self.preferences.recent.clone();
         ui.menu_button("Open recent", |ui| {
@@ -93,9 +65,8 @@ impl Viewer {
                 ui.weak("nothing yet");
             }
             for path in recent {
-                if ui.button(path.display().to_string()).clicked() {
+                if entry(ui, &path.display().to_string()) {
                     self.open(&path);
-                    ui.close();
                 }
             }
         });
@@ -103,9 +74,8 @@ impl Viewer {
             ("Bundled scene", BUNDLED_SPLAT),
             ("Bundled scene, trained", BUNDLED_TRAINED_SPLAT),
         ] {
-            if ui.button(name).clicked() {
+            if entry(ui, name) {
                 self.bundled_scene(splat);
-                ui.close();
             }
         }
         ui.separator();
@@ -115,25 +85,26 @@ impl Viewer {
             ("Save picture", Action::Screenshot),
             ("Copy picture", Action::Copy),
         ] {
-            if item(ui, name, action) {
-                chosen = Some(action);
-            }
+            self.item(ui, name, action, true);
         }
-        if ui.button("Save picture as…").clicked() {
+        if entry(ui, "Save picture as…") {
             let extension = self.preferences.export.format.extension();
             let name = format!("{}.{extension}", self.asset_name());
             ask(&mut self.session, Dialog::Save(SaveKind::Screenshot, name));
-            ui.close();
         }
-        if ui.button("Save turntable").clicked() {
+        if entry(ui, "Save turntable") {
             self.export(Task::Turntable);
-            ui.close();
         }
         ui.separator();
         if ui.button("Quit").clicked() {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
-        if let Some(action) = chosen {
+    }
+
+    /// An entry with its shortcut, which does its action.
+    fn item(&mut self, ui: &mut Ui, name: &str, action: Action, enabled: bool) {
+        let button = egui::Button::new(name).shortcut_text(shortcuts::of(action));
+        if ui.add_enabled(enabled, button).clicked() {
             self.act(action, false);
             ui.close();
         }

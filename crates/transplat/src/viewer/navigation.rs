@@ -7,38 +7,22 @@ use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 /// Degrees of turn for a point of drag.
 const DEGREES_A_POINT: f64 = 0.4;
 
-/// Where one looks from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Preset {
-    Front,
-    Right,
-    Back,
-    Left,
-    Top,
-    Bottom,
-}
+/// Where one looks from: azimuth and elevation in degrees.
+pub type Viewpoint = [f64; 2];
 
-impl Preset {
-    pub const ALL: [(&'static str, Self); 6] = [
-        ("Front", Self::Front),
-        ("Right", Self::Right),
-        ("Back", Self::Back),
-        ("Left", Self::Left),
-        ("Top", Self::Top),
-        ("Bottom", Self::Bottom),
-    ];
+pub const FRONT: Viewpoint = [-90.0, 0.0];
+pub const RIGHT: Viewpoint = [0.0, 0.0];
+pub const TOP: Viewpoint = [-90.0, 90.0];
 
-    fn angles(self) -> [f64; 2] {
-        match self {
-            Self::Front => [-90.0, 0.0],
-            Self::Right => [0.0, 0.0],
-            Self::Back => [90.0, 0.0],
-            Self::Left => [180.0, 0.0],
-            Self::Top => [-90.0, 90.0],
-            Self::Bottom => [-90.0, -90.0],
-        }
-    }
-}
+/// All of them.
+pub const VIEWPOINTS: [(&str, Viewpoint); 6] = [
+    ("Front", FRONT),
+    ("Right", RIGHT),
+    ("Back", [90.0, 0.0]),
+    ("Left", [180.0, 0.0]),
+    ("Top", TOP),
+    ("Bottom", [-90.0, -90.0]),
+];
 
 /// The pose of a first look: from the front, a little from the right and above.
 pub fn first_pose(
@@ -72,8 +56,8 @@ pub fn frame_object(
 }
 
 /// Looks from a side.
-pub fn look_from(pose: &mut CameraPose, preset: Preset) {
-    [pose.azimuth, pose.elevation] = preset.angles();
+pub fn look_from(pose: &mut CameraPose, from: Viewpoint) {
+    [pose.azimuth, pose.elevation] = from;
 }
 
 /// Turns about the pivot by a drag in points.
@@ -250,17 +234,13 @@ mod tests {
     }
 
     #[test]
-    fn presets_look_along_their_axes() {
+    fn viewpoints_look_along_their_axes() {
         let mut pose = pose();
         pose.pivot = Vec3::ZERO;
-        for (preset, expected) in [
-            (Preset::Front, Vec3::NEG_Y),
-            (Preset::Right, Vec3::X),
-            (Preset::Top, Vec3::Z),
-        ] {
-            look_from(&mut pose, preset);
+        for (viewpoint, expected) in [(FRONT, Vec3::NEG_Y), (RIGHT, Vec3::X), (TOP, Vec3::Z)] {
+            look_from(&mut pose, viewpoint);
             let from = eye(&pose, UpAxis::PlusZ) / pose.distance;
-            assert!(from.distance(expected) < 1e-5, "{preset:?}: {from}");
+            assert!(from.distance(expected) < 1e-5, "{viewpoint:?}: {from}");
         }
     }
 }

@@ -27,6 +27,7 @@ use crate::sweep::Point;
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);
 
 /// What is made of an object, stage by stage. Another splat begins with another one: nothing of the last is left.
+#[derive(Default)]
 pub struct ObjectState {
     /// Differs between all.
     pub id: u64,
@@ -44,7 +45,8 @@ pub struct ObjectState {
     pub(super) transfer: Arc<Mutex<TransferAsset>>,
     pub prepared: Derived<PrepareKey, Prepared>,
     pub relit: Derived<RelitKey, Relighting>,
-    pub hidden: Derived<HiddenKey, Hidden>,
+    /// Surfels that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
+    pub hidden: Derived<HiddenKey, Arc<Vec<bool>>>,
     pub(super) unseen: Unseen,
     pub doubts: Derived<ShownKey, Doubts>,
     /// What was relit last for a readout.
@@ -62,27 +64,7 @@ impl ObjectState {
         Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             asset,
-            saved_bake: None,
-            source: Resolved::even(),
-            lights: Derived::default(),
-            bakes: HashMap::new(),
-            estimate: Derived::default(),
-            estimated: Estimated {
-                light: Arc::new(Environment::assumed()),
-                made_from: None,
-                is_awaited: false,
-            },
-            transfer: Arc::default(),
-            prepared: Derived::default(),
-            relit: Derived::default(),
-            hidden: Derived::default(),
-            unseen: Unseen::default(),
-            doubts: Derived::default(),
-            readout: Derived::default(),
-            visibility: Derived::default(),
-            ground: Derived::default(),
-            ground_lit: Derived::default(),
-            measured: Measured::default(),
+            ..Self::default()
         }
     }
 
@@ -101,10 +83,10 @@ impl ObjectState {
     /// From now on, a relight leaves out what is hidden now.
     pub(super) fn leave_out_hidden(&mut self) {
         if let (Some(hidden), Some((hide, _))) = (self.hidden.get(), self.hidden.made_from())
-            && !Arc::ptr_eq(&self.unseen.surfels, &hidden.unseen)
+            && !Arc::ptr_eq(&self.unseen.surfels, hidden)
         {
             self.unseen = Unseen {
-                surfels: hidden.unseen.clone(),
+                surfels: hidden.clone(),
                 version: self.unseen.version + 1,
                 has_hidden: !hide.is_off(),
             };
@@ -121,6 +103,16 @@ pub struct Estimated {
     pub made_from: Option<(u64, UpAxis)>,
     /// Whether there will be another.
     pub is_awaited: bool,
+}
+
+impl Default for Estimated {
+    fn default() -> Self {
+        Self {
+            light: Arc::new(Environment::assumed()),
+            made_from: None,
+            is_awaited: false,
+        }
+    }
 }
 
 /// A light as the asset sees it; two are the same where nothing was changed in between.
@@ -199,14 +191,6 @@ pub struct Relighting {
 /// All that this depends on.
 pub type HiddenKey = (Hide, Skips);
 
-/// Surfels that are not drawn.
-pub struct Hidden {
-    /// `[n]` or empty: hidden, or too faint to be seen.
-    pub unseen: Arc<Vec<bool>>,
-    /// How many the user hides.
-    pub count: usize,
-}
-
 /// Surfels that the last relight left out.
 #[derive(Default)]
 pub struct Unseen {
@@ -229,7 +213,7 @@ pub struct Doubts {
 pub type GroundKey = (usize, UpAxis);
 
 /// All that its light depends on.
-pub type GroundLitKey = (GroundKey, LightsKey);
+pub type GroundLitKey = (GroundKey, [OrientedLight; 2]);
 
 /// What was measured on an object; empty until it is asked for.
 #[derive(Default)]

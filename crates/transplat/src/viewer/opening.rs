@@ -7,7 +7,6 @@ use std::time::Instant;
 use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
-use transplat_core::surfels::{SurfelCloud, is_faint};
 use transplat_gpu::live::LiveAsset;
 
 use super::asset::{Asset, LoadedAsset, OpenedWith};
@@ -19,11 +18,6 @@ use super::session::{Event, Session, TARGET};
 use super::stages::DROP_IT;
 use crate::pipeline::estimate;
 use crate::pipeline::warnings::asset_warnings;
-
-fn never_seen(cloud: &SurfelCloud) -> usize {
-    let opacities = cloud.opacities.iter();
-    opacities.filter(|o| is_faint(**o)).count()
-}
 
 /// An object of which nothing is told: its light is estimated.
 pub fn unknown_object() -> Object {
@@ -103,7 +97,6 @@ impl Session {
             Ok(LoadedAsset {
                 asset: Asset {
                     bounds: cloud.bounds(),
-                    never_seen: never_seen(&cloud),
                     ground: ground_plane(&cloud, cloud.up),
                     up: cloud.up,
                     warnings: asset_warnings(&path, &file),
@@ -169,6 +162,10 @@ impl Session {
             self.info(format!(
                 "what it was captured under is not known: even light is assumed. {DROP_IT}"
             ));
+        }
+        // The ground is that of the last one shown.
+        for state in &mut self.states {
+            state.ground_lit.clear();
         }
         let last = &mut self.states[at];
         let mut source = last.source.clone();

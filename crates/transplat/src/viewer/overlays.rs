@@ -1,6 +1,6 @@
 //! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Instant;
 
 use eframe::egui::{self, Color32, Key, Ui};
@@ -12,7 +12,7 @@ use super::jobs::{Kind, Work};
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{SIDES, SOURCE, SaveKind, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
-use super::widgets::thousands;
+use super::widgets::{named, thousands};
 use crate::words::milliseconds;
 
 /// How long a message stays that is no error, in seconds.
@@ -127,9 +127,7 @@ impl Viewer {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal_top(|ui| {
                         let close = ui.small_button("×").on_hover_text("Dismiss");
-                        close.widget_info(|| {
-                            egui::WidgetInfo::labeled(egui::Role::Button, true, "Dismiss")
-                        });
+                        named(&close, egui::Role::Button, "Dismiss");
                         if close.clicked() {
                             dismissed = Some(i);
                         }
@@ -275,7 +273,7 @@ impl Viewer {
             return;
         };
         let (mut open, mut is_shown) = (true, true);
-        let mut act: Option<fn(&mut Self, PathBuf)> = None;
+        let mut act = None;
         egui::Window::new("By path")
             .pivot(egui::Align2::CENTER_CENTER)
             .default_pos(self.viewport.rect.center())
@@ -294,7 +292,7 @@ impl Viewer {
                 }
                 open &= !ui.input(|i| i.key_pressed(Key::Escape));
                 if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
-                    act = Some(|v, path| v.open(&path));
+                    act = Some(None);
                 }
                 let named = !field.text.trim().is_empty();
                 ui.add_enabled_ui(named, |ui| {
@@ -302,8 +300,12 @@ impl Viewer {
                 });
             });
         match act {
-            Some(act) if !field.text.trim().is_empty() => {
-                act(self, PathBuf::from(field.text.trim()));
+            Some(kind) if !field.text.trim().is_empty() => {
+                let path = Path::new(field.text.trim());
+                match kind {
+                    None => self.open(path),
+                    Some(kind) => self.save_to(path, kind, false),
+                }
             }
             _ if open && is_shown => self.shown.path_field = Some(field),
             _ => {}
@@ -351,28 +353,16 @@ impl Viewer {
     }
 }
 
-type PathAct = fn(&mut Viewer, PathBuf);
-
-fn path_buttons(ui: &mut Ui) -> Option<PathAct> {
-    let buttons: [(&str, PathAct); 4] = [
-        ("Open", |v, path| v.open(&path)),
-        ("Save look", |v, path| {
-            v.save_to(&path, SaveKind::Look, false)
-        }),
-        ("Save picture", |v, path| {
-            v.save_to(&path, SaveKind::Screenshot, false)
-        }),
-        ("Export splat", |v, path| {
-            v.save_to(&path, SaveKind::Splat, false)
-        }),
+/// What a path is for: nothing where it is to be opened.
+fn path_buttons(ui: &mut Ui) -> Option<Option<SaveKind>> {
+    let buttons = [
+        ("Open", None),
+        ("Save look", Some(SaveKind::Look)),
+        ("Save picture", Some(SaveKind::Screenshot)),
+        ("Export splat", Some(SaveKind::Splat)),
     ];
-    let mut act = None;
-    for (name, does) in buttons {
-        if ui.button(name).clicked() {
-            act = Some(does);
-        }
-    }
-    act
+    let clicked = |(name, kind)| ui.button(name).clicked().then_some(kind);
+    buttons.into_iter().filter_map(clicked).last()
 }
 
 fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {

@@ -170,7 +170,7 @@ impl Session {
             },
             selected: 0,
             environments: Environments::default(),
-            environment: Resolved::even(),
+            environment: Resolved::default(),
             backdrops: Default::default(),
             pinned: None,
             overlays: Overlays {
@@ -348,14 +348,16 @@ impl Session {
         for outcome in self.jobs.events() {
             outcome(self);
         }
-        for at in 0..self.states.len() {
+        let objects = 0..self.scene.objects.len();
+        self.follow_objects(objects.end);
+        for at in objects.clone() {
             self.update_asset(at);
             self.start_bake(at);
             self.update_estimate(at);
         }
         self.resolve_lights();
         self.start_lights();
-        for at in 0..self.states.len() {
+        for at in objects {
             self.orient_lights(at);
             self.start_prepare(at);
             self.update_hidden(at);
@@ -369,6 +371,20 @@ impl Session {
             self.error(error.to_string());
         }
         std::mem::take(&mut self.events)
+    }
+
+    /// Has a state for each of the scene's objects, and no more but while one is on its way.
+    fn follow_objects(&mut self, count: usize) {
+        if self.states.len() > count && !self.is_loading_asset() {
+            for state in self.states.drain(count..) {
+                self.jobs.cancel_object(state.id);
+            }
+            self.live().truncate(count);
+        }
+        while self.states.len() < count {
+            self.states.push(ObjectState::new(None));
+        }
+        self.selected = self.selected.min(count.saturating_sub(1));
     }
 
     /// Starts a job; what it makes is taken in by `take`, and what goes wrong is told.

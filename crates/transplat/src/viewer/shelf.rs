@@ -8,6 +8,7 @@ use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui
 use super::environments::{Environment, light_name};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
+use super::widgets::{entry, named};
 
 /// Size of a thumbnail in points.
 const THUMBNAIL: egui::Vec2 = egui::vec2(112.0, 56.0);
@@ -62,7 +63,7 @@ impl Shelf {
                 let swap = ui.button("swap").on_hover_text(
                     "Swap the two lights with their turns and strengths: relights by what it was captured under. (X)",
                 );
-                swap.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, "Swap lights"));
+                named(&swap, egui::Role::Button, "Swap lights");
                 if swap.clicked() {
                     session.swap_lights();
                 }
@@ -101,9 +102,7 @@ impl Shelf {
             } else {
                 light.name()
             };
-            response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("{}: {name}", SIDES[side]))
-            });
+            named(&response, egui::Role::Button, format!("{}: {name}", SIDES[side]));
             let texture = Some(self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
             if session.is_loading(&wanted) {
@@ -120,17 +119,14 @@ impl Shelf {
                 session.set_light(side, dragged.0.clone());
             }
             response.context_menu(|ui| {
-                if ui.button("Even light").clicked() {
+                if entry(ui, "Even light") {
                     session.set_light(side, transplat_core::scene::EVEN.into());
-                    ui.close();
                 }
-                if side == SOURCE && ui.button("Estimate it from the object").clicked() {
+                if side == SOURCE && entry(ui, "Estimate it from the object") {
                     session.ask_for_estimate();
-                    ui.close();
                 }
-                if light.is_file() && ui.button("Put on the shelf").clicked() {
+                if light.is_file() && entry(ui, "Put on the shelf") {
                     self.add(session, &light.path);
-                    ui.close();
                 }
             });
         });
@@ -145,9 +141,7 @@ impl Shelf {
             ui.set_width(THUMBNAIL.x);
             ui.add_space(17.0);
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
-            response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::Button, true, format!("Environment {name}"))
-            });
+            named(&response, egui::Role::Button, format!("Environment {name}"));
             let light = session.environments.get(&path).cloned();
             let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
@@ -181,26 +175,19 @@ impl Shelf {
                 session.set_light(TARGET, path.clone());
             }
             response.context_menu(|ui| {
-                if ui.button("Relight by it").clicked() {
+                if entry(ui, "Relight by it") {
                     session.set_light(TARGET, path.clone());
-                    ui.close();
                 }
-                if ui.button("Captured under it").clicked() {
+                if entry(ui, "Captured under it") {
                     session.set_light(SOURCE, path.clone());
-                    ui.close();
                 }
-                if index > 0 && ui.button("Move left").clicked() {
+                if index > 0 && entry(ui, "Move left") {
                     self.paths.swap(index, index - 1);
-                    ui.close();
                 }
-                if index + 1 < self.paths.len() && ui.button("Move right").clicked() {
+                if index + 1 < self.paths.len() && entry(ui, "Move right") {
                     self.paths.swap(index, index + 1);
-                    ui.close();
                 }
-                if ui.button("Remove from the shelf").clicked() {
-                    removed = true;
-                    ui.close();
-                }
+                removed |= entry(ui, "Remove from the shelf");
             });
         });
         if removed {
@@ -215,9 +202,7 @@ impl Shelf {
             let response = ui
                 .add(button)
                 .on_hover_text("Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.");
-            response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::Button, true, "Add environments")
-            });
+            named(&response, egui::Role::Button, "Add environments");
             self.wants_files |= response.clicked();
         });
     }

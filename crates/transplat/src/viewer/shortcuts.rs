@@ -149,6 +149,14 @@ const CTRL_SHIFT: Modifiers = Modifiers {
     command: false,
 };
 
+/// Keys that nudge; with shift they do it finely.
+pub const ARROWS: [Key; 4] = [
+    Key::ArrowLeft,
+    Key::ArrowRight,
+    Key::ArrowUp,
+    Key::ArrowDown,
+];
+
 /// What the mouse and held keys do, for the sheet.
 pub const GESTURES: [(&str, &str); 13] = [
     ("left drag", "orbit"),
@@ -176,13 +184,7 @@ pub fn name(modifiers: Modifiers, key: Key) -> String {
         out += "shift + ";
     }
     // The arrows' symbols are not in every font.
-    let arrows = [
-        Key::ArrowLeft,
-        Key::ArrowRight,
-        Key::ArrowUp,
-        Key::ArrowDown,
-    ];
-    out + if arrows.contains(&key) {
+    out + if ARROWS.contains(&key) {
         key.name()
     } else {
         key.symbol_or_name()

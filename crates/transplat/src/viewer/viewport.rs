@@ -13,6 +13,7 @@ use transplat_gpu::live::Live;
 use super::annotations::{annotate, draw_crop_box, mark_surfel};
 use super::navigation;
 use super::session::Session;
+use super::widgets::named;
 
 /// A frame on the GPU that takes longer than this makes a drag step down in quality.
 const SLOW_FRAME_MS: f64 = 40.0;
@@ -76,12 +77,9 @@ impl Viewport {
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hold_before: bool) {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.rect = rect;
-        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Canvas, true, "Viewport"));
-        let before = (
-            session.pose,
-            session.scene.environment.clone(),
-            session.scene.wipe,
-        );
+        named(&response, egui::Role::Canvas, "Viewport");
+        let seen = |s: &Session| (s.pose, s.scene.environment.clone(), s.scene.wipe);
+        let before = seen(session);
         self.navigate(ui, session, &response);
         if self.light_locked_to_camera {
             // As the camera was moved here, and by nothing else.
@@ -90,13 +88,7 @@ impl Viewport {
             target.rotation = navigation::wrap(target.rotation + turned);
         }
         let now = ui.input(|i| i.time);
-        if before
-            != (
-                session.pose,
-                session.scene.environment.clone(),
-                session.scene.wipe,
-            )
-        {
+        if before != seen(session) {
             self.last_move = now;
         }
         let view = if hold_before {
@@ -161,9 +153,7 @@ impl Viewport {
             return self.rect;
         }
         let middle = self.rect.center().x;
-        let (mut left, mut right) = (self.rect, self.rect);
-        left.set_right(middle);
-        right.set_left(middle);
+        let (left, right) = self.rect.split_left_right_at_x(middle);
         if at.is_some_and(|p| p.x >= middle) {
             right
         } else {
@@ -192,7 +182,7 @@ impl Viewport {
         let (camera, x, y) = self.camera_at(session, at)?;
         let asset = session.asset()?;
         let hidden = session.state().hidden.get();
-        let hidden = hidden.map_or(&[][..], |h| &h.unseen);
+        let hidden = hidden.map_or(&[][..], |h| h);
         pick(&asset.cloud, &camera, hidden, x, y)
     }
 

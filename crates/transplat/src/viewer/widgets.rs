@@ -81,11 +81,6 @@ pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
     .show(ui, value)
 }
 
-/// A switch.
-pub fn switch(ui: &mut Ui, label: &str, tip: &str, value: &mut bool) -> Response {
-    ui.checkbox(value, label).on_hover_text(tip)
-}
-
 /// A choice of few; a double click on its name takes the first of them, the default.
 pub fn choice<T: PartialEq + Copy>(
     ui: &mut Ui,
@@ -116,6 +111,20 @@ pub fn choice<T: PartialEq + Copy>(
         tip(list.response.labelled_by(label.id), text);
     });
     *value != before
+}
+
+/// An entry of a menu, which closes it.
+pub fn entry(ui: &mut Ui, name: &str) -> bool {
+    let clicked = ui.button(name).clicked();
+    if clicked {
+        ui.close();
+    }
+    clicked
+}
+
+/// Says what a widget is to who does not see it.
+pub fn named(response: &Response, role: egui::Role, name: impl ToString) {
+    response.widget_info(|| egui::WidgetInfo::labeled(role, true, name.to_string()));
 }
 
 /// A file's name, with the whole path for whoever points at it.

@@ -32,19 +32,12 @@ impl DirectionalTransfer {
 
 /// A gradient with a sun, and its colours.
 fn sky(sun: DVec3, tint: [f32; 3]) -> Illumination {
-    let plain = EnvironmentMap::new(256, 128, vec![[0.0; 3]; 256 * 128]);
-    let pixels = (0..256 * 128)
-        .map(|i| {
-            let d = DVec3::from_array(plain.direction(i % 256, i / 256));
-            let glare = if d.dot(sun.normalize()) > 0.9994 {
-                300.0
-            } else {
-                0.0
-            };
-            tint.map(|t| t * (0.6 + 0.5 * d.z as f32) + glare)
-        })
-        .collect();
-    Illumination::of(&EnvironmentMap::new(256, 128, pixels), 3)
+    let map = EnvironmentMap::of_directions(256, 128, |d| {
+        let is_sun = d.dot(sun.normalize()) > 0.9994;
+        let glare = if is_sun { 300.0 } else { 0.0 };
+        tint.map(|t| t * (0.6 + 0.5 * d.z as f32) + glare)
+    });
+    Illumination::of(&map, 3)
 }
 
 /// A sphere over a plate whose colour varies with the place and the view.
@@ -108,14 +101,8 @@ fn a_matte_sphere_takes_its_analytic_irradiance() {
     // Open all around: E of a gradient a + b z is pi a + 2 pi b n.z / 3, and the sphere was lit evenly.
     let cloud = synthetic::sphere(800);
     let transfer = prepared(&asset_of(&cloud), &Illumination::even(3));
-    let plain = EnvironmentMap::new(128, 64, vec![[0.0; 3]; 128 * 64]);
-    let gradient = (0..128 * 64)
-        .map(|i| [0.5 + 0.4 * plain.direction(i % 128, i / 128)[2] as f32; 3])
-        .collect();
-    let relit = transfer.relight_by(&Illumination::of(
-        &EnvironmentMap::new(128, 64, gradient),
-        3,
-    ));
+    let gradient = EnvironmentMap::of_directions(128, 64, |d| [0.5 + 0.4 * d.z as f32; 3]);
+    let relit = transfer.relight_by(&Illumination::of(&gradient, 3));
     let mut worst = 0f32;
     for (i, tau) in relit.tau.iter().enumerate() {
         let z = cloud.positions[i].normalize().z;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::bake::harmonic::{BakeSettings, bake};
+use crate::bake::harmonic::bake;
 use crate::environment::{EnvironmentMap, project_environment};
 use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
@@ -39,7 +39,7 @@ fn settings(sh_degree: usize) -> TransferSettings {
 }
 
 fn baked(cloud: &SurfelCloud) -> HarmonicBake {
-    bake(cloud, &BakeSettings { directions: 128 }, &no_progress).expect("not cancelled")
+    bake(cloud, 128, &no_progress).expect("not cancelled")
 }
 
 fn largest(values: &[[f32; 3]]) -> f32 {

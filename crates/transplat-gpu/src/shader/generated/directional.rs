@@ -8,7 +8,6 @@ use transplat_core::transfer::directional::{Nodes, WIDTHS};
 
 use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror};
 use crate::shader::files::TRANSFER_DIRECTIONAL;
-use crate::shader::numbers::encoding_number;
 use crate::shader::source::Source;
 use crate::shader::source::{line, literal};
 
@@ -47,7 +46,7 @@ pub fn transfer_directional(nodes: &Nodes, encoding: Encoding) -> String {
             .fold(Source::default(), begin)
             .count("K", k)
             .count("Q", q)
-            .count("ENCODING", encoding_number(encoding))
+            .count("ENCODING", encoding as u32)
             .number("OFFSET", encoding.offset())
             .code(format!(
                 "var<private> s: array<vec3f, {k}>;\nvar<private> f: array<vec3f, {k}>;\n"

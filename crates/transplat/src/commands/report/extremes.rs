@@ -1,16 +1,15 @@
 //! Stiff and extreme cases, and how stiff the transfer is in epsilon.
 
-use std::fmt::Write;
 use std::time::Instant;
 
 use anyhow::Result;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::BakeSettings;
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::extremes::{self, Outcome};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer};
 
 use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
@@ -46,16 +45,14 @@ pub fn run(
             eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
         }
         for method in Method::ALL {
-            let outcome = match gpu {
-                Some(device) => {
-                    let other = |prepared: &PreparedTransfer, light: &Illumination| {
-                        by_device(device, prepared, light)
-                    };
-                    extremes::run(case, method, Some(&other))
+            let other = gpu.map(|device| {
+                move |prepared: &PreparedTransfer, light: &Illumination| {
+                    let relit = device.relight(prepared, light);
+                    relit.map_err(|e| format!("{e:#}"))
                 }
-                None => extremes::run(case, method, None),
-            };
-            outcomes.push(outcome);
+            });
+            let other = other.as_ref().map(|relight| relight as _);
+            outcomes.push(extremes::run(case, method, other));
         }
     }
     bar.finish_and_clear();
@@ -75,29 +72,14 @@ pub fn run(
     Ok(words)
 }
 
-fn by_device(
-    device: &Device,
-    prepared: &PreparedTransfer,
-    light: &Illumination,
-) -> Result<Relit, String> {
-    let relight = || -> Result<Relit> {
-        let mut transfer = device.transfer_here(prepared)?;
-        transfer.change_light(light, Part::Whole, &[])?;
-        transfer.result()
-    };
-    relight().map_err(|e| format!("{e:#}"))
-}
-
 /// All outcomes, for programs.
 fn csv(outcomes: &[Outcome]) -> String {
     let mut out = String::from("case,property,ok,f32_error,gpu_error,condition_number,note\n");
     let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
     for o in outcomes {
         let name = format!("{} ({})", o.case, o.method.preset());
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            out,
-            "{},{},{},{},{},{},{}",
+        out += &format!(
+            "{},{},{},{},{},{},{}\n",
             quoted(&name),
             quoted(o.property),
             o.failure.is_none(),
@@ -161,12 +143,7 @@ struct Stiff {
 fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<String> {
     let mut all = Vec::new();
     for method in Method::ALL {
-        let bake = Bake::new(
-            &subject.cloud,
-            method,
-            &BakeSettings::default(),
-            &no_progress,
-        )?;
+        let bake = Bake::new(&subject.cloud, method, DEFAULT_DIRECTIONS, &no_progress)?;
         let mut epsilons = EPSILONS.to_vec();
         if args.quick {
             epsilons.retain(|e| [1e-6, 1e-3, 1e-1, 1e3].contains(e));
@@ -231,10 +208,8 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
         let truth = s
             .psnr_truth
             .map_or(String::new(), |v| format!(", {v:.2} dB to the truth"));
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            words,
-            "  {} {}: touches {:.1} % of the surfels, multiplies by at most {:.0}{truth}",
+        words += &format!(
+            "  {} {}: touches {:.1} % of the surfels, multiplies by at most {:.0}{truth}\n",
             s.method.preset(),
             s.epsilon,
             100.0 * s.touched,
@@ -279,10 +254,8 @@ fn epsilon_csv(all: &[Stiff]) -> String {
     );
     for s in all {
         let psnr = s.psnr_truth.map_or(String::new(), |v| format!("{v:.3}"));
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            out,
-            "{},{},{},{psnr},{:.3},{:.3},{:.5}",
+        out += &format!(
+            "{},{},{},{psnr},{:.3},{:.3},{:.5}\n",
             s.method.preset(),
             s.epsilon,
             s.is_default,

@@ -1,6 +1,5 @@
 //! The report as one self-contained page: HTML with its plots in SVG.
 
-use std::fmt::Write;
 use std::io::Write as _;
 use std::path::Path;
 
@@ -140,17 +139,14 @@ impl Page {
 }
 
 fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            c => out.push(c),
-        }
-    }
-    out
+    let marks = [
+        ('&', "&amp;"),
+        ('<', "&lt;"),
+        ('>', "&gt;"),
+        ('"', "&quot;"),
+    ];
+    let replaced = |text: String, (mark, entity): (char, &str)| text.replace(mark, entity);
+    marks.into_iter().fold(text.to_owned(), replaced)
 }
 
 fn draw(plot: &Plot<'_>, dots: &[Dot]) -> Result<String> {
@@ -305,20 +301,17 @@ impl Labels {
 /// A number as short as it can be read.
 fn number(v: f64) -> String {
     let size = v.abs();
-    let mut out = String::new();
-    // Writing to a string does not fail.
-    let _ = if size == 0.0 {
-        write!(out, "0")
+    if size == 0.0 {
+        "0".into()
     } else if !(1e-3..1e5).contains(&size) {
-        write!(out, "{v:.0e}")
+        format!("{v:.0e}")
     } else if size < 1.0 {
-        write!(out, "{v:.3}")
+        format!("{v:.3}")
     } else if size < 100.0 {
-        write!(out, "{v:.1}")
+        format!("{v:.1}")
     } else {
-        write!(out, "{v:.0}")
-    };
-    out
+        format!("{v:.0}")
+    }
 }
 
 /// Writes a file of the report.

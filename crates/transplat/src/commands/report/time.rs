@@ -1,7 +1,5 @@
 //! Error against run time, for programs and for people.
 
-use std::fmt::Write;
-
 use anyhow::Result;
 
 use super::page::{Dot, Page, Plot};
@@ -21,10 +19,8 @@ pub fn csv(points: &[Point]) -> String {
         let or_empty =
             |v: Option<f64>, digits: usize| v.map_or(String::new(), |v| format!("{v:.digits$}"));
         let small = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3e}"));
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            out,
-            "{},{},{},{},{},{},{},{},{},{},{},{}",
+        out += &format!(
+            "{},{},{},{},{},{},{},{},{},{},{},{}\n",
             quoted(&p.setting.name),
             quoted(&p.device),
             p.stage.name(),
@@ -175,10 +171,8 @@ pub fn summary(points: &[Point], words: &[String]) -> String {
         } else {
             ""
         };
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            out,
-            "  {} ({}), {}: {time}{truth}{numeric}{front}",
+        out += &format!(
+            "  {} ({}), {}: {time}{truth}{numeric}{front}\n",
             p.stage.name(),
             p.device,
             p.setting.name
@@ -186,7 +180,7 @@ pub fn summary(points: &[Point], words: &[String]) -> String {
     }
     out.push_str("What the next steps buy:\n");
     for line in words {
-        let _ = writeln!(out, "  {line}");
+        out += &format!("  {line}\n");
     }
     out
 }

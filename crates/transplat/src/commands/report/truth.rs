@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::{BakeSettings, DEFAULT_DIRECTIONS};
+use transplat_core::bake::harmonic::DEFAULT_DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{PngBits, load_asset, write_png};
 use transplat_core::progress::no_progress;
@@ -60,7 +60,6 @@ pub fn run(
     let variants = Variant::all(args.quick, args.unknown_light);
     let bar = progress_bar("comparing with the truth", summary);
     let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);
-    let bake = BakeSettings { directions };
     let mut rows: Vec<Row> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();
     let mut estimates: Vec<LightEstimate> = Vec::new();
@@ -69,7 +68,7 @@ pub fn run(
         if bar.is_hidden() && !summary.is_quiet() {
             eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
         }
-        let scene = TruthScene::load(object, device, &bake)
+        let scene = TruthScene::load(object, device, directions)
             .with_context(|| format!("the object {}", object.name))?;
         let unknown = args
             .unknown_light
@@ -113,10 +112,10 @@ struct TruthScene<'a> {
 }
 
 impl<'a> TruthScene<'a> {
-    fn load(object: &'a TruthObject, device: &Device, bake: &BakeSettings) -> Result<Self> {
+    fn load(object: &'a TruthObject, device: &Device, directions: usize) -> Result<Self> {
         let (cloud, _) = load_asset(&object.asset)?;
         let cloud = Arc::new(cloud);
-        let bakes = Method::ALL.map(|p| Bake::new(&cloud, p, bake, &no_progress));
+        let bakes = Method::ALL.map(|p| Bake::new(&cloud, p, directions, &no_progress));
         Ok(Self {
             object,
             views: Views::load(object, &cloud, device)?,

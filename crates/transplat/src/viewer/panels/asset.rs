@@ -12,7 +12,7 @@ use crate::pipeline::warnings::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::widgets::{Control, fact, file, switch, thousands};
+use crate::viewer::widgets::{Control, fact, file, named, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
@@ -50,12 +50,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    switch(
-        ui,
-        "Colour is linear",
-        "The splat was trained on linear pictures: its colour is not decoded before it is relit.",
-        &mut session.object_mut().linear,
-    );
+    ui.checkbox(&mut session.object_mut().linear, "Colour is linear").on_hover_text("The splat was trained on linear pictures: its colour is not decoded before it is relit.");
     front(ui, viewer);
     let mut turned = 0.0;
     let turn = egui::DragValue::new(&mut turned)
@@ -71,7 +66,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         .on_hover_text(
             "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
         );
-    drag.widget_info(|| egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Turn the object"));
+    named(&drag, egui::Role::SpinButton, "Turn the object");
     if drag.changed() {
         // The object's turn is the camera's and the light's together the other way.
         let session = &mut viewer.session;
@@ -141,12 +136,8 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
         logarithmic: true,
     }
     .show(ui, &mut hide.max_size);
-    switch(
-        ui,
-        "Crop box",
-        "What lies outside of a box around the object is not drawn.",
-        &mut hide.crop,
-    );
+    ui.checkbox(&mut hide.crop, "Crop box")
+        .on_hover_text("What lies outside of a box around the object is not drawn.");
     if hide.crop {
         for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
             ui.horizontal(|ui| {
@@ -161,13 +152,11 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
                     let response = ui.add(drag).on_hover_text(
                         "A side of the box, in the object's radius around its centre.",
                     );
-                    response.widget_info(|| {
-                        egui::WidgetInfo::labeled(
-                            egui::Role::SpinButton,
-                            true,
-                            format!("Crop {name} {side}"),
-                        )
-                    });
+                    named(
+                        &response,
+                        egui::Role::SpinButton,
+                        format!("Crop {name} {side}"),
+                    );
                 }
                 hide.crop_min[axis] = low.min(high);
                 hide.crop_max[axis] = high.max(low);

@@ -6,7 +6,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::{Dialog, ask};
 use crate::viewer::session::SaveKind;
-use crate::viewer::widgets::{choice, switch};
+use crate::viewer::widgets::{choice, named};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);
@@ -38,9 +38,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
             let response = ui.add(drag).on_hover_text(format!(
                 "{name} of saved pictures; beyond the largest texture they are drawn in tiles."
             ));
-            response.widget_info(|| {
-                egui::WidgetInfo::labeled(egui::Role::SpinButton, true, format!("Picture {name}"))
-            });
+            named(&response, egui::Role::SpinButton, format!("Picture {name}"));
         }
         if ui
             .button("as here")
@@ -64,12 +62,8 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
         &mut settings.supersample,
         &[("2 x 2", 2), ("1 x 1", 1), ("3 x 3", 3), ("4 x 4", 4)],
     );
-    switch(
-        ui,
-        "Transparent background",
-        "Leaves out what is behind the object; a caught shadow stays.",
-        &mut settings.transparent,
-    );
+    ui.checkbox(&mut settings.transparent, "Transparent background")
+        .on_hover_text("Leaves out what is behind the object; a caught shadow stays.");
     choice(
         ui,
         "Sides",
@@ -149,9 +143,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
             .range(2..=10_000)
             .suffix(" frames");
         let response = ui.add(drag).on_hover_text("Frames of a whole turn.");
-        response.widget_info(|| {
-            egui::WidgetInfo::labeled(egui::Role::SpinButton, true, "Turntable frames")
-        });
+        named(&response, egui::Role::SpinButton, "Turntable frames");
         ui.selectable_value(&mut settings.turn, Turn::Camera, "camera")
             .on_hover_text("The camera goes round the object.");
         ui.selectable_value(&mut settings.turn, Turn::Light, "light")

@@ -4,11 +4,11 @@ use eframe::egui::Ui;
 use transplat_core::estimate::Estimate;
 use transplat_core::surfels::UpAxis;
 
-use crate::pipeline::estimate::what_stands_in;
+use crate::pipeline::estimate::why_not;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
-use crate::viewer::widgets::{Control, angle, fact, file, switch};
+use crate::viewer::widgets::{Control, angle, fact, file};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
@@ -83,11 +83,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
             settings.tint = [1.0; 3];
         }
     });
-    switch(
-        ui,
-        "Mirrored",
+    ui.checkbox(&mut settings.mirror, "Mirrored").on_hover_text(
         "Turns left and right of the environment round, for maps that were stored so.",
-        &mut settings.mirror,
     );
     ui.horizontal(|ui| {
         ui.label("Up in the map");
@@ -127,9 +124,8 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
         match (estimate.obstacle, is_even) {
             (Some(obstacle), _) => {
                 ui.weak(format!(
-                    "It cannot be told from the object: {}; {}.",
-                    obstacle.reason(),
-                    what_stands_in(session.scene.transfer.method, obstacle)
+                    "It {}.",
+                    why_not(session.scene.transfer.method, obstacle)
                 ));
             }
             (None, false) => {
@@ -157,12 +153,7 @@ fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
         }
         None => String::new(),
     };
-    switch(
-        ui,
-        &format!("Match the source's strength{difference}"),
-        "Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)",
-        &mut session.scene.match_strength,
-    );
+    ui.checkbox(&mut session.scene.match_strength, format!("Match the source's strength{difference}")).on_hover_text("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)");
     let locked = &mut viewer.viewport.light_locked_to_camera;
     let response = ui
         .horizontal(|ui| {

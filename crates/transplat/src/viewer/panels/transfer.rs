@@ -8,7 +8,7 @@ use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{Control, fact, name, switch};
+use crate::viewer::widgets::{Control, fact, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.scene.transfer;
@@ -52,12 +52,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if epsilon != transfer.epsilon() {
         transfer.epsilon = (epsilon != method.epsilon()).then_some(epsilon);
     }
-    switch(
-        ui,
-        "Self-shadow",
-        "The object's own shadows take part in both lights. Off, every surfel sees all of the light.",
-        &mut transfer.terms.shadow,
-    );
+    ui.checkbox(&mut transfer.terms.shadow, "Self-shadow").on_hover_text("The object's own shadows take part in both lights. Off, every surfel sees all of the light.");
     match method {
         Method::Directional => directional_terms(ui, &mut transfer.terms),
         Method::Harmonic => {
@@ -101,31 +96,17 @@ fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
             &mut terms.residual,
         ),
     ] {
-        switch(ui, label, tip, term);
+        ui.checkbox(term, label).on_hover_text(tip);
     }
 }
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
-    switch(
-        ui,
-        "Specular",
-        "Bands 1 and up: highlights and reflections. Off, the result is matte.",
-        &mut terms.specular,
-    );
+    ui.checkbox(&mut terms.specular, "Specular")
+        .on_hover_text("Bands 1 and up: highlights and reflections. Off, the result is matte.");
     ui.indent("specular terms", |ui| {
         ui.add_enabled_ui(terms.specular, |ui| {
-            switch(
-                ui,
-                "Reflection",
-                "Highlights are mirrored about the normal. Off, they stick to where the light is.",
-                &mut terms.reflection,
-            );
-            switch(
-                ui,
-                "Attenuation",
-                "Each band is as strong as the capture shows it. Off, every surface is a mirror.",
-                &mut terms.attenuation,
-            );
+            ui.checkbox(&mut terms.reflection, "Reflection").on_hover_text("Highlights are mirrored about the normal. Off, they stick to where the light is.");
+            ui.checkbox(&mut terms.attenuation, "Attenuation").on_hover_text("Each band is as strong as the capture shows it. Off, every surface is a mirror.");
         });
     });
 }
@@ -177,10 +158,6 @@ fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
             ui.weak("being counted");
         }
     }
-    switch(
-        ui,
-        "Mark them in the picture",
-        "Paints doubtful surfels in their colours. (K)",
-        &mut session.overlays.marks,
-    );
+    ui.checkbox(&mut session.overlays.marks, "Mark them in the picture")
+        .on_hover_text("Paints doubtful surfels in their colours. (K)");
 }

@@ -7,8 +7,8 @@ use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use crate::viewer::app::Viewer;
-use crate::viewer::navigation::{self, Preset};
-use crate::viewer::widgets::{Control, choice, switch};
+use crate::viewer::navigation::{self};
+use crate::viewer::widgets::{Control, choice};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
@@ -57,52 +57,30 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
             ("none (linear)", ToneMap::None),
         ],
     );
-    switch(
-        ui,
-        "False-colour exposure",
-        "Shows how many stops from middle grey each part of the picture is.",
-        &mut scene.false_color,
-    );
+    ui.checkbox(&mut scene.false_color, "False-colour exposure")
+        .on_hover_text("Shows how many stops from middle grey each part of the picture is.");
 }
 
 fn background(ui: &mut Ui, viewer: &mut Viewer) {
-    #[derive(Clone, Copy, PartialEq)]
-    enum Kind {
-        Environment,
-        Color,
-        Gradient,
-        Checker,
-        Transparent,
-    }
     let scene = &mut viewer.session.scene;
-    let mut kind = match scene.background {
-        Background::Environment => Kind::Environment,
-        Background::Color(_) => Kind::Color,
-        Background::Gradient(..) => Kind::Gradient,
-        Background::Checker => Kind::Checker,
-        Background::Transparent => Kind::Transparent,
-    };
-    let changed = choice(
-        ui,
-        "Background",
-        "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.",
-        &mut kind,
-        &[
-            ("environment", Kind::Environment),
-            ("colour", Kind::Color),
-            ("gradient", Kind::Gradient),
-            ("checker", Kind::Checker),
-            ("transparent", Kind::Transparent),
-        ],
-    );
-    if changed {
-        scene.background = match kind {
-            Kind::Environment => Background::Environment,
-            Kind::Color => Background::Color([0.18; 3]),
-            Kind::Gradient => Background::Gradient([0.32; 3], [0.12; 3]),
-            Kind::Checker => Background::Checker,
-            Kind::Transparent => Background::Transparent,
-        };
+    let all = [
+        ("environment", Background::Environment),
+        ("colour", Background::Color([0.18; 3])),
+        ("gradient", Background::Gradient([0.32; 3], [0.12; 3])),
+        ("checker", Background::Checker),
+        ("transparent", Background::Transparent),
+    ];
+    // Of each kind there is one here, whatever its colours are.
+    let kind = std::mem::discriminant(&scene.background);
+    let mut chosen = scene.background;
+    for (_, background) in all {
+        if std::mem::discriminant(&background) == kind {
+            chosen = background;
+        }
+    }
+    let tip = "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.";
+    if choice(ui, "Background", tip, &mut chosen, &all) {
+        scene.background = chosen;
     }
     match &mut scene.background {
         Background::Environment => {
@@ -124,12 +102,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         }
         Background::Checker | Background::Transparent => {}
     }
-    switch(
-        ui,
-        "Shadow on the ground",
-        "The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.",
-        &mut scene.shadow_catcher,
-    );
+    ui.checkbox(&mut scene.shadow_catcher, "Shadow on the ground").on_hover_text("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.");
 }
 
 /// A display-encoded colour.
@@ -149,13 +122,13 @@ fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
 
 fn camera(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
-        for (name, preset) in Preset::ALL {
+        for (name, viewpoint) in navigation::VIEWPOINTS {
             if ui
                 .button(name)
                 .on_hover_text("Looks at the object from there.")
                 .clicked()
             {
-                navigation::look_from(&mut viewer.session.pose, preset);
+                navigation::look_from(&mut viewer.session.pose, viewpoint);
             }
         }
         if ui
@@ -189,18 +162,12 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
     if changed {
         navigation::set_fov(&mut session.pose, fov);
     }
-    switch(
-        ui,
-        "Grid",
-        "A grid on the ground. (G)",
-        &mut session.overlays.grid,
-    );
-    switch(
-        ui,
-        "Light probes",
-        "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
-        &mut viewer.preferences.probes,
-    );
+    ui.checkbox(&mut session.overlays.grid, "Grid")
+        .on_hover_text("A grid on the ground. (G)");
+    ui.checkbox(&mut viewer.preferences.probes, "Light probes")
+        .on_hover_text(
+            "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
+        );
 }
 
 /// Shows all of the object.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use transplat_core::bake::Bake;
 use transplat_core::settings::Method;
 
-use crate::pipeline::estimate::{make_and_keep, what_stands_in};
+use crate::pipeline::estimate::{make_and_keep, why_not};
 use crate::viewer::environments::Environment;
 use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::session::{SOURCE, Session};
@@ -105,9 +105,8 @@ impl Session {
                     estimate.percent()
                 ),
                 Some(obstacle) => format!(
-                    "what it was captured under cannot be told from the object: {}; {}. {DROP_IT}",
-                    obstacle.reason(),
-                    what_stands_in(self.scene.transfer.method, obstacle)
+                    "what it was captured under {}. {DROP_IT}",
+                    why_not(self.scene.transfer.method, obstacle)
                 ),
             };
             self.info(message);

@@ -1,6 +1,5 @@
 //! The ground that catches an object's shadow.
 
-use transplat_core::bake::harmonic::BakeSettings;
 use transplat_core::ground::Ground;
 
 use crate::viewer::jobs::{Handle, Kind, Work};
@@ -19,9 +18,8 @@ impl Session {
             let (id, cloud) = (state.id, asset.cloud.clone());
             let (directions, up) = key;
             let work = move |handle: &Handle<Outcome>| {
-                let settings = BakeSettings { directions };
                 let progress = |done| handle.progress(done);
-                Ok(Ground::bake(&cloud, up, &settings, &progress)?)
+                Ok(Ground::bake(&cloud, up, directions, &progress)?)
             };
             self.start(kind, "baking the ground", work, move |session, ground| {
                 if let Some(at) = session.at(id)
@@ -35,22 +33,19 @@ impl Session {
     }
 
     fn light_ground(&mut self, at: usize) {
-        let (up, state) = (self.up_of(at), &self.states[at]);
-        let (Some(ground), Some(key), Some(lights)) = (
-            state.ground.get(),
-            state.ground.made_from(),
-            state.lights.made_from(),
-        ) else {
+        let lights = self.oriented_of(at);
+        let ground = &self.states[at].ground;
+        let (Some(ground), Some(key)) = (ground.get(), ground.made_from()) else {
             return;
         };
-        let key = (*key, lights.clone());
-        if state.ground_lit.is_asked(&key) {
+        let key = (*key, lights);
+        if self.states[at].ground_lit.is_asked(&key) {
             return;
         }
-        let [source, target] = self.sides_of(at).map(|(settings, there)| {
-            let light = settings.orient(&there.light.illumination, up);
-            ground.lit_share(&light.radiance)
-        });
+        let [source, target] = key
+            .1
+            .each_ref()
+            .map(|l| ground.lit_share(&l.light.radiance));
         self.live().set_ground([&source, &target]);
         self.states[at].ground_lit.set(key, ());
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::viewer::object::{Hidden, Unseen};
+use crate::viewer::object::Unseen;
 use crate::viewer::session::Session;
 
 impl Session {
@@ -17,13 +17,6 @@ impl Session {
             return;
         }
         let unseen = hide.unseen(&asset.cloud, &asset.bounds, &key.1);
-        let count = match hide.is_off() {
-            true => 0,
-            false => {
-                let hidden = hide.hidden(&asset.cloud, &asset.bounds);
-                hidden.into_iter().filter(|h| *h).count()
-            }
-        };
         // What was relit may still be drawn; what was not must be relit before it is.
         let is_seen = |i: usize| unseen.get(i).is_none_or(|h| !h);
         let mut left_out = state.unseen.surfels.iter().enumerate();
@@ -33,7 +26,6 @@ impl Session {
                 ..Unseen::default()
             };
         }
-        let unseen = Arc::new(unseen);
-        state.hidden.accept(key, Hidden { unseen, count });
+        state.hidden.accept(key, Arc::new(unseen));
     }
 }

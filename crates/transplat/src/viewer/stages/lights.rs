@@ -11,7 +11,7 @@ use crate::viewer::session::Session;
 impl Session {
     /// Lights the sides by what the settings name, where it is there; has it read where it is not.
     pub(in crate::viewer) fn resolve_lights(&mut self) {
-        for at in 0..self.states.len() {
+        for at in 0..self.scene.objects.len() {
             let settings = self.scene.objects[at].source.clone();
             let resolved = self.resolve(at, settings, &self.states[at].source);
             self.states[at].source = resolved;
