@@ -277,7 +277,12 @@ fn info_knows_every_kind() {
         (&look, "look"),
         (&asset("sunset.hdr"), "environment"),
     ] {
-        assert_eq!(run_json(&["info", file])["kind"], kind);
+        let json = run_json(&["info", file]);
+        assert_eq!(json["kind"], kind);
+        if kind == "look" {
+            assert_eq!(json["look"]["version"], 2);
+            assert_eq!(json["look"]["target"]["rotation"], 90.0);
+        }
         let text = run(&["info", file]);
         assert!(text.status.success() && !text.stdout.is_empty());
     }

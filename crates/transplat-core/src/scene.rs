@@ -3,8 +3,6 @@
 mod light;
 mod object;
 
-use serde::{Deserialize, Serialize};
-
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
@@ -17,18 +15,14 @@ use crate::surfels::UpAxis;
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
 pub use object::{MOST_PLACES, Object, Transform};
 
-/// Every setting that changes the picture; what a file leaves out keeps its default.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+/// Every setting that changes the picture.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// At least one; what is set before a splat is open is the first one's.
-    #[serde(skip_serializing)]
     pub objects: Vec<Object>,
     /// What they are relit by.
-    #[serde(skip_serializing)]
     pub environment: EnvironmentLight,
     /// And what lights them beside it.
-    #[serde(skip)]
     pub lights: Vec<Light>,
     /// The environment's mean irradiance is brought to the source's, before its strength.
     pub match_strength: bool,

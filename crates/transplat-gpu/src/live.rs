@@ -338,7 +338,7 @@ impl Live {
         self.surroundings_version += 1;
     }
 
-    /// Forgets all objects but the first.
+    /// Forgets all objects but so many of the first.
     pub fn truncate(&mut self, count: usize) {
         self.objects.truncate(count);
         self.surroundings_version += 1;

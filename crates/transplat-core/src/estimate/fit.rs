@@ -137,7 +137,7 @@ pub(super) struct Fit<'a> {
     basis: DMatrix<f32>,
     /// How sure it is beforehand that a coefficient is 0. `[SKY]`
     precision: Vec<f64>,
-    /// FittedLight from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
+    /// Light from everywhere, as a share of the mean, that no surfel is without: as in the transfer.
     epsilon: f64,
 }
 

@@ -1,33 +1,112 @@
-//! A look: a scene as it is saved, in readable JSON. What belongs to its object lies beside what belongs to the scene, and the environment
-//! is called the target.
+//! A look: a scene as it is saved, in readable JSON, flat: what belongs to its one object lies beside what belongs to the scene, and the
+//! environment is called the target.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-use serde_json::{Map, Value};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use super::read::read_all;
 use super::write::{folder_of, write_atomically};
+use crate::camera::CameraPose;
+use crate::color::Display;
 use crate::error::{Error, Result};
-use crate::scene::{EnvironmentLight, Object, Scene, is_file};
+use crate::present::{Background, View};
+use crate::scene::{EnvironmentLight, Object, Scene, Transform, is_file};
+use crate::settings::{Method, TransferSettings};
+use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-pub const LOOK_VERSION: u64 = 2;
+pub const LOOK_VERSION: u32 = 2;
 
-/// What of a look is its object's.
-const OF_OBJECT: [&str; 6] = ["asset", "up", "linear", "outside_from", "source", "hide"];
+/// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
+#[derive(Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Look {
+    version: u32,
+    asset: Option<PathBuf>,
+    up: Option<UpAxis>,
+    linear: bool,
+    outside_from: Vec<Vec3>,
+    directions: usize,
+    source: EnvironmentLight,
+    target: EnvironmentLight,
+    match_strength: bool,
+    transfer: TransferSettings,
+    display: Display,
+    false_color: bool,
+    view: View,
+    wipe: f32,
+    difference_scale: f32,
+    background: Background,
+    background_blur: f32,
+    shadow_catcher: bool,
+    hide: Hide,
+    camera: Option<CameraPose>,
+}
 
-/// How a look is written.
-#[derive(Serialize)]
-struct Look<'a> {
-    version: u64,
-    #[serde(flatten)]
-    object: &'a Object,
-    target: &'a EnvironmentLight,
-    /// But for its objects and its environment.
-    #[serde(flatten)]
-    scene: &'a Scene,
+impl Default for Look {
+    fn default() -> Self {
+        Self::of(Scene::default(), Object::default())
+    }
+}
+
+impl Look {
+    /// Of a scene, with one of its objects.
+    fn of(scene: Scene, object: Object) -> Self {
+        Self {
+            version: LOOK_VERSION,
+            asset: object.asset,
+            up: object.up,
+            linear: object.linear,
+            outside_from: object.outside_from,
+            directions: scene.directions,
+            source: object.source,
+            target: scene.environment,
+            match_strength: scene.match_strength,
+            transfer: scene.transfer,
+            display: scene.display,
+            false_color: scene.false_color,
+            view: scene.view,
+            wipe: scene.wipe,
+            difference_scale: scene.difference_scale,
+            background: scene.background,
+            background_blur: scene.background_blur,
+            shadow_catcher: scene.shadow_catcher,
+            hide: object.hide,
+            camera: scene.camera,
+        }
+    }
+
+    fn scene(self) -> Scene {
+        let object = Object {
+            asset: self.asset,
+            up: self.up,
+            linear: self.linear,
+            outside_from: self.outside_from,
+            transform: Transform::default(),
+            source: self.source,
+            hide: self.hide,
+        };
+        Scene {
+            objects: vec![object],
+            environment: self.target,
+            lights: Vec::new(),
+            match_strength: self.match_strength,
+            directions: self.directions,
+            transfer: self.transfer,
+            display: self.display,
+            false_color: self.false_color,
+            view: self.view,
+            wipe: self.wipe,
+            difference_scale: self.difference_scale,
+            background: self.background,
+            background_blur: self.background_blur,
+            shadow_catcher: self.shadow_catcher,
+            camera: self.camera,
+        }
+    }
 }
 
 /// Loads a saved look; its paths are resolved against its own folder.
@@ -62,45 +141,24 @@ pub fn look_text(scene: &Scene) -> std::result::Result<String, String> {
     let [object] = &scene.objects[..] else {
         return Err("a look holds one object".into());
     };
-    let look = Look {
-        version: LOOK_VERSION,
-        object,
-        target: &scene.environment,
-        scene,
-    };
+    let look = Look::of(scene.clone(), object.clone());
     serde_json::to_string_pretty(&look).map_err(|e| e.to_string())
 }
 
 fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
-    let not_a_look = |e: serde_json::Error| format!("not a look: {e}");
-    let mut look: Map<String, Value> = serde_json::from_slice(text).map_err(not_a_look)?;
-    let version = look.remove("version").unwrap_or(LOOK_VERSION.into());
-    if !version
-        .as_u64()
-        .is_some_and(|v| (1..=LOOK_VERSION).contains(&v))
-    {
+    let look: Look = serde_json::from_slice(text).map_err(|e| format!("not a look: {e}"))?;
+    let version = look.version;
+    if !(1..=LOOK_VERSION).contains(&version) {
         return Err(format!(
             "a look of version {version}; this program reads versions up to {LOOK_VERSION}"
         ));
     }
-    if version == 1 {
-        // There was one method, and nothing to name it.
-        let transfer = look.entry("transfer").or_insert_with(|| Map::new().into());
-        if let Some(transfer) = transfer.as_object_mut() {
-            transfer.entry("preset").or_insert("paper".into());
-        }
+    let mut scene = look.scene();
+    // In the first version there was one method, and nothing to name it.
+    let names_preset = |look: serde_json::Value| look.pointer("/transfer/preset").is_some();
+    if version == 1 && !serde_json::from_slice(text).is_ok_and(names_preset) {
+        scene.transfer.method = Method::Harmonic;
     }
-    let object = OF_OBJECT.iter().filter_map(|name| look.remove_entry(*name));
-    let objects = Value::Array(vec![Value::Object(object.collect())]);
-    let environment = look
-        .remove("target")
-        .unwrap_or_else(|| Value::Object(Map::new()));
-    for (name, value) in [("objects", objects), ("environment", environment)] {
-        if look.insert(name.into(), value).is_some() {
-            return Err(format!("not a look: unknown field `{name}`"));
-        }
-    }
-    let scene: Scene = serde_json::from_value(Value::Object(look)).map_err(not_a_look)?;
     scene.validate().map_err(|e| e.to_string())?;
     Ok(scene)
 }
@@ -182,7 +240,6 @@ mod tests {
             r#"{"wipe": 1.5}"#,
             r#"{"target": {"tint": [1, -1, 1]}}"#,
             r#"{"outside_from": [[1e13, 0, 0]]}"#,
-            "[]",
         ] {
             assert!(parse(wrong.as_bytes()).is_err(), "{wrong}");
         }

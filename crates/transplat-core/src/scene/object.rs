@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use glam::{Quat, Vec3};
-use serde::{Deserialize, Serialize};
 
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
@@ -15,10 +14,9 @@ pub const MOST_PLACES: usize = 32;
 const FARTHEST: f32 = 1e12;
 
 /// A splat in a scene.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Object {
-    /// Its file, relative to the look's; none where the look is for any.
+    /// Its file; none where the scene is for any.
     pub asset: Option<PathBuf>,
     /// The asset's up axis, where the file's own is not to be believed.
     pub up: Option<UpAxis>,
@@ -27,7 +25,6 @@ pub struct Object {
     /// Places, in the asset's coordinates, that see its outside: where which side of a surface is its front could not be told.
     pub outside_from: Vec<Vec3>,
     /// Where it stands.
-    #[serde(skip)]
     pub transform: Transform,
     /// The light that it was captured under.
     pub source: EnvironmentLight,

@@ -7,7 +7,7 @@ use transplat_core::rasterize::Raster;
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
 use crate::pipeline::Pipeline;
-use crate::pipeline::estimate::{estimate_in_words, why_not};
+use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::settings::{asset_of, look_of};
 use crate::summary::Summary;
 
@@ -28,9 +28,9 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     let estimate = pipeline.estimate(args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
-            "{}: the light of the capture {}",
+            "{}: the light of the capture cannot be told from the object: {}",
             asset.display(),
-            why_not(pipeline.scene.transfer.method, obstacle)
+            obstacle.reason()
         );
     }
     let map = estimate.light.map(pipeline.cloud.up);

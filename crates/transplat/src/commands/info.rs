@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use serde_json::json;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look,
+    load_look, look_text,
 };
 use transplat_core::scene::Scene;
 use transplat_core::surfels::SurfelCloud;
@@ -59,8 +58,9 @@ pub fn run(args: &InfoArgs) -> Result<()> {
         FileKind::Look => {
             let scene = load_look(path)?;
             summary.set("kind", "look");
-            summary.set("look", json!(scene));
-            lines.push(format!("look: {}", serde_json::to_string_pretty(&scene)?));
+            let text = look_text(&scene).map_err(anyhow::Error::msg)?;
+            summary.set("look", serde_json::from_str::<serde_json::Value>(&text)?);
+            lines.push(format!("look: {text}"));
         }
     }
     summary.finish(&lines.join("\n  "))

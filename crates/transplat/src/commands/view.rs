@@ -35,11 +35,11 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         // It was right a moment ago; a look that has gone meanwhile leaves the kept settings.
         look_over(kept.clone(), &options, Some(&light)).unwrap_or(kept)
     };
-    let opening = Startup {
+    let startup = Startup {
         files: args.files.clone(),
         settings: are_set.then(|| Box::new(settings) as _),
         bake,
         ..Startup::default()
     };
-    viewer::open(opening, args.options.device == DeviceChoice::Cpu)
+    viewer::open(startup, args.options.device == DeviceChoice::Cpu)
 }

@@ -171,6 +171,11 @@ fn harmonic(
         return Ok(Bake::Harmonic(open));
     }
     let mut input = BakeInput::new(cloud, directions);
+    if let [1] = stages {
+        let open = device.bake_harmonic(&input, progress)?;
+        let whole = HarmonicBake::from_open(cloud, directions, open);
+        return Ok(Bake::Harmonic(whole));
+    }
     let frames = std::mem::take(&mut input.frames);
     let order = refining_order(directions);
     let mut open = vec![0u8; cloud.len() * directions];

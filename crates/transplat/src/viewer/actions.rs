@@ -48,11 +48,11 @@ impl Viewer {
         for (action, fine) in actions {
             self.act(action, fine);
         }
-        for (number, path) in (1..=9).zip(self.shelf.paths.clone()) {
+        for (number, path) in (1..=9).zip(&self.shelf.paths) {
             let key = Key::from_name(&number.to_string());
             let is_pressed = |k| context.input_mut(|i| i.consume_key(egui::Modifiers::NONE, k));
             if key.is_some_and(is_pressed) {
-                self.session.set_light(TARGET, path);
+                self.session.set_light(TARGET, path.clone());
             }
         }
     }

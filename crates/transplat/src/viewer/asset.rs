@@ -25,8 +25,8 @@ pub struct Asset {
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
-    /// Whether its colour was to be taken otherwise when it was last asked for.
-    pub(super) reload_asked: Option<bool>,
+    /// How it was to be read when that was last asked for: whether its colour is linear, and from where its outside is seen.
+    pub(super) reading_asked: Option<(bool, Vec<Vec3>)>,
 }
 
 impl Asset {

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
@@ -38,8 +37,8 @@ pub struct ObjectState {
     pub source: Resolved,
     pub(super) lights: Derived<LightsKey, [OrientedLight; 2]>,
     pub bakes: HashMap<Method, Derived<BakeKey, BakeState>>,
-    /// By the places that its fronts were told from.
-    pub estimate: Derived<Vec<Vec3>, Estimate>,
+    /// Of the bake of the fronts as they are told.
+    pub estimate: Derived<(), Estimate>,
     pub(super) estimated: Estimated,
     /// What of its preparation is kept between settings.
     pub(super) transfer: Arc<Mutex<TransferAsset>>,
@@ -130,8 +129,8 @@ impl PartialEq for OrientedLight {
 /// What an object's lights are made from: maps, settings, whether they are matched, the other lights, and the asset's up axis.
 pub type LightsKey = ([u64; 2], [EnvironmentLight; 2], bool, Vec<Light>, UpAxis);
 
-/// Directions and, where they count, the places that its fronts were told from.
-pub type BakeKey = (usize, Vec<Vec3>);
+/// Directions. The fronts are the asset's: with others, what was baked is dropped.
+pub type BakeKey = usize;
 
 /// A method's bake, and how far it is.
 pub struct BakeState {

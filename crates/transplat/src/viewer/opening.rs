@@ -105,7 +105,7 @@ impl Session {
                     file: Arc::new(file),
                     cloud,
                     path,
-                    reload_asked: None,
+                    reading_asked: None,
                 },
                 live,
                 estimate,
@@ -122,7 +122,9 @@ impl Session {
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
                     if let Some(asset) = &session.states[at].asset {
-                        session.scene.objects[at].linear = asset.is_linear();
+                        let object = &mut session.scene.objects[at];
+                        object.linear = asset.is_linear();
+                        object.outside_from.clone_from(&asset.cloud.outside_from);
                     }
                     session.error(format!("{error:#}"));
                 }
@@ -174,14 +176,13 @@ impl Session {
         }
         // A bake that was named belongs to the asset that came with it.
         let saved_bake = last.saved_bake.take_if(|_| last.asset.is_none());
-        let outside_from = asset.cloud.outside_from.clone();
         *last = ObjectState {
             source,
             saved_bake,
             ..ObjectState::new(Some(asset))
         };
         if let Some(estimate) = estimate {
-            last.estimate.set(outside_from, estimate);
+            last.estimate.set((), estimate);
         }
         self.pinned = None;
         self.scene = scene;

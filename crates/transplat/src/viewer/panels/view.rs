@@ -7,7 +7,7 @@ use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use crate::viewer::app::Viewer;
-use crate::viewer::navigation::{self};
+use crate::viewer::navigation;
 use crate::viewer::widgets::{Control, choice};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

@@ -2,11 +2,15 @@
 
 use std::sync::Arc;
 
+use transplat_core::estimate::Estimate;
 use transplat_core::ground::ground_plane;
+use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 
+use crate::pipeline::estimate;
 use crate::viewer::asset::OpenedWith;
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::object::{Estimated, Measured};
 use crate::viewer::session::Session;
 
 impl Session {
@@ -23,25 +27,72 @@ impl Session {
             asset.ground = ground_plane(&asset.cloud, up);
             state.ground.clear();
         }
-        if asset.cloud.outside_from != object.outside_from {
-            let cloud = Arc::new(SurfelCloud {
-                outside_from: object.outside_from.clone(),
-                ..(*asset.cloud).clone()
-            });
-            asset.cloud = cloud.clone();
-            self.live().set_cloud(at, &cloud);
-            return;
-        }
-        let (wanted, loaded) = (object.linear, asset.is_linear());
+        let wanted = (object.linear, object.outside_from.clone());
+        let loaded = (asset.is_linear(), asset.cloud.outside_from.clone());
         if wanted == loaded {
-            asset.reload_asked = None;
-        } else if !is_loading && asset.reload_asked == Some(wanted) {
+            asset.reading_asked = None;
+        } else if !is_loading && asset.reading_asked.as_ref() == Some(&wanted) {
             // It was cancelled.
-            object.linear = loaded;
+            (object.linear, object.outside_from) = loaded;
         } else if !is_loading {
-            asset.reload_asked = Some(wanted);
-            let (path, object) = (asset.path.clone(), Box::new(object.clone()));
-            self.load_asset(at, path, OpenedWith::Again(object));
+            let is_linear = loaded.0 == wanted.0;
+            asset.reading_asked = Some(wanted);
+            if is_linear {
+                self.tell_outside(at);
+            } else {
+                let (path, object) = (asset.path.clone(), Box::new(object.clone()));
+                self.load_asset(at, path, OpenedWith::Again(object));
+            }
+        }
+    }
+
+    /// Takes other places that see the outside: the splat stays, what was made of its fronts goes.
+    fn tell_outside(&mut self, at: usize) {
+        let outside_from = self.scene.objects[at].outside_from.clone();
+        let state = &self.states[at];
+        let Some(asset) = &state.asset else {
+            return;
+        };
+        let (id, path, last) = (state.id, asset.path.clone(), asset.cloud.clone());
+        let work = move |_: &_| {
+            let cloud = Arc::new(SurfelCloud {
+                outside_from,
+                ..(*last).clone()
+            });
+            let estimate = estimate::kept(&path, &cloud);
+            Ok((cloud, estimate))
+        };
+        let kind = Kind::Of(id, Work::Load);
+        self.start(kind, "looking from outside", work, move |session, made| {
+            session.take_outside(id, made);
+        });
+    }
+
+    fn take_outside(&mut self, id: u64, (cloud, kept): (Arc<SurfelCloud>, Option<Estimate>)) {
+        let Some(at) = self.at(id) else {
+            return;
+        };
+        for work in [
+            Work::Bake(Method::Directional),
+            Work::Estimate,
+            Work::Measure,
+        ] {
+            self.jobs.cancel(Kind::Of(id, work));
+        }
+        self.live().set_cloud(at, &cloud);
+        self.pinned = None;
+        let state = &mut self.states[at];
+        if let Some(bake) = state.bakes.get_mut(&Method::Directional) {
+            bake.clear();
+        }
+        state.estimate.clear();
+        if let Some(kept) = kept {
+            state.estimate.set((), kept);
+        }
+        state.estimated = Estimated::default();
+        state.measured = Measured::default();
+        if let Some(asset) = &mut state.asset {
+            asset.cloud = cloud;
         }
     }
 }

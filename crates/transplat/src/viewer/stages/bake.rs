@@ -18,19 +18,16 @@ impl Session {
         self.states[at].bakes.get(&method)?.get()
     }
 
-    fn bake_key(&self, at: usize, method: Method) -> BakeKey {
+    fn bake_key(&self, method: Method) -> BakeKey {
         match method {
-            Method::Harmonic => (self.scene.directions, Vec::new()),
-            Method::Directional => (
-                patches::DIRECTIONS,
-                self.scene.objects[at].outside_from.clone(),
-            ),
+            Method::Harmonic => self.scene.directions,
+            Method::Directional => patches::DIRECTIONS,
         }
     }
 
     fn is_bake_asked(&self, at: usize, method: Method) -> bool {
         let bake = self.states[at].bakes.get(&method);
-        bake.is_some_and(|b| b.is_asked(&self.bake_key(at, method)))
+        bake.is_some_and(|b| b.is_asked(&self.bake_key(method)))
     }
 
     pub(in crate::viewer) fn is_bake_awaited(&self, at: usize, method: Method) -> bool {
@@ -84,7 +81,7 @@ impl Session {
 
     fn bake(&mut self, at: usize, method: Method, what: &str) {
         self.cancel_bakes(at);
-        let key = self.bake_key(at, method);
+        let key = self.bake_key(method);
         let state = &mut self.states[at];
         let Some(asset) = &state.asset else {
             return;
@@ -96,18 +93,16 @@ impl Session {
         let wanted = Wanted {
             cloud: asset.cloud.clone(),
             method,
-            directions: key.0,
+            directions: key,
             skips: self.scene.transfer.skips,
             beside: Some(asset.path.clone()),
         };
         let label = format!("baking {what} of {}", asset.name());
         let (id, background) = (state.id, self.background.clone());
-        let take = move |session: &mut Self, baked: Baked| session.take_bake(id, &key, baked);
-        let preview = take.clone();
+        let take = move |session: &mut Self, baked: Baked| session.take_bake(id, key, baked);
         let work = move |handle: &Handle<Outcome>| {
             let preview = |baked: Baked| {
-                let preview = preview.clone();
-                handle.send(Box::new(move |session: &mut Self| preview(session, baked)));
+                handle.send(Box::new(move |session: &mut Self| take(session, baked)));
             };
             let (device, progress) = (background.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
@@ -117,7 +112,7 @@ impl Session {
         self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
     }
 
-    fn take_bake(&mut self, id: u64, key: &BakeKey, baked: Baked) {
+    fn take_bake(&mut self, id: u64, key: BakeKey, baked: Baked) {
         let Some(at) = self.at(id) else {
             return;
         };
@@ -131,7 +126,7 @@ impl Session {
             file: baked.file,
             ms: baked.ms,
         };
-        if bake.accept(key.clone(), state) {
+        if bake.accept(key, state) {
             self.stages.bake += 1;
         }
         if let Some(why) = baked.complaint {

@@ -1,4 +1,4 @@
-//! The light of the capture as the object tells it: estimated once an asset.
+//! The light of the capture as the object tells it: estimated once an asset, and again when its outside is told.
 
 use std::sync::Arc;
 
@@ -21,14 +21,9 @@ impl Session {
         self.scene.objects[at].source.is_estimate() || is_asked_as_target
     }
 
-    fn has_estimate(&self, at: usize) -> bool {
-        let key = &self.scene.objects[at].outside_from;
-        self.states[at].estimate.of(key).is_some()
-    }
-
     /// Whether a bake is needed to estimate the light.
     pub(in crate::viewer) fn estimate_needs_bake(&self, at: usize) -> bool {
-        !self.has_estimate(at) && self.asks_for_estimate(at)
+        self.states[at].estimate.get().is_none() && self.asks_for_estimate(at)
     }
 
     fn is_estimate_awaited(&self, at: usize) -> bool {
@@ -47,8 +42,7 @@ impl Session {
             return;
         }
         self.show_estimate(at);
-        let key = self.scene.objects[at].outside_from.clone();
-        if self.states[at].estimate.is_asked(&key) {
+        if self.states[at].estimate.is_asked(&()) {
             return;
         }
         let is_on_its_way = self.is_estimating(at);
@@ -60,20 +54,20 @@ impl Session {
         });
         drop(bakes);
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
-            let was = std::mem::replace(&mut state.estimated.is_awaited, is_on_its_way);
-            if was && !is_on_its_way {
+            let was_awaited = std::mem::replace(&mut state.estimated.is_awaited, is_on_its_way);
+            if was_awaited && !is_on_its_way {
                 self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
             }
             return;
         };
-        state.estimate.ask(&key);
+        state.estimate.ask(&());
         let (path, cloud, id) = (asset.path.clone(), asset.cloud.clone(), state.id);
         let label = format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let work = move |_: &_| Ok(make_and_keep(&path, &cloud, &bake));
         self.start(kind, label, work, move |session, estimate| {
             if let Some(at) = session.at(id) {
-                session.states[at].estimate.accept(key, estimate);
+                session.states[at].estimate.accept((), estimate);
             }
         });
     }
@@ -123,7 +117,7 @@ impl Session {
     pub fn ask_for_estimate(&mut self) {
         let at = self.selected;
         self.set_light(SOURCE, transplat_core::scene::ESTIMATE.into());
-        if self.has_estimate(at) {
+        if self.estimate().is_some() {
             return;
         }
         if !self.is_estimate_awaited(at) {

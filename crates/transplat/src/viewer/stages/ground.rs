@@ -9,10 +9,14 @@ impl Session {
     pub(in crate::viewer) fn update_ground(&mut self, at: usize) {
         let key = (self.scene.directions, self.up_of(at));
         let state = &mut self.states[at];
+        let kind = Kind::Of(state.id, Work::Ground);
         let Some(asset) = state.asset.as_ref().filter(|_| self.scene.shadow_catcher) else {
+            // One that was cancelled can be had again.
+            if state.ground.current().is_none() && !self.jobs.is_awaited(kind) {
+                state.ground.ask_again();
+            }
             return;
         };
-        let kind = Kind::Of(state.id, Work::Ground);
         if state.ground.ask(&key) {
             self.jobs.cancel(kind);
             let (id, cloud) = (state.id, asset.cloud.clone());

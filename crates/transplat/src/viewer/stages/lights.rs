@@ -59,10 +59,13 @@ impl Session {
 
     /// Source and target as an asset sees them.
     pub(in crate::viewer) fn oriented_of(&self, at: usize) -> [OrientedLight; 2] {
-        let even = || OrientedLight {
-            light: Arc::new(self.environment.light.illumination.clone()),
+        // Before the first frame they lie as in their files.
+        let unturned = |there: &Resolved| OrientedLight {
+            light: Arc::new(there.light.illumination.clone()),
         };
         let lights = self.states[at].lights.get();
-        lights.cloned().unwrap_or_else(|| [even(), even()])
+        lights
+            .cloned()
+            .unwrap_or_else(|| self.sides_of(at).map(|(_, there)| unturned(there)))
     }
 }
