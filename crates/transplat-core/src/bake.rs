@@ -74,19 +74,23 @@ impl Bake {
         skips: &Skips,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        if method == Method::Directional {
-            let baked = DirectionalBake::bake_in_stages(cloud, (&[1], skips), progress, |_, _| ())?;
-            return Ok(Self::Directional(Arc::new(baked)));
-        }
         if progress(0.0).is_break() {
             return Err(Error::Cancelled);
         }
-        if skips.has(Skip::OpenObject)
-            && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
-        {
-            return Ok(Self::Harmonic(open));
-        }
-        Ok(Self::Harmonic(harmonic::bake(cloud, directions, progress)?))
+        Ok(match method {
+            Method::Directional => {
+                let stages = (&[1][..], skips);
+                let baked = DirectionalBake::bake_in_stages(cloud, stages, progress, |_, _| ())?;
+                Self::Directional(Arc::new(baked))
+            }
+            Method::Harmonic => {
+                let open = || HarmonicBake::of_open_object(cloud, directions);
+                Self::Harmonic(match skips.has(Skip::OpenObject).then(open).flatten() {
+                    Some(open) => open,
+                    None => harmonic::bake(cloud, directions, progress)?,
+                })
+            }
+        })
     }
 
     /// What was left out of it.

@@ -70,7 +70,10 @@ impl Device {
     pub fn light(&self, map: &EnvironmentMap, method: Method) -> Result<Illumination> {
         Ok(Illumination {
             radiance: self.project_environment(map, MAX_DEGREE)?,
-            beams: (method == Method::Directional).then(|| Beams::of(map)),
+            beams: match method {
+                Method::Directional => Some(Beams::of(map)),
+                Method::Harmonic => None,
+            },
             trust: 1.0,
         })
     }

@@ -120,12 +120,14 @@ impl Pipeline {
         saved: Option<&Path>,
         summary: &mut Summary,
     ) -> Result<Bake> {
-        if method == Method::Directional {
-            return Ok(Bake::Directional(self.directional_bake(saved, summary)?));
-        }
-        match saved {
-            Some(path) => self.saved_bake(path, summary),
-            None => self.new_bake(method, self.bake_directions(summary), summary),
+        match (method, saved) {
+            (Method::Directional, _) => {
+                Ok(Bake::Directional(self.directional_bake(saved, summary)?))
+            }
+            (Method::Harmonic, Some(path)) => self.saved_bake(path, summary),
+            (Method::Harmonic, None) => {
+                self.new_bake(method, self.bake_directions(summary), summary)
+            }
         }
     }
 
@@ -241,25 +243,27 @@ impl Pipeline {
         Ok(Lights { source, targets })
     }
 
-    /// Settings of the other method that were asked for all the same.
-    fn tell_what_directional_ignores(&self, summary: &mut Summary) {
+    /// Settings that the method does not know, and that were asked for all the same.
+    fn tell_what_is_ignored(&self, summary: &mut Summary) {
         let (scene, plain) = (&self.scene, Scene::default());
-        if scene.transfer.method != Method::Directional {
-            if !self.object().outside_from.is_empty() {
-                summary.skip(
-                    "what is outside",
-                    "preset paper takes the open side for the front",
-                );
+        match scene.transfer.method {
+            Method::Harmonic => {
+                if !self.object().outside_from.is_empty() {
+                    let why = "preset paper takes the open side for the front";
+                    summary.skip("what is outside", why);
+                }
             }
-            return;
-        }
-        let why = "preset best sums over directions of its own";
-        if scene.transfer.sh_degree != plain.transfer.sh_degree && scene.transfer.terms.sums {
-            summary.skip("the light's SH degree", why);
-        }
-        // The shadow on the ground is baked with them.
-        if scene.directions != plain.directions && !scene.shadow_catcher {
-            summary.skip("the number of directions", why);
+            Method::Directional => {
+                let why = "preset best sums over directions of its own";
+                let degrees = [scene, &plain].map(|s| s.transfer.sh_degree);
+                if degrees[0] != degrees[1] && scene.transfer.terms.sums {
+                    summary.skip("the light's SH degree", why);
+                }
+                // The shadow on the ground is baked with them.
+                if scene.directions != plain.directions && !scene.shadow_catcher {
+                    summary.skip("the number of directions", why);
+                }
+            }
         }
     }
 
@@ -284,7 +288,7 @@ impl Pipeline {
             ));
         }
         summary.set("dark_share", prepared.dark_share());
-        self.tell_what_directional_ignores(summary);
+        self.tell_what_is_ignored(summary);
         for skipped in prepared.left_out(&self.cloud) {
             summary.skipped(skipped);
         }

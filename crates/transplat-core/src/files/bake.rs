@@ -137,7 +137,11 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
     };
     let bytes = |each: u64| header.surfels.checked_mul(each);
     let range = bytes(least).zip(bytes(least + most)).map(|(a, b)| {
-        let more = HEADER_BYTES + if method == Method::Directional { 4 } else { 0 };
+        let more = HEADER_BYTES
+            + match method {
+                Method::Directional => 4,
+                Method::Harmonic => 0,
+            };
         a.saturating_add(more)..=b.saturating_add(more)
     });
     if !known || !range.is_some_and(|r| r.contains(&length)) {

@@ -157,13 +157,8 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
     write(&args.output.join(EPSILON_CSV), &epsilon_csv(&all))?;
     page.heading("Epsilon");
     page.paragraph("Epsilon is added to the source's irradiance, relative to its mean: what the source hardly reaches is multiplied by at most 1 / epsilon. Less is truer where there is light, more calms the dark. Rings mark the defaults.");
-    let groups = Method::ALL.map(|p| {
-        if p == Method::Directional {
-            "preset best"
-        } else {
-            "preset paper"
-        }
-    });
+    let groups = Method::ALL.map(|m| format!("preset {}", m.preset()));
+    let groups = groups.each_ref().map(String::as_str);
     let mut plot = |title: &str, y: &str, log: bool, of: &dyn Fn(&Stiff) -> Option<f64>| {
         let dots: Vec<Dot> = all
             .iter()
@@ -172,7 +167,7 @@ fn stiffness(args: &ReportArgs, subject: &Subject, page: &mut Page) -> Result<St
                     x: f64::from(s.epsilon),
                     y: of(s)?,
                     label: String::new(),
-                    group: usize::from(s.method == Method::Harmonic),
+                    group: Method::ALL.iter().position(|m| *m == s.method)?,
                     is_default: s.is_default,
                     is_joined: true,
                 })

@@ -72,11 +72,15 @@ fn on_gpu(
     context: &Arc<Context>,
     prepared: &PreparedTransfer,
 ) -> Result<Option<GpuTransfer>, GpuError> {
-    if context.is_software() && matches!(prepared, PreparedTransfer::Directional(_)) {
-        return Ok(None);
-    }
-    match GpuTransfer::new(context, prepared) {
+    let serves = match prepared {
+        PreparedTransfer::Directional(_) => !context.is_software(),
+        PreparedTransfer::Harmonic(_) => true,
+    };
+    match serves
+        .then(|| GpuTransfer::new(context, prepared))
+        .transpose()
+    {
         Err(_) if !context.is_lost() => Ok(None),
-        made => made.map(Some),
+        made => made,
     }
 }
