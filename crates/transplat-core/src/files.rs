@@ -23,7 +23,7 @@ pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, load_cameras};
 pub use estimate::load_estimate;
 pub use exr::load_picture;
-pub use look::{LOOK_VERSION, load_look, look_text, save_look};
+pub use look::{load_look, look_text, save_look};
 pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
 use read::open;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};

@@ -517,6 +517,20 @@ fn a_pinned_look_is_compared_with_and_swapped() {
     assert!(psnr(&left, &whole) > 50.0, "{}", psnr(&left, &whole));
 }
 
+/// A scene has room for another object before its splat is there, and what is shown and kept of the first stays.
+#[test]
+fn a_scene_grows_and_shrinks() {
+    let mut d = Driver::new();
+    let alone = d.picture();
+    let object = d.viewer().session.scene.objects[0].clone();
+    d.viewer().session.scene.objects.push(object);
+    assert!(psnr(&alone, &d.picture()) > 60.0);
+    d.viewer().session.pin();
+    assert!(d.viewer().session.compared().is_some());
+    d.viewer().session.scene.objects.truncate(1);
+    assert!(psnr(&alone, &d.picture()) > 60.0);
+}
+
 #[test]
 fn exports_write_what_they_say() {
     let mut d = Driver::new();

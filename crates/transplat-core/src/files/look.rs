@@ -18,7 +18,7 @@ use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-pub const LOOK_VERSION: u32 = 2;
+const LOOK_VERSION: u32 = 2;
 
 /// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
 #[derive(Serialize, Deserialize)]

@@ -6,6 +6,9 @@ use super::method::Method;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Skips([bool; Skip::ALL.len()]);
 
+// The last variant: each has its place.
+const _: () = assert!(Skip::Unseen as usize + 1 == Skip::ALL.len());
+
 impl Skips {
     /// Nothing is left out.
     pub const NONE: Self = Self([false; Skip::ALL.len()]);

@@ -369,16 +369,14 @@ impl Relight for HarmonicTransfer {
             return out;
         }
         let bytes = empty_bytes(self.surfels, cloud.sh_degree, self.asset_degree);
+        let may_skip = self.settings.skips.has(Skip::EmptyBands);
+        let skip = may_skip.then_some(Skip::EmptyBands);
         if degree > 0 {
             let what = format!("SH bands above {degree} of the asset");
             let why = "the source light has nothing there (see SH degree)";
             out.push(Skipped {
                 bytes,
-                skip: self
-                    .settings
-                    .skips
-                    .has(Skip::EmptyBands)
-                    .then_some(Skip::EmptyBands),
+                skip,
                 max_error: None,
                 ..Skipped::exact(Stage::Transfer, what, why)
             });
@@ -392,11 +390,7 @@ impl Relight for HarmonicTransfer {
             };
             out.push(Skipped {
                 bytes,
-                skip: self
-                    .settings
-                    .skips
-                    .has(Skip::EmptyBands)
-                    .then_some(Skip::EmptyBands),
+                skip,
                 ..Skipped::exact(Stage::Transfer, "specular transfer", why)
             });
         }

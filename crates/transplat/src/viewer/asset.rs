@@ -39,6 +39,12 @@ impl Asset {
             .into_owned()
     }
 
+    /// Sets how it is read to how it was.
+    pub fn give_back(&self, object: &mut Object) {
+        object.linear = self.is_linear();
+        object.outside_from.clone_from(&self.cloud.outside_from);
+    }
+
     /// Whether its colour was taken for linear.
     pub fn is_linear(&self) -> bool {
         self.cloud.encoding == Encoding::StoredLinear

@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use anyhow::Result;
 use transplat_core::color::luminance;
@@ -36,7 +36,7 @@ pub struct Environments {
 impl Default for Environments {
     /// There is always even light.
     fn default() -> Self {
-        let even = Arc::new(Environment::even());
+        let even = Environment::even();
         Self {
             read: HashMap::from([(even.path.clone(), even)]),
             reading: Vec::new(),
@@ -134,35 +134,43 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// Uniform white light.
-    pub fn even() -> Self {
+    /// Uniform white light, one for all.
+    pub fn even() -> Arc<Self> {
+        static SHARED: LazyLock<Arc<Environment>> = LazyLock::new(|| {
+            let illumination = Illumination::even(MAX_DEGREE);
+            Arc::new(Environment::uniform(EVEN.into(), illumination))
+        });
+        SHARED.clone()
+    }
+
+    /// In the place of an estimate that is not there yet, or was not to be had; one for all.
+    pub fn assumed() -> Arc<Self> {
+        static SHARED: LazyLock<Arc<Environment>> = LazyLock::new(|| {
+            let even = Illumination::even(MAX_DEGREE);
+            Arc::new(Environment::standing_in(Illumination {
+                trust: STAND_IN_TRUST,
+                ..even
+            }))
+        });
+        SHARED.clone()
+    }
+
+    /// In the place of an estimate that is not good.
+    pub fn standing_in(illumination: Illumination) -> Self {
+        Self::uniform(ESTIMATE.into(), illumination)
+    }
+
+    fn uniform(path: PathBuf, illumination: Illumination) -> Self {
         Self {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
-            path: EVEN.into(),
+            path,
             is_even: true,
-            illumination: Illumination::even(MAX_DEGREE),
+            illumination,
             small: EnvironmentMap::even(),
             size: [0, 0],
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
             map: Some(Arc::new(EnvironmentMap::even_backdrop())),
-        }
-    }
-
-    /// In the place of an estimate that is not there yet, or was not to be had.
-    pub fn assumed() -> Self {
-        Self::standing_in(Illumination {
-            trust: STAND_IN_TRUST,
-            ..Illumination::even(MAX_DEGREE)
-        })
-    }
-
-    /// In the place of an estimate that is not good.
-    pub fn standing_in(illumination: Illumination) -> Self {
-        Self {
-            path: ESTIMATE.into(),
-            illumination,
-            ..Self::even()
         }
     }
 
@@ -176,9 +184,6 @@ impl Environment {
 
     /// Reads a file and projects it, on the GPU where that can be had.
     pub fn load(background: &BackgroundDevice, path: &Path) -> Result<Self> {
-        if is_even(path) {
-            return Ok(Self::even());
-        }
         let map = load_environment(path)?;
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
         // For either method: they are changed with a click.
@@ -262,7 +267,7 @@ pub struct Resolved {
 impl Default for Resolved {
     fn default() -> Self {
         Self {
-            light: Arc::new(Environment::even()),
+            light: Environment::even(),
             settings: EnvironmentLight::of(EVEN),
         }
     }

@@ -8,7 +8,7 @@ use super::jobs::{Handle, Kind, Work, beside_the_rest};
 use super::object::Measured;
 use super::session::{Outcome, Session};
 use crate::device::Device;
-use crate::savings::{self};
+use crate::savings;
 use crate::sweep::{Effort, Setting, Subject, Sweep, in_words};
 
 /// Repeats of a transfer with and without what is left out.

@@ -39,7 +39,10 @@ pub struct ObjectState {
     pub bakes: HashMap<Method, Derived<BakeKey, BakeState>>,
     /// Of the bake of the fronts as they are told.
     pub estimate: Derived<(), Estimate>,
-    pub(super) estimated: Estimated,
+    /// The light that is made of that, by its version and the up axis.
+    pub(super) estimated: Derived<(u64, UpAxis), Arc<Environment>>,
+    /// Whether there was to be one when it was last looked for.
+    pub(super) estimate_awaited: bool,
     /// What of its preparation is kept between settings.
     pub(super) transfer: Arc<Mutex<TransferAsset>>,
     pub prepared: Derived<PrepareKey, Prepared>,
@@ -94,25 +97,6 @@ impl ObjectState {
 }
 
 // ---- what the stages make, and what of ----
-
-/// The light that the asset tells of, or what is assumed.
-pub struct Estimated {
-    pub light: Arc<Environment>,
-    /// Version of the estimate, and the up axis.
-    pub made_from: Option<(u64, UpAxis)>,
-    /// Whether there will be another.
-    pub is_awaited: bool,
-}
-
-impl Default for Estimated {
-    fn default() -> Self {
-        Self {
-            light: Arc::new(Environment::assumed()),
-            made_from: None,
-            is_awaited: false,
-        }
-    }
-}
 
 /// A light as the asset sees it; two are the same where nothing was changed in between.
 #[derive(Clone)]

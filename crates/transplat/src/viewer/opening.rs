@@ -19,20 +19,17 @@ use super::stages::DROP_IT;
 use crate::pipeline::estimate;
 use crate::pipeline::warnings::asset_warnings;
 
-/// An object of which nothing is told: its light is estimated.
-pub fn unknown_object() -> Object {
-    Object {
-        source: EnvironmentLight::of(ESTIMATE),
-        ..Object::default()
-    }
-}
-
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
             Ok(FileKind::Ply) => {
-                let opened_with = OpenedWith::Object(Box::new(unknown_object()), None);
+                // Nothing is told of it: its light is estimated.
+                let object = Object {
+                    source: EnvironmentLight::of(ESTIMATE),
+                    ..Object::default()
+                };
+                let opened_with = OpenedWith::Object(Box::new(object), None);
                 self.load_asset(self.selected, path.to_owned(), opened_with);
             }
             Ok(FileKind::Look) => match load_look(path) {
@@ -122,9 +119,7 @@ impl Session {
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
                     if let Some(asset) = &session.states[at].asset {
-                        let object = &mut session.scene.objects[at];
-                        object.linear = asset.is_linear();
-                        object.outside_from.clone_from(&asset.cloud.outside_from);
+                        asset.give_back(&mut session.scene.objects[at]);
                     }
                     session.error(format!("{error:#}"));
                 }
@@ -197,15 +192,13 @@ impl Session {
     /// Reads the environments that wait, and those that the settings name.
     pub(super) fn start_lights(&mut self) {
         let sources = self.scene.objects.iter().map(|o| &o.source);
-        let shown: Vec<PathBuf> = sources
-            .chain([&self.scene.environment])
-            .filter_map(|light| light.file.clone())
-            .collect();
-        let shown: Vec<&Path> = shown.iter().map(PathBuf::as_path).collect();
+        let lights = sources.chain([&self.scene.environment]);
+        let shown: Vec<&Path> = lights.filter_map(|l| l.file.as_deref()).collect();
         for path in &shown {
             self.environments.request(path);
         }
-        while let Some(path) = self.environments.next(&shown) {
+        let next = std::iter::from_fn(|| self.environments.next(&shown));
+        for path in next.collect::<Vec<_>>() {
             self.start_light(path);
         }
     }

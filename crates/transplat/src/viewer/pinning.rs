@@ -46,7 +46,9 @@ impl Session {
     }
 
     fn pin_what_is_shown(&mut self, display: Display) -> bool {
-        (0..self.states.len()).all(|at| self.pin_object(at, display))
+        let has_asset = |at: &usize| self.states[*at].asset.is_some();
+        let objects: Vec<usize> = (0..self.states.len()).filter(has_asset).collect();
+        objects.into_iter().all(|at| self.pin_object(at, display))
     }
 
     /// Keeps what is shown relit of an object, all parts of it.

@@ -285,12 +285,13 @@ impl Session {
         ]
     }
 
-    /// What that file holds, or the estimate of the object's light.
-    pub(super) fn light_of(&self, at: usize, file: &Path) -> Option<&Arc<Environment>> {
+    /// What that file holds, or the estimate of the object's light: what is assumed until there is one.
+    pub(super) fn light_of(&self, at: usize, file: &Path) -> Option<Arc<Environment>> {
         if is_estimate(file) {
-            return Some(&self.states[at].estimated.light);
+            let estimated = self.states[at].estimated.get().cloned();
+            return Some(estimated.unwrap_or_else(Environment::assumed));
         }
-        self.environments.get(file)
+        self.environments.get(file).cloned()
     }
 
     /// Source and target as the asset sees them.

@@ -10,7 +10,7 @@ use transplat_core::surfels::SurfelCloud;
 use crate::pipeline::estimate;
 use crate::viewer::asset::OpenedWith;
 use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::object::{Estimated, Measured};
+use crate::viewer::object::Measured;
 use crate::viewer::session::Session;
 
 impl Session {
@@ -27,22 +27,26 @@ impl Session {
             asset.ground = ground_plane(&asset.cloud, up);
             state.ground.clear();
         }
-        let wanted = (object.linear, object.outside_from.clone());
-        let loaded = (asset.is_linear(), asset.cloud.outside_from.clone());
-        if wanted == loaded {
+        let is_same_colour = object.linear == asset.is_linear();
+        if is_same_colour && object.outside_from == asset.cloud.outside_from {
             asset.reading_asked = None;
-        } else if !is_loading && asset.reading_asked.as_ref() == Some(&wanted) {
+            return;
+        }
+        if is_loading {
+            return;
+        }
+        let wanted = (object.linear, object.outside_from.clone());
+        if asset.reading_asked.as_ref() == Some(&wanted) {
             // It was cancelled.
-            (object.linear, object.outside_from) = loaded;
-        } else if !is_loading {
-            let is_linear = loaded.0 == wanted.0;
-            asset.reading_asked = Some(wanted);
-            if is_linear {
-                self.tell_outside(at);
-            } else {
-                let (path, object) = (asset.path.clone(), Box::new(object.clone()));
-                self.load_asset(at, path, OpenedWith::Again(object));
-            }
+            asset.give_back(object);
+            return;
+        }
+        asset.reading_asked = Some(wanted);
+        if is_same_colour {
+            self.tell_outside(at);
+        } else {
+            let (path, object) = (asset.path.clone(), Box::new(object.clone()));
+            self.load_asset(at, path, OpenedWith::Again(object));
         }
     }
 
@@ -89,7 +93,8 @@ impl Session {
         if let Some(kept) = kept {
             state.estimate.set((), kept);
         }
-        state.estimated = Estimated::default();
+        state.estimated.clear();
+        state.estimate_awaited = false;
         state.measured = Measured::default();
         if let Some(asset) = &mut state.asset {
             asset.cloud = cloud;

@@ -41,7 +41,7 @@ impl Session {
         }
         let overlays = &self.overlays;
         let shows = overlays.wants_doubts || overlays.marks || self.scene.view == View::Doubts;
-        let wants_doubts = shows && state.doubts.ask(&key);
+        let wants_doubts = shows && !state.doubts.is_asked(&key);
         let wants_readout = overlays.wants_readout && state.readout.of(&key).is_none();
         if !wants_doubts && !wants_readout {
             return;

@@ -54,7 +54,7 @@ impl Session {
         });
         drop(bakes);
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
-            let was_awaited = std::mem::replace(&mut state.estimated.is_awaited, is_on_its_way);
+            let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
             if was_awaited && !is_on_its_way {
                 self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
             }
@@ -75,12 +75,14 @@ impl Session {
     /// Makes a light of the estimate where it is good, upright as the asset is.
     fn show_estimate(&mut self, at: usize) {
         let up = self.up_of(at);
-        let state = &self.states[at];
-        let shown = (state.estimate.version(), up);
+        let state = &mut self.states[at];
         let Some(estimate) = state.estimate.get() else {
             return;
         };
-        if state.estimated.made_from == Some(shown) {
+        let key = (state.estimate.version(), up);
+        let last = state.estimated.made_from();
+        let is_new = last.is_none_or(|(version, _)| *version != key.0);
+        if !state.estimated.ask(&key) {
             return;
         }
         let light = if estimate.is_good() {
@@ -88,10 +90,6 @@ impl Session {
         } else {
             Ok(Environment::standing_in(estimate.stand_in()))
         };
-        let is_new = state
-            .estimated
-            .made_from
-            .is_none_or(|(version, _)| version != shown.0);
         if is_new && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None => format!(
@@ -105,10 +103,10 @@ impl Session {
             };
             self.info(message);
         }
-        let state = &mut self.states[at];
-        state.estimated.made_from = Some(shown);
         match light {
-            Ok(light) => state.estimated.light = Arc::new(light),
+            Ok(light) => {
+                self.states[at].estimated.accept(key, Arc::new(light));
+            }
             Err(error) => self.error(format!("{error:#}")),
         }
     }

@@ -9,26 +9,32 @@ use crate::viewer::object::{LightsKey, OrientedLight};
 use crate::viewer::session::Session;
 
 impl Session {
-    /// Lights the sides by what the settings name, where it is there; has it read where it is not.
+    /// Lights the sides by what the settings name, where it is there.
     pub(in crate::viewer) fn resolve_lights(&mut self) {
         for at in 0..self.scene.objects.len() {
-            let settings = self.scene.objects[at].source.clone();
-            let resolved = self.resolve(at, settings, &self.states[at].source);
-            self.states[at].source = resolved;
+            let [source, _] = self.sides_of(at);
+            if let Some(resolved) = self.resolve(at, source) {
+                self.states[at].source = resolved;
+            }
         }
-        let settings = self.scene.environment.clone();
-        self.environment = self.resolve(self.selected, settings, &self.environment);
+        let [_, environment] = self.sides_of(self.selected);
+        if let Some(resolved) = self.resolve(self.selected, environment) {
+            self.environment = resolved;
+        }
     }
 
-    fn resolve(&self, at: usize, settings: EnvironmentLight, last: &Resolved) -> Resolved {
-        let light = settings.file.as_ref().and_then(|f| self.light_of(at, f));
-        match light {
-            Some(light) => Resolved {
-                light: light.clone(),
-                settings,
-            },
-            None => last.clone(),
-        }
+    /// What a side is lit by, where that is another than it was.
+    fn resolve(
+        &self,
+        at: usize,
+        (settings, last): (&EnvironmentLight, &Resolved),
+    ) -> Option<Resolved> {
+        let light = self.light_of(at, settings.file.as_ref()?)?;
+        let is_new = light.id != last.light.id || *settings != last.settings;
+        is_new.then(|| Resolved {
+            light,
+            settings: settings.clone(),
+        })
     }
 
     /// Turns an object's lights as they are set.

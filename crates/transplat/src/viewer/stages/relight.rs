@@ -100,8 +100,8 @@ impl Session {
         let prepared = self.states[at].prepared.get();
         let gain = prepared.map_or(1.0, |p| p.prepared.light_gain());
         let stops = (key.target.light.mean_irradiance() * gain).log2();
-        let sides = self.sides_of(at).into_iter();
-        let is_known = { sides }.all(|(settings, there)| {
+        let mut sides = self.sides_of(at).into_iter();
+        let is_known = sides.all(|(settings, there)| {
             let file = settings.file.as_ref();
             file.is_none_or(|f| *f == there.light.path)
         });
