@@ -1,5 +1,6 @@
 //! Files in and out. A file is known by what it begins with, never by its name, and nothing is allocated by a number that a file only claims.
 
+mod asset;
 mod bake;
 mod cameras;
 mod estimate;
@@ -19,17 +20,17 @@ use std::path::Path;
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
+pub use asset::{AssetFile, AssetKind, AssetReport, load_asset, write_relit};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
 pub use cameras::{CameraFile, load_cameras};
 pub use estimate::load_estimate;
 pub use exr::load_picture;
 pub use look::{load_look, look_text, save_look};
-pub use ply::{AssetFile, AssetKind, AssetReport, load_asset};
 use read::open;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use write::{
     ExrFloats, PngBits, check_output, save_bake, save_estimate, write_atomically, write_exr,
-    write_png, write_relit_ply,
+    write_png,
 };
 
 /// What a file is, by its first bytes.
@@ -68,7 +69,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         return Err(Error::invalid(path, "the file is empty"));
     }
     Ok(match start {
-        _ if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") => FileKind::Ply,
+        [b'p', b'l', b'y', after, ..] if after.is_ascii_whitespace() => FileKind::Ply,
         _ if start.starts_with(b"#?") => FileKind::Hdr,
         _ if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) => FileKind::Exr,
         _ if start.starts_with(b"\x89PNG") || start.starts_with(&[0xff, 0xd8, 0xff]) => {

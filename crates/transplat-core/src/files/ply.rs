@@ -1,158 +1,84 @@
 //! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order.
 
 mod header;
+mod write;
 
-use std::io::{BufRead, BufReader, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, Seek, SeekFrom};
 
-use glam::{Mat3, Quat, Vec2, Vec3};
-use rayon::prelude::*;
-
-use crate::color::Encoding;
-use crate::error::{Error, Result};
-use crate::sh::{MAX_COEFFICIENTS, MAX_DEGREE, coefficient_count};
+use super::asset::{AssetKind, AssetReport, Builder, Problem, StoredRow};
+use crate::sh::{MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
 
-pub(crate) use header::Format;
-use header::{Header, ScalarType};
-
-/// What kind of splat a file holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AssetKind {
-    /// 2D Gaussian surfels: two scales.
-    Surfels2d,
-    /// 3D Gaussians: three scales, of which the shortest was dropped.
-    Gaussians3d,
-}
-
-/// What loading noticed.
-#[derive(Clone, Debug)]
-pub struct AssetReport {
-    /// 2DGS or 3DGS.
-    pub kind: AssetKind,
-    /// Vertices in the file.
-    pub vertices: usize,
-    /// Names of all properties, in the file's order.
-    pub properties: Vec<String>,
-    /// Comment lines of the header.
-    pub comments: Vec<String>,
-    /// Rows that hold something that is not a number or out of any range; they are kept in place and never drawn.
-    pub left_out: Vec<usize>,
-    /// 3DGS: median of shortest over second axis. 0 is flat; relighting needs well under 0.3.
-    pub median_flatness: Option<f32>,
-}
-
-/// The file behind an asset: what [`crate::files::write_relit_ply`] needs to write it again with other colour.
-#[derive(Clone, Debug)]
-pub struct AssetFile {
-    /// Where it was read.
-    pub path: PathBuf,
-    /// What was noticed.
-    pub report: AssetReport,
-    pub(crate) header: Header,
-    /// Length and time of change when it was read: it must still be the same when it is written again.
-    pub(crate) stamp: (u64, Option<std::time::SystemTime>),
-}
-
-/// A file with a larger share of broken rows is refused: it is not a splat with a few bad surfels.
-const MAX_LEFT_OUT_SHARE: f64 = 0.1;
+pub(super) use header::Header;
+use header::{Format, ScalarType};
+pub(super) use write::ColorColumns;
 
 /// Rows are read and converted in blocks of this size.
 const BLOCK_ROWS: usize = 1 << 14;
 
-/// Loads a 2DGS or 3DGS PLY.
-///
-/// A 3D Gaussian becomes a surfel by dropping its shortest axis. Rows with values that are no numbers are left out of the
-/// picture (opacity 0) and reported.
-///
-/// # Errors
-/// The file cannot be read, is no PLY, lacks a property that a splat has, ends before its rows do, or is mostly no numbers.
-pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
-    let invalid = |message: String| Error::invalid(path, message);
-    let file = super::read::open(path)?;
-    let metadata = file.metadata().map_err(Error::io(path))?;
-    if metadata.len() == 0 {
-        return Err(invalid(
-            "the file is empty; a splat in PLY is expected".into(),
-        ));
-    }
-    let mut reader = BufReader::with_capacity(1 << 20, file);
-    let header =
-        Header::parse(&mut reader).map_err(|m| invalid(format!("not a PLY splat: {m}")))?;
-    let layout = Layout::find(&header).map_err(invalid)?;
-    let available = metadata.len().saturating_sub(header.bytes);
+/// Reads a splat from a file of so many bytes; the header is what [`ColorColumns`] writes it again by.
+pub(super) fn read(
+    reader: &mut (impl BufRead + Seek),
+    file_bytes: u64,
+) -> Result<(SurfelCloud, AssetReport, Header), Problem> {
+    let header = Header::parse(reader).map_err(|m| format!("not a PLY splat: {m}"))?;
+    let layout = Layout::find(&header)?;
+    let available = file_bytes.saturating_sub(header.bytes);
+    let ascii = header.format == Format::Ascii;
     // The least that the claimed rows take: so nothing is allocated that the file could not fill.
-    let row_bytes = if header.format == Format::Ascii {
+    let row_bytes = if ascii {
         2 * header.properties.len()
     } else {
         header.stride
     } as u64;
-    let needed = header.vertices.checked_mul(row_bytes).and_then(|n| {
-        n.checked_add(if header.format == Format::Ascii {
-            0
-        } else {
-            header.skip
-        })
-    });
+    let before = if ascii { 0 } else { header.skip };
+    let needed = (header.vertices.checked_mul(row_bytes)).and_then(|n| n.checked_add(before));
     // The last line of a text may lack its end.
-    let slack = u64::from(header.format == Format::Ascii);
-    if needed.is_none_or(|n| n > available + slack) {
+    if needed.is_none_or(|n| n > available + u64::from(ascii)) {
         let whole = available / row_bytes.max(1);
-        return Err(invalid(format!(
+        return Err(Problem::Text(format!(
             "claims {} vertices of {row_bytes} bytes or more, and has room for {whole}: it is truncated, or its count is wrong",
             header.vertices
         )));
     }
     if header.vertices == 0 {
-        return Err(invalid("holds no vertices".into()));
+        return Err("holds no vertices".to_owned().into());
     }
-    let mut cloud = Builder::new(&layout, header.vertices as usize);
-    if header.format == Format::Ascii {
-        read_ascii(&mut reader, &header, &mut cloud)
+    let mut rows = Builder::new(layout.kind(), layout.degree, header.vertices as usize);
+    if ascii {
+        read_ascii(reader, &header, &layout, &mut rows)?;
     } else {
-        read_binary(&mut reader, &header, &mut cloud)
+        read_binary(reader, &header, &layout, &mut rows)?;
     }
-    .map_err(|problem| match problem {
-        RowError::Io(reason) => Error::Io {
-            path: path.to_owned(),
-            reason,
-        },
-        RowError::Text(message) => invalid(message),
-    })?;
-    let (cloud, report) = cloud.finish(&header).map_err(invalid)?;
-    let asset = AssetFile {
-        path: path.to_owned(),
-        report,
-        header,
-        stamp: (metadata.len(), metadata.modified().ok()),
-    };
-    Ok((cloud, asset))
-}
-
-enum RowError {
-    Io(std::io::Error),
-    Text(String),
+    let names = header.properties.iter().map(|p| p.name.clone()).collect();
+    let (mut cloud, report) = rows.finish(names, header.comments.clone())?;
+    let up = header
+        .comments
+        .iter()
+        .find_map(|comment| up_axis_of(comment));
+    cloud.up = up.unwrap_or_default();
+    Ok((cloud, report, header))
 }
 
 fn read_binary(
     reader: &mut (impl BufRead + Seek),
     header: &Header,
-    cloud: &mut Builder<'_>,
-) -> Result<(), RowError> {
-    reader
-        .seek(SeekFrom::Start(header.bytes + header.skip))
-        .map_err(RowError::Io)?;
+    layout: &Layout,
+    cloud: &mut Builder,
+) -> Result<(), Problem> {
+    reader.seek(SeekFrom::Start(header.bytes + header.skip))?;
     let mut left = header.vertices as usize;
     let mut block = vec![0u8; BLOCK_ROWS.min(left) * header.stride];
     while left > 0 {
         let rows = left.min(BLOCK_ROWS);
         let block = &mut block[..rows * header.stride];
-        reader.read_exact(block).map_err(RowError::Io)?;
+        reader.read_exact(block)?;
         let properties = &header.properties;
         let big_endian = header.big_endian();
         // As trainers write it; everything else is read property by property.
         let plain = !big_endian && properties.iter().all(|p| p.scalar == ScalarType::F32);
-        cloud.push_rows(rows, |row, values| {
+        cloud.push_rows(rows, |row, values, sh| {
+            values.resize(properties.len(), 0.0);
             let bytes = &block[row * header.stride..][..header.stride];
             if plain {
                 for (value, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
@@ -163,6 +89,7 @@ fn read_binary(
                     *value = p.scalar.read(&bytes[p.offset..], big_endian);
                 }
             }
+            layout.row(values, sh)
         });
         left -= rows;
     }
@@ -172,16 +99,17 @@ fn read_binary(
 fn read_ascii(
     reader: &mut impl BufRead,
     header: &Header,
-    cloud: &mut Builder<'_>,
-) -> Result<(), RowError> {
+    layout: &Layout,
+    cloud: &mut Builder,
+) -> Result<(), Problem> {
     let columns = header.properties.len();
     let mut line = String::new();
     let mut skipped = 0;
     let (mut rows, mut values) = (0u64, Vec::new());
     while rows < header.vertices {
         line.clear();
-        if reader.read_line(&mut line).map_err(RowError::Io)? == 0 {
-            return Err(RowError::Text(format!(
+        if reader.read_line(&mut line)? == 0 {
+            return Err(Problem::Text(format!(
                 "ends after {rows} of {} vertices",
                 header.vertices
             )));
@@ -197,19 +125,19 @@ fn read_ascii(
         for word in line.split_ascii_whitespace() {
             let value: f32 = word
                 .parse()
-                .map_err(|_| RowError::Text(format!("vertex {rows}: {word:?} is not a number")))?;
+                .map_err(|_| format!("vertex {rows}: {word:?} is not a number"))?;
             values.push(value);
         }
         if values.len() - before != columns {
-            return Err(RowError::Text(format!(
+            return Err(Problem::Text(format!(
                 "vertex {rows} has {} values where the header names {columns}",
                 values.len() - before
             )));
         }
         rows += 1;
         if values.len() >= BLOCK_ROWS * columns || rows == header.vertices {
-            cloud.push_rows(values.len() / columns, |row, out| {
-                out.copy_from_slice(&values[row * columns..][..columns]);
+            cloud.push_rows(values.len() / columns, |row, _, sh| {
+                layout.row(&values[row * columns..][..columns], sh)
             });
             values.clear();
         }
@@ -226,8 +154,6 @@ struct Layout {
     /// `[K][3]`: in the file, all of red's higher coefficients come first, then green's, then blue's.
     sh: Vec<[usize; 3]>,
     degree: usize,
-    /// Properties of a row.
-    columns: usize,
 }
 
 impl Layout {
@@ -275,7 +201,6 @@ impl Layout {
             opacity: need("opacity")?,
             sh,
             degree,
-            columns: header.properties.len(),
         };
         // Integers cannot hold logits, logarithms and SH: such a file is packed in a way of its own.
         let used = layout.sh.iter().flatten().chain(&layout.scales);
@@ -290,190 +215,30 @@ impl Layout {
         }
         Ok(layout)
     }
-}
 
-/// One converted row.
-struct Row {
-    position: Vec3,
-    tangents: [Vec3; 2],
-    scale: Vec2,
-    opacity: f32,
-    /// Shortest over second axis of a 3D Gaussian: 0 is flat.
-    flatness: f32,
-    valid: bool,
-}
+    fn kind(&self) -> AssetKind {
+        match self.scales[..] {
+            [_, _] => AssetKind::Surfels2d,
+            _ => AssetKind::Gaussians3d,
+        }
+    }
 
-/// Positions beyond this overflow when squared; colour beyond [`MAX_SH`] is no colour.
-const MAX_POSITION: f32 = 1e15;
-const MAX_SH: f32 = 1e6;
-
-impl Row {
-    fn read(layout: &Layout, values: &[f32]) -> Self {
+    /// The row of these values, in the order of its properties.
+    fn row(&self, values: &[f32], sh: &mut [[f32; 3]]) -> StoredRow {
         let get = |index: usize| values[index];
-        let position = Vec3::from_array(layout.position.map(get));
-        let [w, x, y, z] = layout.rotation.map(get);
-        let logit = get(layout.opacity);
-        let mut logs = [0f32; 3];
-        for (log, index) in logs.iter_mut().zip(&layout.scales) {
+        for (out, indices) in sh.iter_mut().zip(&self.sh) {
+            *out = indices.map(get);
+        }
+        let mut log_scales = [0.0; 3];
+        for (log, index) in log_scales.iter_mut().zip(&self.scales) {
             *log = get(*index);
         }
-        let logs = &logs[..layout.scales.len()];
-        let length = (w * w + x * x + y * y + z * z).sqrt();
-        let in_range = |v: f32, limit: f32| v.abs() <= limit;
-        let valid = position.to_array().iter().all(|v| in_range(*v, MAX_POSITION))
-            && length > 1e-12
-            && length.is_finite()
-            // Flattened to nothing (log 0) or opaque (logit infinity) is fine.
-            && !logit.is_nan()
-            && logs.iter().all(|v| *v < 80.0)
-            && layout.sh.iter().flatten().fold(true, |ok, i| ok & in_range(get(*i), MAX_SH));
-        if !valid {
-            return Self {
-                position: Vec3::ZERO,
-                tangents: [Vec3::X, Vec3::Y],
-                scale: Vec2::splat(1e-12),
-                opacity: 0.0,
-                flatness: f32::NAN,
-                valid,
-            };
+        StoredRow {
+            position: self.position.map(get),
+            rotation: self.rotation.map(get),
+            log_scales,
+            logit: get(self.opacity),
         }
-        let axes = Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize());
-        let axes = [axes.x_axis, axes.y_axis, axes.z_axis];
-        let scales: [f32; 3] =
-            std::array::from_fn(|i| logs.get(i).map_or(0.0, |log| log.max(-60.0).exp()));
-        // The third axis is kept as the normal where it is the shortest, so that a flat 3D Gaussian has the frame of a surfel.
-        let shortest = if logs.len() < 3 || (scales[2] <= scales[0] && scales[2] <= scales[1]) {
-            2
-        } else if scales[0] <= scales[1] {
-            0
-        } else {
-            1
-        };
-        let (u, v) = ((shortest + 1) % 3, (shortest + 2) % 3);
-        Self {
-            position,
-            tangents: [axes[u], axes[v]],
-            scale: Vec2::new(scales[u], scales[v]),
-            opacity: 1.0 / (1.0 + (-logit).exp()),
-            flatness: scales[shortest] / scales[u].min(scales[v]),
-            valid,
-        }
-    }
-}
-
-/// Fills the cloud block by block. All of it is allocated at once, zeroed by the system, so that its pages are first touched in parallel.
-struct Builder<'a> {
-    layout: &'a Layout,
-    cloud: SurfelCloud,
-    filled: usize,
-    flatness: Vec<f32>,
-    left_out: Vec<usize>,
-}
-
-impl<'a> Builder<'a> {
-    fn new(layout: &'a Layout, rows: usize) -> Self {
-        let cloud = SurfelCloud {
-            positions: bytemuck::zeroed_vec(rows),
-            tangents: bytemuck::zeroed_vec(rows),
-            scales: bytemuck::zeroed_vec(rows),
-            opacities: bytemuck::zeroed_vec(rows),
-            sh: bytemuck::zeroed_vec(rows * layout.sh.len()),
-            sh_degree: layout.degree,
-            encoding: Encoding::Stored,
-            up: UpAxis::PlusZ,
-            outside_from: Vec::new(),
-        };
-        Self {
-            layout,
-            cloud,
-            filled: 0,
-            flatness: bytemuck::zeroed_vec(rows),
-            left_out: Vec::new(),
-        }
-    }
-
-    /// Converts a block of rows in parallel; `decode` writes a row's values in the order of its properties.
-    fn push_rows(&mut self, rows: usize, decode: impl Fn(usize, &mut [f32]) + Sync) {
-        const PIECE: usize = 512;
-        let (layout, k) = (self.layout, self.layout.sh.len());
-        let block = self.filled..self.filled + rows;
-        let cloud = &mut self.cloud;
-        let left_out: Vec<usize> = cloud.positions[block.clone()]
-            .par_chunks_mut(PIECE)
-            .zip(cloud.tangents[block.clone()].par_chunks_mut(PIECE))
-            .zip(cloud.scales[block.clone()].par_chunks_mut(PIECE))
-            .zip(cloud.opacities[block.clone()].par_chunks_mut(PIECE))
-            .zip(cloud.sh[block.start * k..block.end * k].par_chunks_mut(PIECE * k))
-            .zip(self.flatness[block.clone()].par_chunks_mut(PIECE))
-            .enumerate()
-            .flat_map_iter(
-                |(piece, (((((positions, tangents), scales), opacities), sh), flatness))| {
-                    let mut left_out = Vec::new();
-                    let mut values = vec![0f32; layout.columns];
-                    for i in 0..positions.len() {
-                        let row = piece * PIECE + i;
-                        decode(row, &mut values);
-                        let converted = Row::read(layout, &values);
-                        positions[i] = converted.position;
-                        tangents[i] = converted.tangents;
-                        scales[i] = converted.scale;
-                        opacities[i] = converted.opacity;
-                        flatness[i] = converted.flatness;
-                        if !converted.valid {
-                            left_out.push(block.start + row);
-                            continue;
-                        }
-                        for (out, indices) in sh[i * k..][..k].iter_mut().zip(&layout.sh) {
-                            *out = indices.map(|index| values[index]);
-                        }
-                    }
-                    left_out
-                },
-            )
-            .collect();
-        self.left_out.extend(left_out);
-        self.filled += rows;
-    }
-
-    fn finish(self, header: &Header) -> Result<(SurfelCloud, AssetReport), String> {
-        let (mut cloud, mut flatness) = (self.cloud, self.flatness);
-        // A row that is left out has no ratio.
-        flatness.retain(|f| f.is_finite());
-        if self.layout.scales.len() < 3 {
-            flatness.clear();
-        }
-        debug_assert!(coefficient_count(cloud.sh_degree) <= MAX_COEFFICIENTS);
-        if self.left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
-            return Err(format!(
-                "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}); not a usable splat",
-                self.left_out.len(),
-                cloud.len(),
-                self.left_out[0]
-            ));
-        }
-        cloud.up = header
-            .comments
-            .iter()
-            .find_map(|comment| up_axis_of(comment))
-            .unwrap_or_default();
-        let median_flatness = (!flatness.is_empty()).then(|| {
-            let middle = flatness.len() / 2;
-            *flatness.select_nth_unstable_by(middle, f32::total_cmp).1
-        });
-        let kind = if self.layout.scales.len() == 3 {
-            AssetKind::Gaussians3d
-        } else {
-            AssetKind::Surfels2d
-        };
-        let report = AssetReport {
-            kind,
-            vertices: cloud.len(),
-            properties: header.properties.iter().map(|p| p.name.clone()).collect(),
-            comments: header.comments.clone(),
-            left_out: self.left_out,
-            median_flatness,
-        };
-        Ok((cloud, report))
     }
 }
 

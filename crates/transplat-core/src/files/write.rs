@@ -1,15 +1,13 @@
 //! Files out. Everything is written under a temporary name beside its place and renamed when it is whole.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use image::ImageEncoder;
 
 use super::bake;
 use super::estimate::EstimateFile;
-use super::ply::{AssetFile, Format};
-use super::read::open;
 use crate::bake::Bake;
 use crate::error::{Error, Result};
 use crate::estimate::Estimate;
@@ -135,149 +133,6 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
     })
 }
 
-/// Writes the asset again with other colour: every property, comment and trailing element that the file had, in its order.
-///
-/// `stored` is the colour `[n][K][3]` as the file stores it. Rows that were left out at loading are made harmless: what was no number is 0, and they are transparent.
-///
-/// # Errors
-/// The source file is gone or has changed since it was loaded, or the output cannot be written.
-pub fn write_relit_ply(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Result<()> {
-    let source = open(&asset.path)?;
-    let metadata = source.metadata().map_err(Error::io(&asset.path))?;
-    if (metadata.len(), metadata.modified().ok()) != asset.stamp {
-        return Err(Error::invalid(
-            &asset.path,
-            "has changed since it was loaded; load it again",
-        ));
-    }
-    let columns = ColorColumns::new(asset, stored)?;
-    let mut reader = BufReader::with_capacity(1 << 18, source);
-    write_atomically(path, |out| {
-        let prefix = asset.header.bytes
-            + if asset.header.format == Format::Ascii {
-                0
-            } else {
-                asset.header.skip
-            };
-        std::io::copy(&mut (&mut reader).take(prefix), out)?;
-        if asset.header.format == Format::Ascii {
-            columns.write_ascii(&mut reader, out)?;
-        } else {
-            reader.seek(SeekFrom::Start(prefix))?;
-            columns.write_binary(&mut reader, out)?;
-        }
-        std::io::copy(&mut reader, out)?;
-        Ok(())
-    })
-}
-
-/// For each property of a row the index of the colour that replaces it.
-struct ColorColumns<'a> {
-    asset: &'a AssetFile,
-    /// `[n][K][3]`
-    stored: &'a [[f32; 3]],
-    coefficients: usize,
-    /// Per property: coefficient and channel.
-    replaced: Vec<Option<(usize, usize)>>,
-}
-
-impl<'a> ColorColumns<'a> {
-    fn new(asset: &'a AssetFile, stored: &'a [[f32; 3]]) -> Result<Self> {
-        let properties = &asset.header.properties;
-        let rest = properties
-            .iter()
-            .filter(|p| p.name.starts_with("f_rest_"))
-            .count();
-        let coefficients = rest / 3 + 1;
-        let rows = asset.report.vertices;
-        if stored.len() != rows * coefficients {
-            return Err(Error::Mismatch(format!(
-                "{} colour coefficients do not fit {rows} surfels of {coefficients}",
-                stored.len()
-            )));
-        }
-        let replaced = properties
-            .iter()
-            .map(|p| {
-                let number = |prefix: &str| p.name.strip_prefix(prefix)?.parse::<usize>().ok();
-                if let Some(channel) = number("f_dc_") {
-                    return (channel < 3).then_some((0, channel));
-                }
-                let i = number("f_rest_")?;
-                Some((i % (coefficients - 1) + 1, i / (coefficients - 1)))
-            })
-            .collect();
-        Ok(Self {
-            asset,
-            stored,
-            coefficients,
-            replaced,
-        })
-    }
-
-    /// The value that replaces property `column` of `row`, if any does; `old` is what was there.
-    fn value(&self, row: usize, column: usize, old: impl FnOnce() -> f32) -> Option<f32> {
-        if let Some((coefficient, channel)) = self.replaced[column] {
-            return Some(self.stored[row * self.coefficients + coefficient][channel]);
-        }
-        let property = &self.asset.header.properties[column];
-        if property.scalar.is_float() && self.asset.report.left_out.binary_search(&row).is_ok() {
-            if property.name == "opacity" {
-                return Some(-30.0);
-            }
-            let old = old();
-            // What was left out for being out of range becomes small too.
-            return (!old.is_finite() || old.abs() > 1e6).then_some(0.0);
-        }
-        None
-    }
-
-    fn write_binary(&self, reader: &mut impl Read, out: &mut impl Write) -> std::io::Result<()> {
-        let header = &self.asset.header;
-        let big_endian = header.big_endian();
-        let mut row_bytes = vec![0u8; header.stride];
-        for row in 0..self.asset.report.vertices {
-            reader.read_exact(&mut row_bytes)?;
-            for (column, p) in header.properties.iter().enumerate() {
-                let at = &mut row_bytes[p.offset..];
-                let old = || p.scalar.read(at, big_endian);
-                if let Some(value) = self.value(row, column, old) {
-                    p.scalar.write_float(value, at, big_endian);
-                }
-            }
-            out.write_all(&row_bytes)?;
-        }
-        Ok(())
-    }
-
-    fn write_ascii(&self, reader: &mut impl BufRead, out: &mut impl Write) -> std::io::Result<()> {
-        let mut line = String::new();
-        let (mut skipped, mut row) = (0, 0);
-        while row < self.asset.report.vertices {
-            line.clear();
-            if reader.read_line(&mut line)? == 0 {
-                return Err(std::io::ErrorKind::UnexpectedEof.into());
-            }
-            if line.trim().is_empty() || skipped < self.asset.header.skip {
-                skipped += u64::from(!line.trim().is_empty());
-                out.write_all(line.as_bytes())?;
-                continue;
-            }
-            for (column, word) in line.split_ascii_whitespace().enumerate() {
-                let separator = if column == 0 { "" } else { " " };
-                let old = || word.parse().unwrap_or(f32::NAN);
-                match self.value(row, column, old) {
-                    Some(value) => write!(out, "{separator}{value}")?,
-                    None => write!(out, "{separator}{word}")?,
-                }
-            }
-            out.write_all(b"\n")?;
-            row += 1;
-        }
-        Ok(())
-    }
-}
-
 /// Writes an 8-bit PNG from display-encoded straight colour and alpha, `[height][width]`, values 0 to 1.
 ///
 /// # Errors
@@ -362,4 +217,25 @@ pub fn write_exr(path: &Path, raster: &Raster, floats: ExrFloats) -> Result<()> 
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_what_was_there() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("out");
+        std::fs::write(&path, "before").expect("room for it");
+        let result = write_atomically(&path, |out| {
+            out.write_all(b"half")?;
+            Err(std::io::ErrorKind::StorageFull.into())
+        });
+        assert!(result.is_err());
+        assert_eq!(std::fs::read(&path).expect("it is there"), b"before");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("a folder").count(),
+            1
+        );
+        assert!(write_atomically(folder.path(), |_| Ok(())).is_err());
+        assert!(write_atomically(&folder.path().join("no/such"), |_| Ok(())).is_err());
+    }
+}

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use transplat_core::files::{check_output, write_relit_ply};
+use transplat_core::files::{check_output, write_relit};
 use transplat_core::transfer::Part;
 
 use crate::cli::{RelightArgs, usage};
@@ -71,7 +71,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             pipeline.relight(&prepared, &mut transfer, &target.name, wanted, &mut summary)?;
         summary.time("export", || {
             let stored = relit.stored(&pipeline.cloud);
-            write_relit_ply(&pipeline.file, &stored, output)
+            write_relit(&pipeline.file, &stored, output)
         })?;
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();

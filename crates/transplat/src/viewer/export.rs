@@ -11,7 +11,7 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{AssetFile, ExrFloats, PngBits, write_exr, write_png, write_relit_ply};
+use transplat_core::files::{AssetFile, ExrFloats, PngBits, write_exr, write_png, write_relit};
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
@@ -655,7 +655,7 @@ impl Snapshot {
         let target = &self.lights[TARGET];
         let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;
         handle_step(handle, 0, 1)?;
-        write_relit_ply(&self.file, &relit.stored(&self.cloud), path)?;
+        write_relit(&self.file, &relit.stored(&self.cloud), path)?;
         Ok(Made::Files(vec![path.to_owned()]))
     }
 }

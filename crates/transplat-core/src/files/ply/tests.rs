@@ -1,4 +1,8 @@
+use glam::Vec3;
+
 use super::*;
+use crate::error::Result;
+use crate::files::{AssetFile, load_asset};
 use std::io::Write;
 
 /// A splat of `n` surfels as rows of (name, value).

@@ -1,0 +1,141 @@
+//! A splat's PLY again with other colour: every property, comment and trailing element that the file had, in its order.
+
+use std::io::{BufRead, Read, Seek, SeekFrom, Write};
+
+use super::{AssetReport, Format, Header};
+use crate::error::{Error, Result};
+
+/// For each property of a row the index of the colour that replaces it.
+pub(in crate::files) struct ColorColumns<'a> {
+    header: &'a Header,
+    report: &'a AssetReport,
+    /// `[n][K][3]`
+    stored: &'a [[f32; 3]],
+    coefficients: usize,
+    /// Per property: coefficient and channel.
+    replaced: Vec<Option<(usize, usize)>>,
+}
+
+impl<'a> ColorColumns<'a> {
+    pub fn new(
+        header: &'a Header,
+        report: &'a AssetReport,
+        stored: &'a [[f32; 3]],
+    ) -> Result<Self> {
+        let properties = &header.properties;
+        let rest = properties
+            .iter()
+            .filter(|p| p.name.starts_with("f_rest_"))
+            .count();
+        let coefficients = rest / 3 + 1;
+        let rows = report.vertices;
+        if stored.len() != rows * coefficients {
+            return Err(Error::Mismatch(format!(
+                "{} colour coefficients do not fit {rows} surfels of {coefficients}",
+                stored.len()
+            )));
+        }
+        let replaced = properties
+            .iter()
+            .map(|p| {
+                let number = |prefix: &str| p.name.strip_prefix(prefix)?.parse::<usize>().ok();
+                if let Some(channel) = number("f_dc_") {
+                    return (channel < 3).then_some((0, channel));
+                }
+                let i = number("f_rest_")?;
+                Some((i % (coefficients - 1) + 1, i / (coefficients - 1)))
+            })
+            .collect();
+        Ok(Self {
+            header,
+            report,
+            stored,
+            coefficients,
+            replaced,
+        })
+    }
+
+    /// Writes the file that `reader` is at the start of.
+    pub fn write(
+        &self,
+        reader: &mut (impl BufRead + Seek),
+        out: &mut impl Write,
+    ) -> std::io::Result<()> {
+        let ascii = self.header.format == Format::Ascii;
+        let prefix = self.header.bytes + if ascii { 0 } else { self.header.skip };
+        std::io::copy(&mut reader.take(prefix), out)?;
+        if ascii {
+            self.write_ascii(reader, out)?;
+        } else {
+            reader.seek(SeekFrom::Start(prefix))?;
+            self.write_binary(reader, out)?;
+        }
+        std::io::copy(reader, out)?;
+        Ok(())
+    }
+
+    /// The value that replaces property `column` of `row`, if any does; `old` is what was there.
+    fn value(&self, row: usize, column: usize, old: impl FnOnce() -> f32) -> Option<f32> {
+        if let Some((coefficient, channel)) = self.replaced[column] {
+            return Some(self.stored[row * self.coefficients + coefficient][channel]);
+        }
+        let property = &self.header.properties[column];
+        if property.scalar.is_float() && self.report.left_out.binary_search(&row).is_ok() {
+            if property.name == "opacity" {
+                return Some(-30.0);
+            }
+            let old = old();
+            // What was left out for being out of range becomes small too.
+            return (!old.is_finite() || old.abs() > 1e6).then_some(0.0);
+        }
+        None
+    }
+
+    fn write_binary(&self, reader: &mut impl Read, out: &mut impl Write) -> std::io::Result<()> {
+        let header = &self.header;
+        let big_endian = header.big_endian();
+        let mut row_bytes = vec![0u8; header.stride];
+        for row in 0..self.report.vertices {
+            reader.read_exact(&mut row_bytes)?;
+            for (column, p) in header.properties.iter().enumerate() {
+                let at = &mut row_bytes[p.offset..];
+                let old = || p.scalar.read(at, big_endian);
+                if let Some(value) = self.value(row, column, old) {
+                    p.scalar.write_float(value, at, big_endian);
+                }
+            }
+            out.write_all(&row_bytes)?;
+        }
+        Ok(())
+    }
+
+    fn write_ascii(&self, reader: &mut impl BufRead, out: &mut impl Write) -> std::io::Result<()> {
+        let mut line = String::new();
+        let (mut skipped, mut row) = (0, 0);
+        while row < self.report.vertices {
+            line.clear();
+            if reader.read_line(&mut line)? == 0 {
+                return Err(std::io::ErrorKind::UnexpectedEof.into());
+            }
+            if line.trim().is_empty() || skipped < self.header.skip {
+                skipped += u64::from(!line.trim().is_empty());
+                out.write_all(line.as_bytes())?;
+                continue;
+            }
+            for (column, word) in line.split_ascii_whitespace().enumerate() {
+                let separator = if column == 0 { "" } else { " " };
+                let old = || word.parse().unwrap_or(f32::NAN);
+                match self.value(row, column, old) {
+                    Some(value) => write!(out, "{separator}{value}")?,
+                    None => write!(out, "{separator}{word}")?,
+                }
+            }
+            out.write_all(b"\n")?;
+            row += 1;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
