@@ -28,6 +28,18 @@ pub struct CameraPose {
 }
 
 impl CameraPose {
+    /// A perspective view of an object, from so many of its radii away.
+    pub fn around(bounds: &Bounds, azimuth: f64, elevation: f64, radii: f32, fov: f64) -> Self {
+        Self {
+            pivot: bounds.center,
+            azimuth,
+            elevation,
+            distance: radii * bounds.radius,
+            fov,
+            orthographic: false,
+        }
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! The command line: a stable contract.
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -123,7 +124,7 @@ pub struct LightArgs {
     pub target: Vec<PathBuf>,
     /// Which mathematics: best sums over directions (the directional method), paper takes products of spherical harmonics (the harmonic
     /// method) [default: best]
-    #[arg(long, value_name = "best|paper", value_parser = parse_method)]
+    #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
     pub preset: Option<Method>,
     /// Degree of the light used, 0 to 8, where that is an SH series (preset paper) [default: 3]
     #[arg(long, value_name = "0..8", value_parser = clap::value_parser!(u8).range(0..=8))]
@@ -267,7 +268,7 @@ pub struct BakeArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
     /// The preset that it is for: each bakes in its own way [default: best]
-    #[arg(long, value_name = "best|paper", value_parser = parse_method)]
+    #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
     pub preset: Option<Method>,
     /// The bake
     #[arg(short, long, value_name = "OUT.bake")]
@@ -379,33 +380,24 @@ pub struct InfoArgs {
 }
 
 fn parse_up(text: &str) -> Result<UpAxis, String> {
-    UpAxis::ALL
-        .into_iter()
-        .find(|(name, _)| {
-            name.eq_ignore_ascii_case(text)
-                || name
-                    .strip_prefix('+')
-                    .is_some_and(|n| n.eq_ignore_ascii_case(text))
-        })
+    let is = |name: &str| name.eq_ignore_ascii_case(text);
+    let is_it = |&(name, _): &(&str, UpAxis)| is(name) || name.strip_prefix('+').is_some_and(is);
+    let found = UpAxis::ALL.into_iter().find(is_it);
+    found
         .map(|(_, axis)| axis)
         .ok_or_else(|| "one of +x, -x, +y, -y, +z, -z is expected".into())
 }
 
-fn parse_directions(text: &str) -> Result<usize, String> {
-    text.parse()
-        .ok()
-        .filter(|n| DIRECTIONS.contains(n))
-        .ok_or_else(|| {
-            format!(
-                "a number from {} to {} is expected",
-                DIRECTIONS.start(),
-                DIRECTIONS.end()
-            )
-        })
+/// A value that is good.
+fn parsed<T: FromStr>(text: &str, is_good: impl Fn(&T) -> bool, asked: &str) -> Result<T, String> {
+    let value = text.parse().ok().filter(is_good);
+    value.ok_or_else(|| format!("{asked} is expected"))
 }
 
-fn parse_method(text: &str) -> Result<Method, String> {
-    parse_named(text)
+fn parse_directions(text: &str) -> Result<usize, String> {
+    let (least, most) = DIRECTIONS.into_inner();
+    let asked = format!("a number from {least} to {most}");
+    parsed(text, |n: &usize| DIRECTIONS.contains(n), &asked)
 }
 
 /// Parses an enum by the name that saved looks use.
@@ -415,24 +407,17 @@ fn parse_named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> 
 }
 
 fn parse_finite(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|v: &f64| v.is_finite() && v.abs() < 1e6)
-        .ok_or_else(|| "a number is expected".into())
+    parsed(text, |v: &f64| v.abs() < 1e6, "a number")
 }
 
 fn parse_epsilon(text: &str) -> Result<f64, String> {
-    parse_finite(text)
-        .ok()
-        .filter(|v| EPSILON.contains(&(*v as f32)))
-        .ok_or_else(|| "a number from 1e-6 to 1000 is expected".into())
+    let is_good = |v: &f64| EPSILON.contains(&(*v as f32));
+    parsed(text, is_good, "a number from 1e-6 to 1000")
 }
 
 fn parse_fov(text: &str) -> Result<f64, String> {
-    parse_finite(text)
-        .ok()
-        .filter(|v| (1.0..=170.0).contains(v))
-        .ok_or_else(|| "an angle from 1 to 170 degrees is expected".into())
+    let is_good = |v: &f64| (1.0..=170.0).contains(v);
+    parsed(text, is_good, "an angle from 1 to 170 degrees")
 }
 
 fn parse_point(text: &str) -> Result<[f32; 3], String> {

@@ -15,17 +15,14 @@ pub mod view;
 /// Refuses outputs that are also inputs: a capture is not to be lost to a slip of the hand.
 pub fn refuse_overwriting<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,
-    outputs: impl IntoIterator<Item = &'a Path>,
+    outputs: &[impl AsRef<Path>],
 ) -> Result<()> {
-    let inputs: Vec<PathBuf> = inputs
-        .into_iter()
-        .filter_map(|p| p.canonicalize().ok())
-        .collect();
+    let inputs = inputs.into_iter().filter_map(|p| p.canonicalize().ok());
+    let inputs: Vec<PathBuf> = inputs.collect();
     for output in outputs {
-        if output
-            .canonicalize()
-            .is_ok_and(|o| o.is_file() && inputs.contains(&o))
-        {
+        let output = output.as_ref();
+        let known = output.canonicalize();
+        if known.is_ok_and(|o| o.is_file() && inputs.contains(&o)) {
             bail!(
                 "{}: is an input too and would be lost; choose another output",
                 output.display()

@@ -99,32 +99,23 @@ impl TruthObject {
         let asset = object.source_ply.as_deref().unwrap_or("source.ply");
         let truth = set.join(object.gt_of.as_deref().unwrap_or(name));
         let pictures = truth.join("gt");
-        let there = |l: &&String| pictures.join(l).is_dir() && **l != object.source_env;
-        if !object.targets.iter().any(|l| there(&l)) {
+        let is_there = |l: &&String| pictures.join(l).is_dir() && **l != object.source_env;
+        if !object.targets.iter().any(|l| is_there(&l)) {
             bail!(
                 "{}: holds no picture of {name} under any of its targets",
                 pictures.display()
             );
         }
-        let (ply, cameras) = (
-            set.join(name).join(asset),
-            truth.join("transforms_test.json"),
-        );
-        for file in [&ply, &cameras] {
-            if !file.is_file() {
-                bail!("{}: is missing", file.display());
-            }
-        }
         Ok(Self {
             name: name.to_owned(),
             set: set_name.to_owned(),
-            asset: ply,
-            cameras,
+            asset: there(set.join(name).join(asset))?,
+            cameras: there(truth.join("transforms_test.json"))?,
             source: light(&object.source_env)?,
             targets: object
                 .targets
                 .iter()
-                .filter(there)
+                .filter(is_there)
                 .map(|l| light(l))
                 .collect::<Result<_>>()?,
             pictures,
@@ -142,14 +133,7 @@ impl TruthObject {
     }
 
     fn bundled(assets: &Path, name: &str) -> Result<Self> {
-        let file = |name: &str| {
-            let path = assets.join(name);
-            if path.exists() {
-                Ok(path)
-            } else {
-                bail!("{}: is missing", path.display())
-            }
-        };
+        let file = |name: &str| there(assets.join(name));
         let light = |name: &str| -> Result<TruthLight> {
             Ok(TruthLight {
                 name: name.to_owned(),
@@ -189,4 +173,12 @@ impl TruthObject {
         }
         Ok(found)
     }
+}
+
+/// A path, if there is something.
+fn there(path: PathBuf) -> Result<PathBuf> {
+    if !path.exists() {
+        bail!("{}: is missing", path.display());
+    }
+    Ok(path)
 }

@@ -146,15 +146,8 @@ impl Picture {
         };
         let (a, b) = (bytes(self), bytes(other));
         let (width, height) = (self.width as u32, self.height as u32);
-        let slice = |bytes| {
-            PixelSlice::new(
-                bytes,
-                width,
-                height,
-                3 * self.width,
-                PixelDescriptor::RGB8_SRGB,
-            )
-        };
+        let (stride, kind) = (3 * self.width, PixelDescriptor::RGB8_SRGB);
+        let slice = |bytes| PixelSlice::new(bytes, width, height, stride, kind);
         let explained = |e: &dyn std::fmt::Display| anyhow::anyhow!("SSIMULACRA2: {e}");
         let (a, b) = (slice(&a), slice(&b));
         let (a, b) = (a.map_err(|e| explained(&e))?, b.map_err(|e| explained(&e))?);

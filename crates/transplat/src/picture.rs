@@ -170,7 +170,7 @@ impl Studio {
                 );
                 // An odd column is left over at the right.
                 if both.width < camera.width {
-                    widened(&both, camera.width)
+                    widened(&both)
                 } else {
                     both
                 }
@@ -239,12 +239,8 @@ impl Studio {
         let share = &lit.ground[side];
         if let (Some(ground), false) = (&self.ground, share.is_empty()) {
             present::composite(&mut raster, |x, y| {
-                [
-                    0.0,
-                    0.0,
-                    0.0,
-                    ground.shadow(share, camera, x, y, self.space),
-                ]
+                let shadow = ground.shadow(share, camera, x, y, self.space);
+                [0.0, 0.0, 0.0, shadow]
             });
         }
         let background = self.scene.background;
@@ -288,20 +284,12 @@ pub fn half(camera: &Camera) -> Camera {
     }
 }
 
-fn widened(raster: &Raster, width: usize) -> Raster {
-    let wider = |row: &[[f32; 4]]| {
-        let last = row.last().copied().unwrap_or_default();
-        let mut row = row.to_vec();
-        row.resize(width, last);
-        row
-    };
-    let deeper = |row: &[f32]| {
-        let mut row = row.to_vec();
-        row.resize(width, 0.0);
-        row
-    };
+/// With its last column twice.
+fn widened(raster: &Raster) -> Raster {
+    let wider = |row: &[[f32; 4]]| [row, &row[row.len() - 1..]].concat();
+    let deeper = |row: &[f32]| [row, &[0.0]].concat();
     Raster {
-        width,
+        width: raster.width + 1,
         height: raster.height,
         pixels: raster.pixels.chunks(raster.width).flat_map(wider).collect(),
         depth: raster.depth.chunks(raster.width).flat_map(deeper).collect(),

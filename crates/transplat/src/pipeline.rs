@@ -95,10 +95,14 @@ impl Pipeline {
     /// Bakes what the method needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<Bake> {
         let method = self.scene.transfer.method;
-        let bake = self.bake_of_method(method, saved, summary)?;
-        for skipped in bake.left_out() {
-            summary.skipped(skipped);
-        }
+        let bake = match (method, saved) {
+            (Method::Directional, _) => Bake::Directional(self.directional_bake(saved, summary)?),
+            (Method::Harmonic, Some(path)) => self.saved_bake(path, summary)?,
+            (Method::Harmonic, None) => {
+                self.new_bake(method, self.bake_directions(summary), summary)?
+            }
+        };
+        summary.skipped(bake.left_out());
         summary.set("preset", method.preset());
         summary.set("directions", bake.directions());
         summary.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
@@ -112,23 +116,6 @@ impl Pipeline {
             }
         }
         Ok(bake)
-    }
-
-    fn bake_of_method(
-        &self,
-        method: Method,
-        saved: Option<&Path>,
-        summary: &mut Summary,
-    ) -> Result<Bake> {
-        match (method, saved) {
-            (Method::Directional, _) => {
-                Ok(Bake::Directional(self.directional_bake(saved, summary)?))
-            }
-            (Method::Harmonic, Some(path)) => self.saved_bake(path, summary),
-            (Method::Harmonic, None) => {
-                self.new_bake(method, self.bake_directions(summary), summary)
-            }
-        }
     }
 
     fn saved_bake(&self, path: &Path, summary: &mut Summary) -> Result<Bake> {
@@ -171,9 +158,7 @@ impl Pipeline {
             skips: self.scene.transfer.skips,
             beside: None,
         };
-        let made = summary.time("bake", || bake::bake(&self.device, &wanted, &progress))?;
-        bar.finish_and_clear();
-        Ok(made)
+        summary.time("bake", || bake::bake(&self.device, &wanted, &progress))
     }
 
     /// What the asset tells of the light it was captured under. `saved` is a bake for the method that is set.
@@ -212,11 +197,9 @@ impl Pipeline {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
         };
-        let ground = summary.time("ground", || {
-            Ground::bake(&self.cloud, self.cloud.up, self.scene.directions, &progress)
-        })?;
-        bar.finish_and_clear();
-        Ok(ground)
+        let (up, directions) = (self.cloud.up, self.scene.directions);
+        let bake = || Ground::bake(&self.cloud, up, directions, &progress);
+        Ok(summary.time("ground", bake)?)
     }
 
     /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
@@ -267,16 +250,17 @@ impl Pipeline {
         }
     }
 
-    /// Prepares the transfer from the source light.
+    /// Prepares the transfer from the source light, which no target changes, and has it ready on its device.
     pub fn prepare(
         &self,
         bake: &Bake,
-        source: &Illumination,
+        lights: &Lights,
         summary: &mut Summary,
-    ) -> Result<PreparedTransfer> {
+    ) -> Result<(PreparedTransfer, Transfer)> {
+        let [source, _] = lights.oriented(self, &lights.targets[0]);
         let settings = &self.scene.transfer;
         let prepared = summary.time("prepare", || {
-            PreparedTransfer::new(&self.cloud, bake, source, settings)
+            PreparedTransfer::new(&self.cloud, bake, &source, settings)
         })?;
         if prepared.source_was_black() {
             summary.warn("the source light is black and explains nothing; even light is assumed");
@@ -289,10 +273,12 @@ impl Pipeline {
         }
         summary.set("dark_share", prepared.dark_share());
         self.tell_what_is_ignored(summary);
-        for skipped in prepared.left_out(&self.cloud) {
-            summary.skipped(skipped);
+        summary.skipped(prepared.left_out(&self.cloud));
+        let (transfer, warning) = self.device.transfer(&prepared)?;
+        if let Some(warning) = warning {
+            summary.warn(warning);
         }
-        Ok(prepared)
+        Ok((prepared, transfer))
     }
 
     /// A light as its map holds it; where an estimate cannot tell, what stands in for it. `saved` is a bake for the method that is set.
@@ -302,11 +288,14 @@ impl Pipeline {
         saved: Option<&Path>,
         summary: &mut Summary,
     ) -> Result<Illumination> {
-        let map = self.load_light(path, saved, summary)?;
-        let light = self.light(map.as_ref(), summary)?;
-        let untold = is_estimate(path) && map.is_none();
-        let estimate = self.estimate.get().filter(|_| untold);
-        Ok(estimate.map_or(light, Estimate::stand_in))
+        let Some(map) = self.load_light(path, saved, summary)? else {
+            summary.skip("projection of an environment", "even light");
+            let estimate = self.estimate.get().filter(|_| is_estimate(path));
+            let even = || Illumination::even(MAX_DEGREE);
+            return Ok(estimate.map_or_else(even, Estimate::stand_in));
+        };
+        let method = self.scene.transfer.method;
+        summary.time("project", || self.device.light(&map, method))
     }
 
     /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the method that is set.
@@ -336,19 +325,6 @@ impl Pipeline {
         Ok(Some(map))
     }
 
-    /// A map's light.
-    fn light(&self, map: Option<&EnvironmentMap>, summary: &mut Summary) -> Result<Illumination> {
-        match map {
-            None => {
-                summary.skip("projection of an environment", "even light");
-                Ok(Illumination::even(MAX_DEGREE))
-            }
-            Some(map) => summary.time("project", || {
-                self.device.light(map, self.scene.transfer.method)
-            }),
-        }
-    }
-
     /// Relights by one target, or what a view shows of that. For JSON, the change of light is timed as the median of three.
     pub fn relight(
         &self,
@@ -359,9 +335,7 @@ impl Pipeline {
         summary: &mut Summary,
     ) -> Result<Relit> {
         let on_gpu = matches!(transfer, Transfer::Gpu(_));
-        if let Some(skipped) = prepared.left_out_for(light, on_gpu) {
-            summary.skipped(skipped);
-        }
+        summary.skipped(prepared.left_out_for(light, on_gpu));
         if light.is_black() {
             summary.warn(format!(
                 "{name}: the target light is black, and so is the result"
@@ -373,7 +347,7 @@ impl Pipeline {
             );
         }
         let mut times = Vec::new();
-        for _ in 0..if summary.is_json() { 3 } else { 1 } {
+        for _ in 0..if summary.json { 3 } else { 1 } {
             let start = Instant::now();
             transfer.change_light(light, part, unseen)?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
@@ -414,9 +388,9 @@ pub struct Target {
     pub light: Illumination,
 }
 
-/// A bar on stderr, when that is a terminal and the user did not ask for quiet.
+/// A bar on stderr, when that is a terminal and the user did not ask for quiet; it goes when it is dropped.
 pub fn progress_bar(what: &'static str, summary: &Summary) -> ProgressBar {
-    if summary.is_quiet() {
+    if summary.quiet {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::new(1000);

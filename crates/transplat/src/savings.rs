@@ -105,30 +105,26 @@ pub fn measure(
     progress: &(dyn Fn(f64, &str) -> ControlFlow<()> + Sync),
 ) -> Result<Savings> {
     let mut savings = Savings::default();
-    let of_method = |p: Method| {
-        Skip::ALL
-            .into_iter()
-            .filter(move |s| s.methods().contains(&p))
-    };
+    let all = Skip::ALL.into_iter();
+    let of_method = |p: Method| all.clone().filter(move |s| s.methods().contains(&p));
     let steps: usize = Method::ALL.map(|p| 1 + of_method(p).count()).iter().sum();
-    let steps = steps as f64;
     let mut done = 0.0;
     for method in Method::ALL {
-        let mut next = |what: &str| {
-            done += 1.0;
-            progress((done - 1.0) / steps, what)
-        };
-        if next("as it is").is_break() {
-            bail!("cancelled");
-        }
-        // A kept bake does not know what was left out of it.
-        let with = run(subject, method, Skips::default(), None)?;
-        let is_open = (with.left_out.iter()).any(|s| s.skip == Some(Skip::OpenObject));
-        for skip in of_method(method) {
-            if next(skip.name()).is_break() {
+        let mut next = |what: &str| -> Result<()> {
+            if progress(done / steps as f64, what).is_break() {
                 bail!("cancelled");
             }
-            match applies(skip, &with.left_out) {
+            done += 1.0;
+            Ok(())
+        };
+        next("as it is")?;
+        // A kept bake does not know what was left out of it.
+        let with = run(subject, method, Skips::default(), None)?;
+        let left_out = |skip| with.left_out.iter().find(|s| s.skip == Some(skip)).cloned();
+        let is_open = left_out(Skip::OpenObject).is_some();
+        for skip in of_method(method) {
+            next(skip.name())?;
+            match left_out(skip) {
                 Some(skipped) => {
                     let saved = compare(subject, method, &with, (skip, skipped), repeats)?;
                     savings.saved.push(saved);
@@ -142,11 +138,6 @@ pub fn measure(
     Ok(savings)
 }
 
-/// What a skip left out, if anything.
-fn applies(skip: Skip, left_out: &[Skipped]) -> Option<Skipped> {
-    left_out.iter().find(|s| s.skip == Some(skip)).cloned()
-}
-
 /// With something left out, and with it done all the same.
 fn compare(
     subject: &Subject,
@@ -156,22 +147,18 @@ fn compare(
     repeats: usize,
 ) -> Result<Saved> {
     let forced = Skips::default().without(skip);
+    let is_bake = skip.stage() == Stage::Bake;
     // The bake is the same unless it is what is forced.
-    let kept = (skip.stage() != Stage::Bake).then_some(&with.bake);
-    let without = run(subject, method, forced, kept)?;
-    let [time_ms, forced_ms] = if skip.stage() == Stage::Bake {
-        let repeats = repeats.div_ceil(7);
-        let each = [with, &without];
-        alternating(repeats, |i| bake(subject, method, each[i].skips).map(drop))?
+    let kept = (!is_bake).then_some(&with.bake);
+    let each = [with, &run(subject, method, forced, kept)?];
+    let [time_ms, forced_ms] = if is_bake {
+        let again = |i: usize| bake(subject, method, each[i].skips).map(drop);
+        alternating(repeats.div_ceil(7), again)?
     } else {
-        let each = [with, &without];
         alternating(repeats, |i| each[i].relight(subject).map(drop))?
     };
-    let pictures = [with, &without].map(|run| picture(subject, run));
-    let pairs = pictures[0]
-        .iter()
-        .flatten()
-        .zip(pictures[1].iter().flatten());
+    let [ours, theirs] = each.map(|run| picture(subject, run));
+    let pairs = ours.iter().flatten().zip(theirs.iter().flatten());
     Ok(Saved {
         skipped,
         method,
@@ -199,13 +186,8 @@ fn alternating(repeats: usize, work: impl Fn(usize) -> Result<()>) -> Result<[f6
 
 fn bake(subject: &Subject, method: Method, skips: Skips) -> Result<Bake> {
     let cloud = &subject.cloud;
-    Ok(Bake::with_skips(
-        cloud,
-        method,
-        DEFAULT_DIRECTIONS,
-        &skips,
-        &no_progress,
-    )?)
+    let made = Bake::with_skips(cloud, method, DEFAULT_DIRECTIONS, &skips, &no_progress);
+    Ok(made?)
 }
 
 fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> Result<Run> {
@@ -235,11 +217,8 @@ fn run(subject: &Subject, method: Method, skips: Skips, kept: Option<&Bake>) -> 
 
 impl Run {
     fn relight(&self, subject: &Subject) -> Result<Relit> {
-        let target = &subject.lights[1];
-        let relit = self
-            .prepared
-            .relight_seen(target, Part::Whole, &self.unseen);
-        Ok(relit?)
+        let (target, unseen) = (&subject.lights[1], &self.unseen);
+        Ok(self.prepared.relight_seen(target, Part::Whole, unseen)?)
     }
 }
 
@@ -247,25 +226,10 @@ impl Run {
 fn picture(subject: &Subject, run: &Run) -> Vec<[f32; 3]> {
     let cloud = &subject.cloud;
     let bounds = cloud.bounds();
-    let pose = CameraPose {
-        pivot: bounds.center,
-        azimuth: -60.0,
-        elevation: 30.0,
-        distance: 3.5 * bounds.radius,
-        fov: 35.0,
-        orthographic: false,
-    };
+    let pose = CameraPose::around(&bounds, -60.0, 30.0, 3.5, 35.0);
     let camera = Camera::from_pose(&pose, cloud.up, [SIZE, SIZE], bounds.radius);
-    let relit = &run.relit;
-    let (sh, degree) = (&relit.sh, relit.degree);
-    let colors = shade(
-        &cloud.positions,
-        sh,
-        degree,
-        relit.encoding,
-        camera.eye,
-        PLAIN,
-    );
+    let (sh, degree, encoding) = (&run.relit.sh, run.relit.degree, run.relit.encoding);
+    let colors = shade(&cloud.positions, sh, degree, encoding, camera.eye, PLAIN);
     let raster = rasterize(cloud, &camera, &colors, &run.unseen);
     let pixels = raster.pixels.iter();
     pixels.map(|[r, g, b, _]| [*r, *g, *b]).collect()

@@ -15,8 +15,10 @@ use crate::words::milliseconds;
 #[derive(Default)]
 pub struct Summary {
     command: &'static str,
-    quiet: bool,
-    json: bool,
+    /// Whether neither progress nor summary are shown.
+    pub quiet: bool,
+    /// Whether timings are wanted precisely.
+    pub json: bool,
     fields: Map<String, Value>,
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
@@ -35,16 +37,6 @@ impl Summary {
             json: out.json,
             ..Self::default()
         }
-    }
-
-    /// Whether progress and summary may be shown.
-    pub fn is_quiet(&self) -> bool {
-        self.quiet
-    }
-
-    /// Whether timings are wanted precisely.
-    pub fn is_json(&self) -> bool {
-        self.json
     }
 
     /// Runs a stage and adds its time to what the stage took before.
@@ -79,16 +71,18 @@ impl Summary {
 
     /// Notes something that this scene did not need.
     pub fn skip(&mut self, what: &str, why: &str) {
-        self.skipped(Skipped {
+        self.skipped([Skipped {
             max_error: None,
             ..Skipped::exact(Stage::Project, what, why)
-        });
+        }]);
     }
 
     /// The same with what it saved.
-    pub fn skipped(&mut self, skipped: Skipped) {
-        if !self.skipped.contains(&skipped) {
-            self.skipped.push(skipped);
+    pub fn skipped(&mut self, all: impl IntoIterator<Item = Skipped>) {
+        for skipped in all {
+            if !self.skipped.contains(&skipped) {
+                self.skipped.push(skipped);
+            }
         }
     }
 
@@ -150,7 +144,7 @@ impl Summary {
             object.insert("command".into(), json!(self.command));
             object.append(&mut self.fields);
             object.insert("stages_ms".into(), Value::Object(self.stages_ms.clone()));
-            if let Some(bytes) = peak_memory_bytes() {
+            if let Some(bytes) = memory_bytes("VmHWM:") {
                 object.insert("peak_memory_bytes".into(), json!(bytes));
             }
             if !self.targets.is_empty() {
@@ -198,19 +192,10 @@ fn compared(stops: f32) -> String {
     format!("{:.1} stops {word} than", stops.abs())
 }
 
-/// The most memory this process ever held, where the system tells (Linux).
-fn peak_memory_bytes() -> Option<u64> {
-    memory_field("VmHWM:")
-}
-
-/// The memory this process holds now, where the system tells (Linux).
-pub fn memory_bytes() -> Option<u64> {
-    memory_field("VmRSS:")
-}
-
-fn memory_field(name: &str) -> Option<u64> {
+/// A field of this process's memory where the system tells (Linux): `VmRSS:` is what it holds now, `VmHWM:` the most it ever held.
+pub fn memory_bytes(field: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with(name))?;
+    let line = status.lines().find(|l| l.starts_with(field))?;
     let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib * 1024)
 }

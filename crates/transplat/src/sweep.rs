@@ -116,17 +116,15 @@ impl<'a> Sweep<'a> {
         if let Some(map) = &subject.map {
             sweep.project(map)?;
         }
-        let directional = if effort == Effort::Offered {
-            sweep.default_bake(Method::Directional)?
+        let bakes = if effort == Effort::Offered {
+            let [directional, harmonic] = [Method::Directional, Method::Harmonic];
+            [
+                sweep.default_bake(directional)?,
+                sweep.default_bake(harmonic)?,
+            ]
         } else {
-            sweep.bakes_of_directional()?
+            [sweep.bakes_of_directional()?, sweep.bakes_of_harmonic()?]
         };
-        let harmonic = if effort == Effort::Offered {
-            sweep.default_bake(Method::Harmonic)?
-        } else {
-            sweep.bakes_of_harmonic()?
-        };
-        let bakes = [directional, harmonic];
         sweep.transfers(&bakes)?;
         Ok(mark_front(sweep.points))
     }
@@ -140,19 +138,6 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    fn add(&mut self, setting: &Setting, device: &Device, stage: Stage, measured: Measured) {
-        self.points.push(Point {
-            setting: setting.clone(),
-            device: device.name(),
-            stage,
-            time: measured.time,
-            memory_bytes: measured.memory_bytes,
-            numeric: measured.numeric,
-            psnr_truth: measured.psnr_truth,
-            on_front: false,
-        });
-    }
-
     fn project(&mut self, map: &EnvironmentMap) -> Result<()> {
         let exact = oracle::project_environment(map, MAX_DEGREE);
         for (setting, samples) in settings::projections() {
@@ -160,23 +145,21 @@ impl<'a> Sweep<'a> {
             let Some(samples) = samples else {
                 for device in self.devices {
                     let (light, time) = timed(|| device.project_environment(map, MAX_DEGREE))?;
-                    let measured = Measured {
+                    self.points.push(Point {
                         time: Some(time),
                         memory_bytes: Some(size_of_val(map.pixels())),
                         numeric: Some(reference::errors(&light.coefficients, &exact)),
-                        psnr_truth: None,
-                    };
-                    self.add(&setting, device, Stage::Project, measured);
+                        ..Point::of(&setting, device, Stage::Project)
+                    });
                 }
                 continue;
             };
             let (got, time) = timed(|| Ok(oracle::project_samples(map, MAX_DEGREE, samples)))?;
-            let measured = Measured {
+            self.points.push(Point {
                 time: Some(time),
                 numeric: Some(reference::errors(&got, &exact)),
-                ..Measured::default()
-            };
-            self.add(&setting, &Device::Cpu, Stage::Project, measured);
+                ..Point::of(&setting, &Device::Cpu, Stage::Project)
+            });
         }
         Ok(())
     }
@@ -205,13 +188,14 @@ impl<'a> Sweep<'a> {
                 };
                 let whole = bake(&self.subject.cloud)?;
                 let thinned = bake(&self.reference.cloud)?;
-                let measured = self.relit(&Device::Cpu, &settings, &whole, &thinned)?;
-                let measured = Measured {
+                let (numeric, psnr_truth) = self.relit(&settings, &whole, &thinned)?;
+                self.points.push(Point {
                     time,
                     memory_bytes: Some(whole.bytes()),
-                    ..measured
-                };
-                self.add(&setting, device, Stage::Bake, measured);
+                    numeric,
+                    psnr_truth,
+                    ..Point::of(&setting, device, Stage::Bake)
+                });
                 if setting.is_default {
                     default = Some([whole, thinned]);
                 }
@@ -249,24 +233,25 @@ impl<'a> Sweep<'a> {
         for (i, (share, ms, bake)) in wholes.iter().enumerate() {
             let setting = settings::staged(*share);
             self.next(&setting.name)?;
-            let measured = self.relit(&Device::Cpu, &settings, bake, &thinned[i].2)?;
-            let measured = Measured {
+            let (numeric, psnr_truth) = self.relit(&settings, bake, &thinned[i].2)?;
+            self.points.push(Point {
                 time: Some(Timing {
                     ms: *ms,
                     spread_ms: None,
                 }),
                 memory_bytes: Some(bake.bytes()),
-                ..measured
-            };
-            self.add(&setting, &Device::Cpu, Stage::Bake, measured);
+                numeric,
+                psnr_truth,
+                ..Point::of(&setting, &Device::Cpu, Stage::Bake)
+            });
         }
         let directional = wholes.pop().context("a whole bake")?.2;
         Ok([directional, self.reference.directional.clone()])
     }
 
     fn transfers(&mut self, bakes: &[[Bake; 2]; 2]) -> Result<()> {
-        let source = &self.subject.lights[0];
         let subject = self.subject;
+        let (cloud, source) = (&subject.cloud, &subject.lights[0]);
         for setting in settings::transfers(self.effort) {
             let wanted = &setting.settings;
             let [whole, thinned] = match wanted.method {
@@ -283,22 +268,14 @@ impl<'a> Sweep<'a> {
             };
             for device in devices {
                 self.next(&setting.name)?;
-                let prepare = || {
-                    Ok(PreparedTransfer::new(
-                        &subject.cloud,
-                        whole,
-                        source,
-                        wanted,
-                    )?)
-                };
+                let prepare = || Ok(PreparedTransfer::new(cloud, whole, source, wanted)?);
                 if setting.is_default && matches!(device, Device::Cpu) {
                     let (prepared, time) = timed(prepare)?;
-                    let measured = Measured {
+                    self.points.push(Point {
                         time: Some(time),
                         memory_bytes: Some(prepared.bytes()),
-                        ..Measured::default()
-                    };
-                    self.add(&setting, device, Stage::Prepare, measured);
+                        ..Point::of(&setting, device, Stage::Prepare)
+                    });
                 }
                 let prepared = setting.rounded(prepare()?);
                 let mut transfer = device.transfer_here(&prepared)?;
@@ -309,35 +286,30 @@ impl<'a> Sweep<'a> {
                 }
                 // Neither is what it would take if it were made for that.
                 let time = Some(time).filter(|_| !setting.is_rounded && !is_blurred);
-                let measured = self.relit_by(device, &setting, &prepared, thinned)?;
+                let (numeric, psnr_truth) = self.relit_by(device, &setting, &prepared, thinned)?;
                 let saved = if setting.is_rounded {
                     prepared.bytes_saved_by_half()
                 } else {
                     0
                 };
-                let measured = Measured {
+                self.points.push(Point {
                     time,
                     memory_bytes: Some(prepared.bytes() - saved),
-                    ..measured
-                };
-                self.add(&setting, device, Stage::Transfer, measured);
+                    numeric,
+                    psnr_truth,
+                    ..Point::of(&setting, device, Stage::Transfer)
+                });
             }
         }
         Ok(())
     }
 
     /// Both errors of a method as it is by default, on a bake of the whole asset and one of the thinned.
-    fn relit(
-        &self,
-        device: &Device,
-        settings: &TransferSettings,
-        whole: &Bake,
-        thinned: &Bake,
-    ) -> Result<Measured> {
+    fn relit(&self, settings: &TransferSettings, whole: &Bake, thinned: &Bake) -> Result<Errors> {
         let source = &self.subject.lights[0];
         let prepared = PreparedTransfer::new(&self.subject.cloud, whole, source, settings)?;
         let setting = Setting::plain(settings.clone());
-        self.relit_by(device, &setting, &prepared, thinned)
+        self.relit_by(&Device::Cpu, &setting, &prepared, thinned)
     }
 
     fn relit_by(
@@ -346,7 +318,7 @@ impl<'a> Sweep<'a> {
         setting: &Setting,
         prepared: &PreparedTransfer,
         thinned: &Bake,
-    ) -> Result<Measured> {
+    ) -> Result<Errors> {
         let [source, target] = &self.subject.lights;
         let reference = &self.reference;
         let small = PreparedTransfer::new(&reference.cloud, thinned, source, &setting.settings)?;
@@ -361,21 +333,13 @@ impl<'a> Sweep<'a> {
             }
             _ => None,
         };
-        Ok(Measured {
-            numeric: Some(reference.compare(setting.settings.method, &relit)?),
-            psnr_truth,
-            ..Measured::default()
-        })
+        let numeric = reference.compare(setting.settings.method, &relit)?;
+        Ok((Some(numeric), psnr_truth))
     }
 }
 
-#[derive(Default)]
-struct Measured {
-    time: Option<Timing>,
-    memory_bytes: Option<usize>,
-    numeric: Option<Numeric>,
-    psnr_truth: Option<f64>,
-}
+/// A point's `numeric` and `psnr_truth`.
+type Errors = (Option<Numeric>, Option<f64>);
 
 /// A bake for the harmonic method; another softness than the default is the CPU's alone.
 fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake> {
@@ -392,6 +356,20 @@ fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake>
 }
 
 impl Point {
+    /// Of which nothing is measured yet.
+    fn of(setting: &Setting, device: &Device, stage: Stage) -> Self {
+        Self {
+            setting: setting.clone(),
+            device: device.name(),
+            stage,
+            time: None,
+            memory_bytes: None,
+            numeric: None,
+            psnr_truth: None,
+            on_front: false,
+        }
+    }
+
     /// What it is off: less is better. By truth where there is one, else by the oracle.
     fn error(&self) -> Option<f64> {
         match (self.psnr_truth, self.numeric) {
@@ -466,18 +444,11 @@ pub fn in_words(points: &[Point]) -> Vec<String> {
                 continue;
             };
             let (ratio, is_slower) = (b.ms / a.ms, b.ms > a.ms);
-            let gain = match (default.psnr_truth, other.psnr_truth) {
-                (Some(a), Some(b)) => format!("{:+.2} dB to the truth", b - a),
-                _ => match (default.numeric, other.numeric) {
-                    (Some(a), Some(b)) => {
-                        format!(
-                            "off by {} instead of {}",
-                            percent(b.rel_l2),
-                            percent(a.rel_l2)
-                        )
-                    }
-                    _ => continue,
-                },
+            let errors = [default, other].map(|p| p.numeric.map(|n| percent(n.rel_l2)));
+            let gain = match ([default, other].map(|p| p.psnr_truth), errors) {
+                ([Some(a), Some(b)], _) => format!("{:+.2} dB to the truth", b - a),
+                (_, [Some(a), Some(b)]) => format!("off by {b} instead of {a}"),
+                _ => continue,
             };
             if other.setting.name == default.setting.name {
                 continue;
@@ -504,22 +475,18 @@ mod tests {
     use super::*;
 
     fn point(name: &str, ms: f64, psnr: f64) -> Point {
+        let setting = Setting {
+            name: name.into(),
+            is_default: name == "default",
+            ..Setting::plain(TransferSettings::default())
+        };
         Point {
-            setting: Setting {
-                name: name.into(),
-                is_default: name == "default",
-                ..Setting::plain(TransferSettings::default())
-            },
-            device: "cpu".into(),
-            stage: Stage::Transfer,
             time: Some(Timing {
                 ms,
                 spread_ms: None,
             }),
-            memory_bytes: None,
-            numeric: None,
             psnr_truth: Some(psnr),
-            on_front: false,
+            ..Point::of(&setting, &Device::Cpu, Stage::Transfer)
         }
     }
 

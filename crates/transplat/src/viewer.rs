@@ -88,15 +88,8 @@ fn plain(error: &str) -> String {
     if cfg!(target_os = "linux") && !has_display {
         return "there is no display to open a window on; the commands relight, render, bake and info work without one (see transplat --help)".into();
     }
-    let no_adapter = [
-        "No suitable graphics adapter",
-        "Failed to create surface",
-        "no graphics driver",
-        "adapter",
-    ]
-    .iter()
-    .any(|text| error.contains(text));
-    if no_adapter {
+    let no_adapter = ["Failed to create surface", "no graphics driver", "adapter"];
+    if no_adapter.iter().any(|text| error.contains(text)) {
         format!(
             "no graphics adapter can draw the window ({error}). Install a Vulkan driver (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers); the commands work without one (--device cpu)"
         )

@@ -13,7 +13,7 @@ pub fn run(args: &BakeArgs) -> Result<()> {
     let mut summary = Summary::new("bake", &args.out);
     let mut scene = look_of(&args.asset.options, None)?;
     scene.transfer.method = args.preset.unwrap_or_default();
-    refuse_overwriting([&*asset_of(&args.asset, &scene)], [&*args.output])?;
+    refuse_overwriting([&*asset_of(&args.asset, &scene)], &[&args.output])?;
     check_output(&args.output)?;
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let bake = pipeline.bake(None, &mut summary)?;

@@ -15,10 +15,8 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     let mut summary = Summary::new("estimate", &args.out);
     let scene = look_of(&args.asset.options, None)?;
     let asset = asset_of(&args.asset, &scene);
-    refuse_overwriting(
-        [Some(&*asset), args.bake.as_deref()].into_iter().flatten(),
-        [&*args.output],
-    )?;
+    let inputs = args.bake.iter().chain([&asset]).map(|p| &**p);
+    refuse_overwriting(inputs, &[&args.output])?;
     let extension = args.output.extension().unwrap_or_default();
     if !extension.eq_ignore_ascii_case("exr") {
         bail!("{}: the light is written as .exr", args.output.display());

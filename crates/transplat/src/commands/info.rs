@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
+use glam::Vec3;
 use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
 use transplat_core::files::{
@@ -93,30 +94,20 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         cloud.len(),
         cloud.sh_degree
     ));
-    lines.push(format!(
-        "up {} ({})",
-        cloud.up.name(),
-        if found
-            .comments
-            .iter()
-            .any(|c| c.to_lowercase().starts_with("vertical axis"))
-        {
-            "the file says so"
-        } else {
-            "assumed; the file does not say: see --up"
-        }
-    ));
+    let tells_up = |c: &String| c.to_lowercase().starts_with("vertical axis");
+    let why = if found.comments.iter().any(tells_up) {
+        "the file says so"
+    } else {
+        "assumed; the file does not say: see --up"
+    };
+    lines.push(format!("up {} ({why})", cloud.up.name()));
     lines.push(format!(
         "centre {:.3?}, radius {:.3}",
         bounds.center.to_array(),
         bounds.radius
     ));
     let mut sizes: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
-    let (small, middle, large) = (
-        quantile(&mut sizes, 0.05),
-        quantile(&mut sizes, 0.5),
-        quantile(&mut sizes, 0.95),
-    );
+    let [small, middle, large] = [0.05, 0.5, 0.95].map(|share| quantile(&mut sizes, share));
     lines.push(format!(
         "larger standard deviation: 5 % {small:.5}, median {middle:.5}, 95 % {large:.5}"
     ));
@@ -142,11 +133,8 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
             "colour does not depend on the view: there is no specular part to transfer".into(),
         );
     }
-    let far = cloud
-        .positions
-        .iter()
-        .filter(|p| p.distance(bounds.center) > 1.5 * bounds.radius)
-        .count();
+    let is_far = |p: &&Vec3| p.distance(bounds.center) > 1.5 * bounds.radius;
+    let far = cloud.positions.iter().filter(is_far).count();
     if far > 0 {
         summary.warn(format!("{far} surfels float far outside of the object"));
     }
@@ -182,11 +170,8 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     let map = summary.time("load", || load_environment(path))?;
     let light = summary.time("project", || project_environment(&map, 3));
     let mean = light.coefficients[0].map(|v| v / transplat_core::sh::SQRT_4PI as f32);
-    let peak = map
-        .pixels()
-        .iter()
-        .map(|p| luminance(*p))
-        .fold(0f32, f32::max);
+    let luminances = map.pixels().iter().map(|p| luminance(*p));
+    let peak = luminances.fold(0f32, f32::max);
     let share = map.brightest_share(0.001);
     summary.set("kind", "environment");
     summary.set("width", map.width());

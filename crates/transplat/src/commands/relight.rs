@@ -42,7 +42,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     }
     let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
     let inputs = args.light.inputs(&scene, &named).chain([&*asset]);
-    refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
+    refuse_overwriting(inputs, &outputs)?;
     if !many {
         check_output(&args.output)?;
     }
@@ -58,12 +58,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         make_folder(&args.output)?;
     }
     let bake = pipeline.bake(args.light.bake.as_deref(), &mut summary)?;
-    let source = lights.oriented(&pipeline, &lights.targets[0])[0].clone();
-    let prepared = pipeline.prepare(&bake, &source, &mut summary)?;
-    let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
-    if let Some(warning) = warning {
-        summary.warn(warning);
-    }
+    let (prepared, mut transfer) = pipeline.prepare(&bake, &lights, &mut summary)?;
     for (target, output) in lights.targets.iter().zip(&outputs) {
         let [_, light] = lights.oriented(&pipeline, target);
         let wanted = (&light, Part::Whole, &[][..]);

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
+use clap::ValueEnum;
 use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, NEAR, turntable};
@@ -40,13 +41,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         .inputs(&pipeline.scene, &targets)
         .chain([&*asset])
         .chain(cameras);
-    refuse_overwriting(
-        inputs,
-        output
-            .pictures(&targets, &frames)
-            .iter()
-            .map(PathBuf::as_path),
-    )?;
+    refuse_overwriting(inputs, &output.pictures(&targets, &frames))?;
     let linear = output.format == PictureFormat::Exr;
     if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
         summary.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
@@ -223,19 +218,11 @@ struct Output<'a> {
 impl<'a> Output<'a> {
     fn new(args: &'a RenderArgs, frames: usize, targets: usize) -> Result<Self> {
         let path = &args.output;
-        let named =
-            path.extension()
-                .and_then(|e| match e.to_string_lossy().to_lowercase().as_str() {
-                    "png" => Some(PictureFormat::Png),
-                    "exr" => Some(PictureFormat::Exr),
-                    _ => None,
-                });
+        let extension = path.extension().unwrap_or_default().to_string_lossy();
+        let named = PictureFormat::from_str(&extension, true).ok();
         let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
         let is_file = named.is_some() && !is_folder;
-        let is_other = path.extension().is_some_and(|e| {
-            let extension = e.to_string_lossy().to_lowercase();
-            OTHER_PICTURES.contains(&&*extension)
-        });
+        let is_other = OTHER_PICTURES.contains(&&*extension.to_lowercase());
         if is_other && !is_folder {
             bail!("{}: a picture is .png or .exr", path.display());
         }
@@ -308,12 +295,7 @@ impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
     fn relit(&self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
         let pipeline = self.pipeline;
-        let source = lights.oriented(pipeline, &lights.targets[0])[0].clone();
-        let prepared = pipeline.prepare(bake, &source, summary)?;
-        let (mut transfer, warning) = pipeline.device.transfer(&prepared)?;
-        if let Some(warning) = warning {
-            summary.warn(warning);
-        }
+        let (prepared, mut transfer) = pipeline.prepare(bake, lights, summary)?;
         let mut written = 0;
         for target in &lights.targets {
             let light = lights.oriented(pipeline, target);
@@ -322,9 +304,7 @@ impl Shots<'_> {
             } else {
                 &[]
             };
-            if let Some(skipped) = Skipped::of_unseen(unseen) {
-                summary.skipped(skipped);
-            }
+            summary.skipped(Skipped::of_unseen(unseen));
             let wanted = (&light[1], self.studio.view.part(), unseen);
             let relit =
                 pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
@@ -421,7 +401,6 @@ impl Shots<'_> {
                 PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
             })?;
         }
-        bar.finish_and_clear();
         Ok(self.frames.len())
     }
 }

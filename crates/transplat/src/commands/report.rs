@@ -59,44 +59,36 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         .iter()
         .map(|o| &*o.asset)
         .chain(args.asset.as_deref());
-    refuse_overwriting(inputs, outputs.iter().map(PathBuf::as_path))?;
+    refuse_overwriting(inputs, &outputs)?;
     refuse_file(&args.output)?;
     let device = Device::open(args.options.device)?;
     summary.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
     page.paragraph(&measured_what(args));
     let mut told = String::new();
-    let of_asset = [ReportPart::Time, ReportPart::Extremes, ReportPart::Skipped];
-    let subject = if parts.iter().any(|part| of_asset.contains(part)) {
+    let subject = if parts.iter().any(|part| *part != ReportPart::Truth) {
         Some(subject(args, &device, &mut summary)?)
     } else {
         None
     };
     make_folder(&args.output)?;
-    let devices = if subject.is_some() {
-        devices(args.options.device, &mut summary)
-    } else {
-        Vec::new()
-    };
-    if let Some(subject) = subject
-        .as_ref()
-        .filter(|_| parts.contains(&ReportPart::Time))
-    {
-        page.paragraph(&format!(
-            "{} surfels of SH degree {}, on {}.",
-            subject.cloud.len(),
-            subject.cloud.sh_degree,
-            device.name()
-        ));
-        told += &error_against_time(args, subject, &devices, &mut page, &mut summary)?;
-    }
-    if parts.contains(&ReportPart::Extremes) {
-        told += &extremes::run(args, subject.as_ref(), &devices, &mut page, &mut summary)?;
-    }
-    if let Some(subject) = subject.as_ref()
-        && parts.contains(&ReportPart::Skipped)
-    {
-        told += &skipped::run(args, subject, &mut page, &mut summary)?;
+    if let Some(subject) = &subject {
+        let devices = devices(args.options.device, &mut summary);
+        if parts.contains(&ReportPart::Time) {
+            page.paragraph(&format!(
+                "{} surfels of SH degree {}, on {}.",
+                subject.cloud.len(),
+                subject.cloud.sh_degree,
+                device.name()
+            ));
+            told += &error_against_time(args, subject, &devices, &mut page, &mut summary)?;
+        }
+        if parts.contains(&ReportPart::Extremes) {
+            told += &extremes::run(args, subject, &devices, &mut page, &mut summary)?;
+        }
+        if parts.contains(&ReportPart::Skipped) {
+            told += &skipped::run(args, subject, &mut page, &mut summary)?;
+        }
     }
     if !objects.is_empty() {
         let tables = truth::run(&objects, args, &device, &mut summary)?;
@@ -240,7 +232,6 @@ fn error_against_time(
         ControlFlow::Continue(())
     };
     let points = summary.time("sweep", || Sweep::run(subject, devices, effort, &progress))?;
-    bar.finish_and_clear();
     write(&args.output.join(time::CSV), &time::csv(&points))?;
     summary.set("points", points.len());
     let words = sweep::in_words(&points);

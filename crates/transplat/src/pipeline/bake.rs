@@ -26,7 +26,7 @@ const STAGES_OF_DIRECTIONAL: [usize; 3] = [8, 2, 1];
 
 /// A bake, whole or in part.
 pub struct Baked {
-    pub bake: Bake,
+    pub bake: Arc<Bake>,
     /// Share of the directions that are in it.
     pub share: f32,
     pub ms: f64,
@@ -86,7 +86,7 @@ pub fn refined(
 ) -> Result<Baked> {
     let start = Instant::now();
     let baked = |bake: Bake, share: f32, file: Option<PathBuf>, complaint| Baked {
-        bake,
+        bake: Arc::new(bake),
         share,
         ms: start.elapsed().as_secs_f64() * 1e3,
         file,
@@ -272,8 +272,8 @@ mod tests {
             assert_eq!(shares.borrow().len(), stages.len(), "the second is read");
             // The same bake as in one go: the order of directions does not matter.
             let whole = Bake::new(&cloud, method, directions, &no_progress).expect("a bake");
-            for other in [&again.bake, &whole] {
-                match (&first.bake, other) {
+            for other in [&*again.bake, &whole] {
+                match (&*first.bake, other) {
                     (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                     (Bake::Directional(a), Bake::Directional(b)) => {
                         assert_eq!((&a.open, &a.hits.len()), (&b.open, &b.hits.len()));

@@ -30,23 +30,16 @@ pub fn make_and_keep(asset: &Path, cloud: &Arc<SurfelCloud>, bake: &DirectionalB
     estimate
 }
 
-/// What is done where the light of the capture cannot be told, for the user.
-fn what_stands_in(method: Method, obstacle: Obstacle) -> &'static str {
-    match (method, obstacle) {
+/// Why the light of the capture cannot be told, and what is done then, for the user.
+pub fn why_not(method: Method, obstacle: Obstacle) -> String {
+    let instead = match (method, obstacle) {
         (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
         (Method::Directional, _) => {
             "half of the change is made that would be right for a capture under even light"
         }
-    }
-}
-
-/// Why the light of the capture cannot be told, and what is done then, for the user.
-pub fn why_not(method: Method, obstacle: Obstacle) -> String {
-    let instead = what_stands_in(method, obstacle);
-    format!(
-        "cannot be told from the object: {}; {instead}",
-        obstacle.reason()
-    )
+    };
+    let why = obstacle.reason();
+    format!("cannot be told from the object: {why}; {instead}")
 }
 
 /// An estimate for the user.

@@ -54,14 +54,7 @@ impl Reference {
         let directional = Arc::new(DirectionalBake::bake(&cloud, &no_progress)?);
         let painter = Device::Cpu.painter(&Arc::new(cloud.clone()))?.0;
         let bounds = cloud.bounds();
-        let pose = CameraPose {
-            pivot: bounds.center,
-            azimuth: 30.0,
-            elevation: 25.0,
-            distance: 3.2 * bounds.radius,
-            fov: 40.0,
-            orthographic: false,
-        };
+        let pose = CameraPose::around(&bounds, 30.0, 25.0, 3.2, 40.0);
         let mut reference = Self {
             camera: Camera::from_pose(&pose, cloud.up, [SIZE, SIZE], bounds.radius),
             painter,

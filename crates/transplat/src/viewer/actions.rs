@@ -64,8 +64,8 @@ impl Viewer {
         match action {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
-            Action::SaveLook => self.ask_for_look(),
-            Action::ExportSplat => self.ask_for_splat(),
+            Action::SaveLook => self.ask_where(SaveKind::Look, "json"),
+            Action::ExportSplat => self.ask_where(SaveKind::Splat, "ply"),
             Action::Screenshot => self.export(Task::Screenshot(None)),
             Action::Copy => self.export(Task::Clipboard),
             Action::Undo => self.undo(),
@@ -99,15 +99,6 @@ impl Viewer {
             Action::NudgeUp => target.tilt = navigation::wrap(target.tilt + step),
             Action::NudgeDown => target.tilt = navigation::wrap(target.tilt - step),
         }
-    }
-
-    pub(super) fn ask_for_look(&mut self) {
-        let name = format!(
-            "{}_{}.json",
-            self.asset_name(),
-            self.session.light(TARGET).name()
-        );
-        ask(&mut self.session, Dialog::Save(SaveKind::Look, name));
     }
 
     pub(super) fn undo(&mut self) {

@@ -75,21 +75,12 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
     if view == View::Tau {
         let stops = [-3.0f32, -1.5, 0.0, 1.5, 3.0];
         let colors = tau_colors(&stops.map(|s| [s.exp2(); 3]));
-        let text = |s: &f32| format!("{s:+.1} stops by the new light");
-        return stops
-            .iter()
-            .map(text)
-            .zip(colors)
-            .map(|(t, c)| (encoded(c), t))
-            .collect();
+        let entry = |(s, c): (f32, _)| (encoded(c), format!("{s:+.1} stops by the new light"));
+        return stops.into_iter().zip(colors).map(entry).collect();
     }
     if view == View::Doubts || session.overlays.marks {
-        let shares = session
-            .state()
-            .doubts
-            .get()
-            .map(|d| d.shares)
-            .unwrap_or_default();
+        let doubts = session.state().doubts.get();
+        let shares = doubts.map(|d| d.shares).unwrap_or_default();
         let entry = |(doubt, share): (&Doubt, f32)| {
             let text = format!("{} ({:.1} %)", doubt_name(*doubt), 100.0 * share);
             (encoded(doubt.color()), text)
@@ -141,15 +132,9 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
     let (Some(asset), true) = (session.asset(), hide.crop) else {
         return;
     };
+    let ends = [hide.crop_min, hide.crop_max];
     let corner = |i: usize| {
-        let pick = |axis: usize| {
-            let end = if i >> axis & 1 == 0 {
-                hide.crop_min
-            } else {
-                hide.crop_max
-            };
-            end[axis]
-        };
+        let pick = |axis: usize| ends[i >> axis & 1][axis];
         let offset = Vec3::new(pick(0), pick(1), pick(2)) * asset.bounds.radius;
         let ([x, y], depth) = camera.project(asset.bounds.center + offset);
         (depth > camera.near).then(|| rect.min + egui::vec2(x, y))

@@ -41,6 +41,7 @@ pub struct Startup {
 }
 
 /// What is open beside the viewport.
+#[derive(Default)]
 pub struct Shown {
     pub help: bool,
     pub about: bool,
@@ -114,10 +115,8 @@ impl Viewer {
             undoer: Default::default(),
             probes: [None, None],
             shown: Shown {
-                help: false,
-                about: false,
                 panels: true,
-                path_field: None,
+                ..Shown::default()
             },
             unproven: Vec::new(),
             dropped: Vec::new(),
@@ -313,13 +312,11 @@ impl Viewer {
         asset.map_or_else(|| "asset".into(), |a| a.name())
     }
 
-    pub(super) fn ask_for_splat(&mut self) {
-        let name = format!(
-            "{}_{}.ply",
-            self.asset_name(),
-            self.session.light(TARGET).name()
-        );
-        ask(&mut self.session, Dialog::Save(SaveKind::Splat, name));
+    /// Asks where a look or a splat is to be saved.
+    pub(super) fn ask_where(&mut self, kind: SaveKind, extension: &str) {
+        let (asset, light) = (self.asset_name(), self.session.light(TARGET).name());
+        let name = format!("{asset}_{light}.{extension}");
+        ask(&mut self.session, Dialog::Save(kind, name));
     }
 
     /// Starts an export.

@@ -6,11 +6,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
-use transplat_core::estimate::Estimate;
 use transplat_core::files::AssetFile;
 use transplat_core::scene::{Object, Scene};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
-use transplat_gpu::live::LiveAsset;
 
 /// An asset as it is open.
 pub struct Asset {
@@ -49,17 +47,6 @@ impl Asset {
     pub fn is_linear(&self) -> bool {
         self.cloud.encoding == Encoding::StoredLinear
     }
-}
-
-/// A loaded asset on its way to the screen.
-pub struct LoadedAsset {
-    pub asset: Asset,
-    pub live: LiveAsset,
-    /// What was kept of an estimate of its light.
-    pub estimate: Option<Estimate>,
-    pub opened_with: OpenedWith,
-    /// The settings as they were when it was asked for.
-    pub asked: Scene,
 }
 
 /// What a splat is opened with.

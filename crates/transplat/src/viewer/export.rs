@@ -25,7 +25,7 @@ use super::jobs::{Handle, Kind};
 use super::navigation::wrap;
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET};
 use crate::commands::render::MAX_SAMPLES;
-use crate::device::{Painter, Transfer};
+use crate::device::Transfer;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 
 /// Format of saved pictures.
@@ -90,6 +90,8 @@ pub struct ExportSettings {
 
 impl Default for ExportSettings {
     fn default() -> Self {
+        let folders = directories::UserDirs::new();
+        let folder = folders.map(|d| d.picture_dir().unwrap_or(d.home_dir()).to_owned());
         Self {
             size: [1920, 1080],
             format: Format::default(),
@@ -97,12 +99,7 @@ impl Default for ExportSettings {
             transparent: false,
             sides: ExportSides::default(),
             pattern: "{asset}_{light}_{view}".into(),
-            folder: directories::UserDirs::new()
-                .and_then(|d| d.picture_dir().map(|p| p.display().to_string()))
-                .or_else(|| {
-                    directories::UserDirs::new().map(|d| d.home_dir().display().to_string())
-                })
-                .unwrap_or_else(|| ".".into()),
+            folder: folder.map_or(".".into(), |f| f.display().to_string()),
             frames: 36,
             turn: Turn::default(),
         }
@@ -133,22 +130,14 @@ impl Task {
         match self {
             Self::Clipboard => settings.format = Format::Png8,
             Self::Screenshot(Some(path)) => {
-                let extension = path
-                    .extension()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .to_lowercase();
-                let linear = match &*extension {
-                    "png" => false,
-                    "exr" => true,
+                let extension = path.extension().unwrap_or_default().to_string_lossy();
+                let format = match &*extension.to_lowercase() {
+                    "png" => Format::Png8,
+                    "exr" => Format::ExrHalf,
                     _ => bail!("{}: a picture is .png or .exr", path.display()),
                 };
-                if settings.format.is_linear() != linear {
-                    settings.format = if linear {
-                        Format::ExrHalf
-                    } else {
-                        Format::Png8
-                    };
+                if settings.format.is_linear() != format.is_linear() {
+                    settings.format = format;
                 }
             }
             _ => {}
@@ -294,8 +283,12 @@ impl Snapshot {
                 Ok(Made::Files(vec![path.clone()]))
             }
             Task::Screenshot(None) => {
-                let views = self.views().into_iter();
-                self.each(handle, views.map(|view| (view, &self.lights[TARGET])))
+                let views = match self.settings.sides {
+                    ExportSides::Shown => vec![self.scene.view],
+                    ExportSides::Each => vec![View::Before, View::After],
+                };
+                let pictures = views.into_iter().map(|view| (view, &self.lights[TARGET]));
+                self.each(handle, pictures)
             }
             Task::Clipboard => {
                 let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
@@ -358,37 +351,22 @@ impl Snapshot {
         Ok(())
     }
 
-    fn views(&self) -> Vec<View> {
-        match self.settings.sides {
-            ExportSides::Shown => vec![self.scene.view],
-            ExportSides::Each => vec![View::Before, View::After],
-        }
-    }
-
-    fn camera(&self) -> Camera {
-        Camera::from_pose(&self.pose, self.up, self.settings.size, self.radius)
-    }
-
-    fn painter(&self) -> Result<Painter> {
-        Ok(self.device.fastest().painter(&self.cloud)?.0)
-    }
-
     fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
         let studio = self.studio(view)?;
         let lit = self.lit(&self.scene, view, target)?;
-        studio.take(&self.camera(), self.settings.supersample, &lit)
+        self.take(&studio, &self.pose, &lit)
+    }
+
+    fn take(&self, studio: &Studio, pose: &CameraPose, lit: &Lit) -> Result<Raster> {
+        let camera = Camera::from_pose(pose, self.up, self.settings.size, self.radius);
+        studio.take(&camera, self.settings.supersample, lit)
     }
 
     fn studio(&self, view: View) -> Result<Studio> {
         let linear = self.settings.format.is_linear();
-        let scene = self.scene.clone();
-        let mut studio = Studio::new(
-            &self.cloud,
-            (scene, self.object),
-            view,
-            linear,
-            self.painter()?,
-        );
+        let scene = (self.scene.clone(), self.object);
+        let (painter, _) = self.device.fastest().painter(&self.cloud)?;
+        let mut studio = Studio::new(&self.cloud, scene, view, linear, painter);
         if view == View::Visibility {
             studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }
@@ -422,14 +400,11 @@ impl Snapshot {
 
     fn prepare(&self, scene: &Scene, source: &Illumination) -> Result<PreparedTransfer> {
         let (cloud, settings) = (&self.cloud, &scene.transfer);
-        if settings.method == self.bake.method() {
-            return Ok(PreparedTransfer::new(cloud, &self.bake, source, settings)?);
-        }
         // A pinned look may be of the other method.
-        if let Some(bake) = self.bakes.iter().find(|b| b.method() == settings.method) {
-            return Ok(PreparedTransfer::new(cloud, bake, source, settings)?);
-        }
-        bail!("the pinned look's preset is not baked")
+        let mut bakes = [&self.bake].into_iter().chain(&self.bakes);
+        let bake = bakes.find(|bake| bake.method() == settings.method);
+        let bake = bake.context("the pinned look's preset is not baked")?;
+        Ok(PreparedTransfer::new(cloud, bake, source, settings)?)
     }
 
     /// A light's map as it is seen behind the object.
@@ -454,6 +429,8 @@ impl Snapshot {
     /// What the lights make of the asset, for a view.
     fn lit(&self, scene: &Scene, view: View, target: &Arc<Environment>) -> Result<Lit> {
         let source = &self.lights[SOURCE];
+        let object = &scene.objects[self.object];
+        let maps = [&source.illumination, &target.illumination];
         let mut lit = if view.needs_relit() {
             let (prepared, relit) = self.relit(scene, target, view.part())?;
             Lit::of(view, relit, &self.cloud, &self.bake, prepared)
@@ -477,12 +454,9 @@ impl Snapshot {
             lit.before = Some((relit.clone(), scene.display));
         }
         if let Some(ground) = &self.ground {
-            let maps = [&source.illumination, &target.illumination];
-            lit.ground = lit_ground(ground, scene, &scene.objects[self.object], maps, self.up);
+            lit.ground = lit_ground(ground, scene, object, maps, self.up);
         }
         if view.background(scene.background) == Background::Environment {
-            let object = &scene.objects[self.object];
-            let maps = [&source.illumination, &target.illumination];
             let matched = scene.match_gain(object, maps);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
@@ -636,8 +610,7 @@ impl Snapshot {
                     &turned
                 }
             };
-            let camera = Camera::from_pose(&pose, self.up, self.settings.size, self.radius);
-            let raster = studio.take(&camera, self.settings.supersample, lit)?;
+            let raster = self.take(&studio, &pose, lit)?;
             let path = self.named(&target.name(), view, Some(frame));
             self.write(&path, &raster)?;
             written.push(path);

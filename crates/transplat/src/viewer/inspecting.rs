@@ -10,37 +10,33 @@ impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let degree = self.asset()?.cloud.sh_degree;
-        if let Some(PreparedTransfer::Directional(_)) = self.prepared() {
-            // None while a newer one is on its way.
-            let state = self.state();
-            let shown = state.relit.made_from()?.shown();
-            let relit = state.readout.of(&shown)?;
-            let k = coefficient_count(relit.degree);
-            let sh = relit.sh.get(i * k..(i + 1) * k)?;
-            let linear = match relit.encoding {
-                Encoding::Linear => sh.to_vec(),
-                encoding => decode_sh(sh, relit.degree, encoding),
-            };
-            let linear = with_degree(linear, relit.degree, degree);
-            return Some((*relit.tau.get(i)?, linear));
-        }
-        let Some(PreparedTransfer::Harmonic(harmonic)) = self.prepared() else {
-            return None;
+        let harmonic = match self.prepared()? {
+            PreparedTransfer::Harmonic(harmonic) => harmonic,
+            PreparedTransfer::Directional(_) => {
+                // None while a newer one is on its way.
+                let state = self.state();
+                let relit = state.readout.of(&state.relit.made_from()?.shown())?;
+                let k = coefficient_count(relit.degree);
+                let sh = relit.sh.get(i * k..(i + 1) * k)?;
+                let linear = match relit.encoding {
+                    Encoding::Linear => sh.to_vec(),
+                    encoding => decode_sh(sh, relit.degree, encoding),
+                };
+                let linear = with_degree(linear, relit.degree, degree);
+                return Some((*relit.tau.get(i)?, linear));
+            }
         };
-        if i >= harmonic.surfels {
-            return None;
-        }
+        let dc = *harmonic.dc.get(i)?;
         let light = harmonic.light(&self.oriented_lights()[TARGET].light.radiance);
         let relit = harmonic.relight_one(&light, i);
-        let (dc, relit_dc) = (harmonic.dc[i], relit[0]);
         let ratio = |c: usize| {
             if dc[c] > 0.0 {
-                relit_dc[c] / dc[c]
+                relit[0][c] / dc[c]
             } else {
                 0.0
             }
         };
-        let whole = with_degree(relit.clone(), harmonic.asset_degree, degree);
-        Some((std::array::from_fn(ratio), whole))
+        let tau = std::array::from_fn(ratio);
+        Some((tau, with_degree(relit, harmonic.asset_degree, degree)))
     }
 }

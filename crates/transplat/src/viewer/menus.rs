@@ -13,7 +13,7 @@ use super::files::{Dialog, PathField, ask};
 use super::preferences::Preferences;
 use super::session::SaveKind;
 use super::shortcuts::{self, Action};
-use super::widgets::entry;
+use super::widgets::{button, entry};
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
 
 impl Viewer {
@@ -182,20 +182,14 @@ impl Viewer {
             .on_hover_text("One part of the picture alone, or what it was made of.")
             .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Channel"));
         ui.separator();
-        let pin = ui.button("Pin").on_hover_text(
-            "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)",
-        );
-        if pin.clicked() {
+        let tip = "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)";
+        if button(ui, "Pin", tip) {
             session.pin();
         }
         if let Some(pinned) = &mut session.pinned {
             ui.checkbox(&mut pinned.is_compared, "against pinned")
                 .on_hover_text("Compare with the pinned look instead of the capture.");
-            if ui
-                .button("Swap")
-                .on_hover_text("Exchange the pinned look with this one.")
-                .clicked()
-            {
+            if button(ui, "Swap", "Exchange the pinned look with this one.") {
                 session.swap_pinned();
             }
             if ui.button("Unpin").clicked() {

@@ -31,28 +31,8 @@ pub fn first_pose(
     bounds: &Bounds,
     size: [usize; 2],
 ) -> CameraPose {
-    let pose = CameraPose {
-        pivot: bounds.center,
-        azimuth: -60.0,
-        elevation: 20.0,
-        distance: 1.0,
-        fov: 35.0,
-        orthographic: false,
-    };
+    let pose = CameraPose::around(bounds, -60.0, 20.0, 1.0, 35.0);
     framed(cloud, up, bounds, &pose, size)
-}
-
-/// All of the object, from where one looks now.
-pub fn frame_object(
-    cloud: &SurfelCloud,
-    up: UpAxis,
-    bounds: &Bounds,
-    pose: &mut CameraPose,
-    size: [usize; 2],
-) {
-    let orthographic = pose.orthographic;
-    *pose = framed(cloud, up, bounds, pose, size);
-    pose.orthographic = orthographic;
 }
 
 /// Looks from a side.
@@ -104,9 +84,7 @@ pub fn zoom(
 /// Looks around from where the camera is, by a drag in points.
 pub fn look_around(pose: &mut CameraPose, up: UpAxis, drag: Vec2) {
     let eye = eye(pose, up);
-    pose.azimuth = wrap(pose.azimuth - f64::from(drag.x) * DEGREES_A_POINT * 0.5);
-    pose.elevation =
-        (pose.elevation + f64::from(drag.y) * DEGREES_A_POINT * 0.5).clamp(-90.0, 90.0);
+    orbit(pose, 0.5 * drag);
     pose.pivot = eye + (pose.pivot - self::eye(pose, up));
 }
 

@@ -19,6 +19,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 
 use super::asset::Asset;
 use super::environments::{Environment, Resolved};
+use crate::pipeline::bake::Baked;
 use crate::savings::Saved;
 use crate::sweep::Point;
 
@@ -36,7 +37,7 @@ pub struct ObjectState {
     /// What it was captured under.
     pub source: Resolved,
     pub(super) lights: Derived<LightsKey, [OrientedLight; 2]>,
-    pub bakes: HashMap<Method, Derived<BakeKey, BakeState>>,
+    pub bakes: HashMap<Method, Derived<BakeKey, Baked>>,
     /// Of the bake of the fronts as they are told.
     pub estimate: Derived<(), Estimate>,
     /// The light that is made of that, by its version and the up axis.
@@ -115,14 +116,6 @@ pub type LightsKey = ([u64; 2], [EnvironmentLight; 2], bool, Vec<Light>, UpAxis)
 
 /// Directions. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = usize;
-
-/// A method's bake, and how far it is.
-pub struct BakeState {
-    pub bake: Arc<Bake>,
-    pub share: f32,
-    pub file: Option<PathBuf>,
-    pub ms: f64,
-}
 
 /// All that a preparation depends on: the bake by its version.
 #[derive(Clone, PartialEq)]

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_gpu::live::LiveAsset;
 
-use super::asset::{Asset, LoadedAsset, OpenedWith};
+use super::asset::{Asset, OpenedWith};
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
 use super::navigation;
@@ -82,40 +83,38 @@ impl Session {
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let label = format!("loading {name}");
-        let asked = self.scene.clone();
+        let (object, asked) = (opened_with.object(at).clone(), self.scene.clone());
         let work = move |_: &_| {
             let start = Instant::now();
             let (mut cloud, file) = load_asset(&path)?;
             let file_up = cloud.up;
-            opened_with.object(at).apply_to(&mut cloud);
+            object.apply_to(&mut cloud);
             let cloud = Arc::new(cloud);
             let live = LiveAsset::new(&context, &cloud)?;
             let estimate = estimate::kept(&path, &cloud);
-            Ok(LoadedAsset {
-                asset: Asset {
-                    bounds: cloud.bounds(),
-                    ground: ground_plane(&cloud, cloud.up),
-                    up: cloud.up,
-                    warnings: asset_warnings(&path, &file),
-                    load_ms: start.elapsed().as_secs_f64() * 1e3,
-                    file_up,
-                    file: Arc::new(file),
-                    cloud,
-                    path,
-                    reading_asked: None,
-                },
-                live,
-                estimate,
-                opened_with,
-                asked,
-            })
+            let asset = Asset {
+                bounds: cloud.bounds(),
+                ground: ground_plane(&cloud, cloud.up),
+                up: cloud.up,
+                warnings: asset_warnings(&path, &file),
+                load_ms: start.elapsed().as_secs_f64() * 1e3,
+                file_up,
+                file: Arc::new(file),
+                cloud,
+                path,
+                reading_asked: None,
+            };
+            Ok((asset, live, estimate))
         };
         self.start_or_else(kind, label, work, move |session, loaded| {
             let Some(at) = session.at(id) else {
                 return;
             };
             match loaded {
-                Ok(loaded) => session.show_asset(at, loaded),
+                Ok(loaded) => {
+                    let scene = opened_with.over(at, &asked, &session.scene, session.pose);
+                    session.show_asset(at, scene, loaded);
+                }
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
                     if let Some(asset) = &session.states[at].asset {
@@ -128,15 +127,12 @@ impl Session {
     }
 
     /// Shows a loaded splat; nothing of the last one is left.
-    fn show_asset(&mut self, at: usize, loaded: LoadedAsset) {
-        let LoadedAsset {
-            asset,
-            live,
-            estimate,
-            opened_with,
-            asked,
-        } = loaded;
-        let mut scene = opened_with.over(at, &asked, &self.scene, self.pose);
+    fn show_asset(
+        &mut self,
+        at: usize,
+        mut scene: Scene,
+        (asset, live, estimate): (Asset, LiveAsset, Option<Estimate>),
+    ) {
         let object = &mut scene.objects[at];
         object.asset = Some(asset.path.clone());
         // Where nobody tells it, and as long as what is told cannot be read.
@@ -208,20 +204,17 @@ impl Session {
         let label = format!("reading {}", light_name(&path));
         let file = path.clone();
         let work = move |_: &_| Environment::load(&background, &file);
-        self.start_or_else(Kind::Light, label, work, move |session, read| {
-            let (read, why) = match read {
-                Ok(read) => (Some(read), None),
-                Err(why) => (None, Some(why)),
-            };
-            if let Some(read) = &read {
+        self.start_or_else(Kind::Light, label, work, move |session, read| match read {
+            Ok(read) => {
                 session.stages.project_environment += 1;
                 for warning in read.warnings.clone() {
                     session.info(warning);
                 }
-                session.opened.push(path.clone());
+                session.environments.has_read(&path, Some(read));
+                session.opened.push(path);
             }
-            session.environments.has_read(&path, read);
-            if let Some(why) = why {
+            Err(why) => {
+                session.environments.has_read(&path, None);
                 session.error(format!("{why:#}"));
                 session.take_back(&path);
                 session.events.push(Event::NoLight(path));

@@ -1,16 +1,15 @@
 //! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
 
 use std::path::Path;
-use std::time::Instant;
 
 use eframe::egui::{self, Color32, Key, Ui};
 use transplat_core::present::View;
 use transplat_core::settings::skips::Skipped;
 
 use super::app::Viewer;
-use super::jobs::{Kind, Work};
+use super::jobs::{Job, Kind, Work};
 use super::probes::{Key as ProbeKey, Probe};
-use super::session::{SIDES, SOURCE, SaveKind, TARGET};
+use super::session::{SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands};
 use crate::words::milliseconds;
@@ -43,7 +42,7 @@ impl Viewer {
             };
             ui.label(bake).on_hover_text("The object's visibility; until it is baked, shadows are missing or coarse.");
             ui.separator();
-            if let Some(bytes) = crate::summary::memory_bytes() {
+            if let Some(bytes) = crate::summary::memory_bytes("VmRSS:") {
                 ui.label(format!("{} MB", thousands((bytes >> 20) as usize)))
                     .on_hover_text("Memory that the program holds.");
                 ui.separator();
@@ -78,44 +77,31 @@ impl Viewer {
             .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
             // Windows can be brought before it.
             .order(egui::Order::Middle);
-        let now = Instant::now();
-        self.session
-            .messages
-            .retain(|m| m.is_error || (now - m.since).as_secs_f32() < MESSAGE_S);
-        let messages = self.session.messages.clone();
-        let jobs: Vec<(u64, String, f32, bool)> = self
-            .session
-            .jobs
-            .running()
-            .iter()
-            // What is over in a moment is not worth a word.
-            .filter(|j| j.started.elapsed().as_secs_f32() > 0.4)
-            .map(|j| (j.id, j.label.clone(), j.progress(), j.can_be_cancelled()))
-            .collect();
+        let Session { messages, jobs, .. } = &mut self.session;
+        messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
+        // What is over in a moment is not worth a word.
+        let is_long = |j: &&Job| j.started.elapsed().as_secs_f32() > 0.4;
+        let jobs: Vec<&Job> = jobs.running().iter().filter(is_long).collect();
         if messages.is_empty() && jobs.is_empty() {
             return;
         }
         let width = (rect.width() * 0.5).clamp(240.0, 460.0);
         let mut dismissed = None;
         let mut dismiss_all = false;
-        let mut cancelled = None;
         area.show(context, |ui| {
             ui.set_max_width(width);
-            for (id, label, progress, can_cancel) in &jobs {
+            for job in &jobs {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        if *progress > 0.0 {
-                            ui.add(
-                                egui::ProgressBar::new(*progress)
-                                    .desired_width(90.0)
-                                    .show_percentage(),
-                            );
+                        if job.progress() > 0.0 {
+                            let bar = egui::ProgressBar::new(job.progress());
+                            ui.add(bar.desired_width(90.0).show_percentage());
                         } else {
                             ui.spinner();
                         }
-                        ui.label(label);
-                        if *can_cancel && ui.small_button("Cancel").clicked() {
-                            cancelled = Some(*id);
+                        ui.label(&job.label);
+                        if job.can_be_cancelled() && ui.small_button("Cancel").clicked() {
+                            job.cancel();
                         }
                     });
                 });
@@ -136,27 +122,20 @@ impl Viewer {
                         } else {
                             ui.visuals().text_color()
                         };
-                        ui.add(
-                            egui::Label::new(egui::RichText::new(&message.text).color(color))
-                                .wrap(),
-                        );
+                        let text = egui::RichText::new(&message.text).color(color);
+                        ui.add(egui::Label::new(text).wrap());
                     });
                 });
             }
         });
-        if dismiss_all {
-            self.session.messages.clear();
-        } else if let Some(i) = dismissed {
-            self.session.messages.remove(i);
-        }
-        if let Some(id) = cancelled {
-            for job in self.session.jobs.running().iter().filter(|j| j.id == id) {
-                job.cancel();
-            }
-        }
         // Errors stay; everything else goes by itself or goes on.
         if !jobs.is_empty() || messages.iter().any(|m| !m.is_error) {
             context.request_repaint_after_secs(0.25);
+        }
+        if dismiss_all {
+            messages.clear();
+        } else if let Some(i) = dismissed {
+            messages.remove(i);
         }
     }
 

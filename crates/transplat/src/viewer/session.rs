@@ -20,7 +20,8 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
-use super::object::{BakeState, ObjectState, OrientedLight};
+use super::object::{ObjectState, OrientedLight};
+use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = ["captured under", "relit by"];
@@ -81,6 +82,7 @@ pub struct Timers {
 }
 
 /// What is laid over the picture, and what is asked for to be shown beside it.
+#[derive(Default)]
 pub struct Overlays {
     pub marks: bool,
     pub grid: bool,
@@ -173,12 +175,7 @@ impl Session {
             environment: Resolved::default(),
             backdrops: Default::default(),
             pinned: None,
-            overlays: Overlays {
-                marks: false,
-                grid: true,
-                wants_doubts: false,
-                wants_readout: false,
-            },
+            overlays: Overlays::default(),
             viewport: [960, 600],
             messages: Vec::new(),
             stages: StageCounts::default(),
@@ -300,7 +297,7 @@ impl Session {
     }
 
     /// The bake of the method that is set, and how far it is.
-    pub fn baked(&self) -> Option<&BakeState> {
+    pub fn baked(&self) -> Option<&Baked> {
         self.baked_of(self.selected)
     }
 

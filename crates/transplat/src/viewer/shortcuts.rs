@@ -36,118 +36,79 @@ pub enum Action {
 
 /// Key, modifiers, action, and what is said of it.
 pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 28] = [
-    (Modifiers::CTRL, Key::O, Action::Open, "open files"),
+    (CTRL, Key::O, Action::Open, "open files"),
     (
         CTRL_SHIFT,
         Key::O,
         Action::OpenFolder,
         "open a folder of environments",
     ),
-    (Modifiers::CTRL, Key::S, Action::SaveLook, "save the look"),
-    (
-        Modifiers::CTRL,
-        Key::E,
-        Action::ExportSplat,
-        "export the relit splat",
-    ),
-    (
-        Modifiers::NONE,
-        Key::F12,
-        Action::Screenshot,
-        "save a picture",
-    ),
+    (CTRL, Key::S, Action::SaveLook, "save the look"),
+    (CTRL, Key::E, Action::ExportSplat, "export the relit splat"),
+    (NONE, Key::F12, Action::Screenshot, "save a picture"),
     (CTRL_SHIFT, Key::C, Action::Copy, "copy the picture"),
     (CTRL_SHIFT, Key::Z, Action::Redo, "redo"),
-    (Modifiers::CTRL, Key::Z, Action::Undo, "undo"),
-    (Modifiers::CTRL, Key::Y, Action::Redo, "redo"),
-    (Modifiers::NONE, Key::F, Action::Frame, "frame the object"),
+    (CTRL, Key::Z, Action::Undo, "undo"),
+    (CTRL, Key::Y, Action::Redo, "redo"),
+    (NONE, Key::F, Action::Frame, "frame the object"),
     (
-        Modifiers::NONE,
+        NONE,
         Key::O,
         Action::Orthographic,
         "perspective or orthographic",
     ),
+    (CTRL, Key::Num1, Action::Front, "look from the front"),
+    (CTRL, Key::Num2, Action::Right, "look from the right"),
+    (CTRL, Key::Num3, Action::Top, "look from the top"),
+    (NONE, Key::C, Action::NextCompare, "next way to compare"),
     (
-        Modifiers::CTRL,
-        Key::Num1,
-        Action::Front,
-        "look from the front",
-    ),
-    (
-        Modifiers::CTRL,
-        Key::Num2,
-        Action::Right,
-        "look from the right",
-    ),
-    (Modifiers::CTRL, Key::Num3, Action::Top, "look from the top"),
-    (
-        Modifiers::NONE,
-        Key::C,
-        Action::NextCompare,
-        "next way to compare",
-    ),
-    (
-        Modifiers::NONE,
+        NONE,
         Key::P,
         Action::Pin,
         "pin the look, to compare others with it",
     ),
-    (Modifiers::NONE, Key::G, Action::Grid, "grid"),
-    (Modifiers::NONE, Key::L, Action::Probes, "light probes"),
+    (NONE, Key::G, Action::Grid, "grid"),
+    (NONE, Key::L, Action::Probes, "light probes"),
+    (NONE, Key::K, Action::Marks, "mark doubtful surfels"),
     (
-        Modifiers::NONE,
-        Key::K,
-        Action::Marks,
-        "mark doubtful surfels",
-    ),
-    (
-        Modifiers::NONE,
+        NONE,
         Key::N,
         Action::Background,
         "environment or plain background",
     ),
+    (NONE, Key::M, Action::Match, "match the lights' strength"),
+    (NONE, Key::X, Action::Swap, "swap the two lights"),
+    (NONE, Key::H, Action::Panels, "panels on and off"),
+    (NONE, Key::F1, Action::Help, "this sheet"),
     (
-        Modifiers::NONE,
-        Key::M,
-        Action::Match,
-        "match the lights' strength",
-    ),
-    (Modifiers::NONE, Key::X, Action::Swap, "swap the two lights"),
-    (Modifiers::NONE, Key::H, Action::Panels, "panels on and off"),
-    (Modifiers::NONE, Key::F1, Action::Help, "this sheet"),
-    (
-        Modifiers::NONE,
+        NONE,
         Key::ArrowLeft,
         Action::NudgeLeft,
         "turn the light 5° (shift: 1°)",
     ),
     (
-        Modifiers::NONE,
+        NONE,
         Key::ArrowRight,
         Action::NudgeRight,
         "turn the light back",
     ),
     (
-        Modifiers::NONE,
+        NONE,
         Key::ArrowUp,
         Action::NudgeUp,
         "tilt the light 5° (shift: 1°)",
     ),
     (
-        Modifiers::NONE,
+        NONE,
         Key::ArrowDown,
         Action::NudgeDown,
         "tilt the light back",
     ),
 ];
 
-const CTRL_SHIFT: Modifiers = Modifiers {
-    alt: false,
-    ctrl: true,
-    shift: true,
-    mac_cmd: false,
-    command: false,
-};
+const NONE: Modifiers = Modifiers::NONE;
+const CTRL: Modifiers = Modifiers::CTRL;
+const CTRL_SHIFT: Modifiers = Modifiers::CTRL.plus(Modifiers::SHIFT);
 
 /// Keys that nudge; with shift they do it finely.
 pub const ARROWS: [Key; 4] = [

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use eframe::egui::{self, Response, Ui};
+use eframe::egui::{self, PointerButton, Response, Ui};
 use eframe::emath::Numeric;
 
 /// A slider.
@@ -17,6 +17,19 @@ pub struct Control<'a, T> {
 }
 
 impl<T: Numeric> Control<'_, T> {
+    /// Without a name; of whole numbers.
+    pub fn of(range: RangeInclusive<T>, default: T) -> Self {
+        Self {
+            label: "",
+            unit: "",
+            tip: "",
+            range,
+            default,
+            decimals: 0,
+            logarithmic: false,
+        }
+    }
+
     pub fn show(self, ui: &mut Ui, value: &mut T) -> Response {
         // Only what the user edits is rounded and held to the range: a look may say more than a slider shows.
         let mut shown = *value;
@@ -33,16 +46,17 @@ impl<T: Numeric> Control<'_, T> {
         if response.changed() {
             *value = shown;
         }
-        // A slider's rail tells no double clicks itself.
-        let double = ui.input(|i| {
-            i.pointer
-                .button_double_clicked(egui::PointerButton::Primary)
-        });
-        if double && row.response.contains_pointer() {
+        if is_double_clicked(ui, &row.response) {
             *value = self.default;
         }
         tip(response, self.tip)
     }
+}
+
+/// A slider's rail tells no double clicks itself.
+fn is_double_clicked(ui: &Ui, response: &Response) -> bool {
+    let double = ui.input(|i| i.pointer.button_double_clicked(PointerButton::Primary));
+    double && response.contains_pointer()
 }
 
 /// Width of the names of controls, so that the controls stand below each other.
@@ -73,10 +87,8 @@ pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
         label,
         unit: "°",
         tip,
-        range: -180.0..=180.0,
-        default: 0.0,
         decimals: 1,
-        logarithmic: false,
+        ..Control::of(-180.0..=180.0, 0.0)
     }
     .show(ui, value)
 }
@@ -94,11 +106,7 @@ pub fn choice<T: PartialEq + Copy>(
     let chosen = chosen.map_or("", |(name, _)| name);
     ui.horizontal(|ui| {
         let label = name(ui, label);
-        let double = ui.input(|i| {
-            i.pointer
-                .button_double_clicked(egui::PointerButton::Primary)
-        });
-        if double && label.contains_pointer() {
+        if is_double_clicked(ui, &label) {
             *value = options[0].1;
         }
         let list = egui::ComboBox::from_id_salt(label.id)
@@ -111,6 +119,11 @@ pub fn choice<T: PartialEq + Copy>(
         tip(list.response.labelled_by(label.id), text);
     });
     *value != before
+}
+
+/// A button that says what it does; whether it was clicked.
+pub fn button(ui: &mut Ui, name: &str, tip: &str) -> bool {
+    ui.button(name).on_hover_text(tip).clicked()
 }
 
 /// An entry of a menu, which closes it.

@@ -29,7 +29,7 @@ const EPSILONS: [f32; 10] = [1e-6, 1e-5, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 1.0
 /// Runs the battery, and the sweep over epsilon on the asset.
 pub fn run(
     args: &ReportArgs,
-    subject: Option<&Subject>,
+    subject: &Subject,
     devices: &[Device],
     page: &mut Page,
     summary: &mut Summary,
@@ -41,7 +41,7 @@ pub fn run(
     let mut outcomes = Vec::new();
     for (i, case) in cases.iter().enumerate() {
         bar.set_position((1000 * i / cases.len()) as u64);
-        if bar.is_hidden() && !summary.is_quiet() {
+        if bar.is_hidden() && !summary.quiet {
             eprintln!("{} ({} of {})", case.name, i + 1, cases.len());
         }
         for method in Method::ALL {
@@ -61,15 +61,12 @@ pub fn run(
     summary.set("extreme_cases", outcomes.len());
     let failed = outcomes.iter().filter(|o| o.failure.is_some());
     summary.set("extreme_cases_failed", failed.count());
-    let mut words = extremes::in_words(&outcomes);
+    let words = extremes::in_words(&outcomes);
     page.heading("Stiff and extreme cases");
     page.paragraph(&words);
     page.paragraph("f32 and the GPU are compared with the f64 oracle (relative L2 of the relit colour). The condition number is how many times a relative change of the source light is amplified in the ratio tau, at the worst surfel: |t| |L| / (E + epsilon), where the irradiance is E = t.L. Everything is asked to be finite. Bounded: the ratio is within what the lights and epsilon allow. Scale-invariant, as at scale 1: the same colours whatever the unit of light or length. Monotone: a larger epsilon never makes a larger change. Black: no light, no colour. As with even light: a black source tells nothing. There and back, preset best is to come back the first time; the drift after many turns is told and not asked for, because each turn keeps the error of those before. A number is missing where the oracle has no such case (a channel that is missing in the source is filled up, pixels that are no numbers, no surfels) or the ratio is held at its bound.");
     onto(page, &outcomes);
-    if let Some(subject) = subject {
-        words += &stiffness(args, subject, page)?;
-    }
-    Ok(words)
+    Ok(words + &stiffness(args, subject, page)?)
 }
 
 /// All outcomes, for programs.

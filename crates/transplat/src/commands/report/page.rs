@@ -95,16 +95,11 @@ impl Page {
             "<details open><summary>{}</summary><table>",
             escaped(name)
         ));
-        let cells = |tag: &str, cells: &mut dyn Iterator<Item = &str>| {
-            let each = cells.map(|c| format!("<{tag}>{}</{tag}>", escaped(c)));
-            each.collect::<String>()
-        };
-        self.line(&format!(
-            "<tr>{}</tr>",
-            cells("th", &mut head.iter().copied())
-        ));
+        let cell = |tag: &str, text: &str| format!("<{tag}>{}</{tag}>", escaped(text));
+        let head: String = head.iter().map(|name| cell("th", name)).collect();
+        self.line(&format!("<tr>{head}</tr>"));
         for (class, row) in rows {
-            let row = cells("td", &mut row.iter().map(String::as_str));
+            let row: String = row.iter().map(|text| cell("td", text)).collect();
             self.line(&format!("<tr class=\"{class}\">{row}</tr>"));
         }
         self.line("</table></details>");
@@ -139,14 +134,10 @@ impl Page {
 }
 
 fn escaped(text: &str) -> String {
-    let marks = [
-        ('&', "&amp;"),
-        ('<', "&lt;"),
-        ('>', "&gt;"),
-        ('"', "&quot;"),
-    ];
-    let replaced = |text: String, (mark, entity): (char, &str)| text.replace(mark, entity);
-    marks.into_iter().fold(text.to_owned(), replaced)
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 fn draw(plot: &Plot<'_>, dots: &[Dot]) -> Result<String> {

@@ -35,7 +35,6 @@ pub fn run(
     };
     let repeats = REPEATS[usize::from(!args.quick)];
     let savings = summary.time("skips", || savings::measure(subject, repeats, &progress))?;
-    bar.finish_and_clear();
     write(&args.output.join(CSV), &csv(&savings.saved))?;
     for saved in &savings.saved {
         summary.saved(saved);

@@ -65,7 +65,7 @@ pub fn run(
     let mut estimates: Vec<LightEstimate> = Vec::new();
     for (i, object) in objects.iter().enumerate() {
         bar.set_position((1000 * i / objects.len()) as u64);
-        if bar.is_hidden() && !summary.is_quiet() {
+        if bar.is_hidden() && !summary.quiet {
             eprintln!("{} ({} of {})", object.name, i + 1, objects.len());
         }
         let scene = TruthScene::load(object, device, directions)
@@ -84,7 +84,6 @@ pub fn run(
         }
         estimates.extend(unknown.map(|u| u.estimate));
     }
-    bar.finish_and_clear();
     let table = args.output.join(TRUTH_CSV);
     write(&table, &csv(&rows))?;
     let text = markdown(&rows, &round_trips, &estimates, &variants);
@@ -158,15 +157,10 @@ impl<'a> TruthScene<'a> {
         device: &Device,
     ) -> Result<RoundTrip> {
         let (relit, _) = relight(device, prepared, &self.source)?;
-        let (captured, back) = (
-            self.views.pictures(None)?,
-            self.views.pictures(Some(&relit))?,
-        );
-        let scores: Vec<f64> = captured
-            .iter()
-            .zip(&back)
-            .map(|(a, b)| b.psnr(a, None))
-            .collect::<Result<_>>()?;
+        let captured = self.views.pictures(None)?.into_iter();
+        let pairs = captured.zip(self.views.pictures(Some(&relit))?);
+        let scores = pairs.map(|(captured, back)| back.psnr(&captured, None));
+        let scores = scores.collect::<Result<Vec<f64>>>()?;
         Ok(RoundTrip {
             object: self.object.name.clone(),
             method: variant.method(),
@@ -184,13 +178,8 @@ impl<'a> TruthScene<'a> {
     ) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
         for target in &self.views.targets {
-            let (relit, ms) = match prepared {
-                Some(prepared) => {
-                    let (relit, ms) = relight(device, prepared, &target.illumination)?;
-                    (Some(relit), Some(ms))
-                }
-                None => (None, None),
-            };
+            let relit = prepared.map(|p| relight(device, p, &target.illumination));
+            let (relit, ms) = relit.transpose()?.unzip();
             let ours = self.views.pictures(relit.as_ref())?;
             if variant.is_default() {
                 let name = format!("{}_{}.png", self.object.name, target.light.name);

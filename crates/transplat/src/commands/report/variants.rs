@@ -48,35 +48,24 @@ impl Source {
 impl Variant {
     /// The methods; unless that is enough, also without each of their terms; and the default without being told the light of the capture.
     pub fn all(quick: bool, unknown_light: bool) -> Vec<Self> {
-        let source = Source::Told;
+        let of = |settings, off, source| Self {
+            settings,
+            off,
+            source,
+        };
         let mut all = Vec::new();
         for method in Method::ALL {
             let whole = TransferSettings::of(method);
-            all.push(Self {
-                settings: Some(whole.clone()),
-                off: None,
-                source,
-            });
+            all.push(of(Some(whole.clone()), None, Source::Told));
             for term in Terms::of_method(method).filter(|_| !quick) {
-                all.push(Self {
-                    settings: whole.clone().without(term.name).ok(),
-                    off: Some(term.name),
-                    source,
-                });
+                let without = whole.clone().without(term.name).ok();
+                all.push(of(without, Some(term.name), Source::Told));
             }
         }
         for source in Source::NOT_TOLD.into_iter().filter(|_| unknown_light) {
-            all.push(Self {
-                settings: Some(TransferSettings::default()),
-                off: None,
-                source,
-            });
+            all.push(of(Some(TransferSettings::default()), None, source));
         }
-        all.push(Self {
-            settings: None,
-            off: None,
-            source,
-        });
+        all.push(of(None, None, Source::Told));
         all
     }
 

@@ -12,7 +12,7 @@ use crate::pipeline::warnings::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::widgets::{Control, fact, file, named, thousands};
+use crate::viewer::widgets::{Control, button, fact, file, named, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
@@ -89,7 +89,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
         let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
-        if ui.button("This side is out").on_hover_text(tip).clicked() {
+        if button(ui, "This side is out", tip) {
             let eye = navigation::eye(&session.pose, session.up());
             let places = &mut session.object_mut().outside_from;
             if places.len() < MOST_PLACES && !places.contains(&eye) {
@@ -118,22 +118,18 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
     ui.label("Hide (nothing is edited)");
     Control {
         label: "Faint",
-        unit: "",
         tip: "Surfels of less opacity than this are not drawn: takes away haze.",
-        range: 0.0..=1.0,
-        default: 0.0,
         decimals: 3,
-        logarithmic: false,
+        ..Control::of(0.0..=1.0, 0.0)
     }
     .show(ui, &mut hide.min_opacity);
     Control {
         label: "Large",
         unit: " radii",
         tip: "Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none.",
-        range: 0.001..=1.0,
-        default: 1.0,
         decimals: 3,
         logarithmic: true,
+        ..Control::of(0.001..=1.0, 1.0)
     }
     .show(ui, &mut hide.max_size);
     ui.checkbox(&mut hide.crop, "Crop box")

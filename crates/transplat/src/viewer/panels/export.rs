@@ -6,7 +6,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::{Dialog, ask};
 use crate::viewer::session::SaveKind;
-use crate::viewer::widgets::{choice, named};
+use crate::viewer::widgets::{button, choice, named};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);
@@ -15,12 +15,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.separator();
     task = task.or(turntable(ui, viewer));
     ui.separator();
-    if ui
-        .button("Export relit splat…")
-        .on_hover_text("As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)")
-        .clicked()
-    {
-        viewer.ask_for_splat();
+    let tip = "As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)";
+    if button(ui, "Export relit splat…", tip) {
+        viewer.ask_where(SaveKind::Splat, "ply");
     }
     if let Some(task) = task {
         viewer.export(task);
@@ -40,11 +37,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
             ));
             named(&response, egui::Role::SpinButton, format!("Picture {name}"));
         }
-        if ui
-            .button("as here")
-            .on_hover_text("The viewport's own size.")
-            .clicked()
-        {
+        if button(ui, "as here", "The viewport's own size.") {
             settings.size = viewer.session.viewport;
         }
     });
@@ -85,7 +78,7 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         ui.add(field)
             .labelled_by(label.id)
             .on_hover_text("Where pictures are saved.");
-        if ui.button("…").on_hover_text("Choose a folder.").clicked() {
+        if button(ui, "…", "Choose a folder.") {
             ask(
                 &mut viewer.session,
                 Dialog::Save(SaveKind::Folder, String::new()),
@@ -103,32 +96,19 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
 fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {
-        if ui
-            .button("Save picture")
-            .on_hover_text("As it is shown. (F12)")
-            .clicked()
-        {
+        if button(ui, "Save picture", "As it is shown. (F12)") {
             task = Some(Task::Screenshot(None));
         }
-        if ui
-            .button("Copy")
-            .on_hover_text("The picture to the clipboard. (ctrl + shift + C)")
-            .clicked()
-        {
+        let tip = "The picture to the clipboard. (ctrl + shift + C)";
+        if button(ui, "Copy", tip) {
             task = Some(Task::Clipboard);
         }
-        if ui
-            .button("One per light")
-            .on_hover_text("A file for each light of the shelf.")
-            .clicked()
-        {
+        let tip = "A file for each light of the shelf.";
+        if button(ui, "One per light", tip) {
             task = Some(Task::EachLight);
         }
-        if ui
-            .button("Contact sheet")
-            .on_hover_text("One file with a picture for each light of the shelf.")
-            .clicked()
-        {
+        let tip = "One file with a picture for each light of the shelf.";
+        if button(ui, "Contact sheet", tip) {
             task = Some(Task::ContactSheet);
         }
     });
@@ -149,9 +129,6 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         ui.selectable_value(&mut settings.turn, Turn::Light, "light")
             .on_hover_text("The light goes round the object.");
     });
-    let button = ui.button("Save turntable");
-    let clicked = button
-        .on_hover_text("Numbered frames of a whole turn.")
-        .clicked();
-    clicked.then_some(Task::Turntable)
+    let tip = "Numbered frames of a whole turn.";
+    button(ui, "Save turntable", tip).then_some(Task::Turntable)
 }

@@ -69,10 +69,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         } else {
             "How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel View."
         },
-        range: -8.0..=8.0,
-        default: 0.0,
         decimals: 2,
-        logarithmic: false,
+        ..Control::of(-8.0..=8.0, 0.0)
     }
     .show(ui, &mut settings.strength);
     ui.horizontal(|ui| {
@@ -158,15 +156,8 @@ fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
     let response = ui
         .horizontal(|ui| {
             ui.label("Locked to");
-            let world = ui.selectable_label(!*locked, "world");
-            let camera = ui.selectable_label(*locked, "camera");
-            if world.clicked() {
-                *locked = false;
-            }
-            if camera.clicked() {
-                *locked = true;
-            }
-            world | camera
+            let world = ui.selectable_value(locked, false, "world");
+            world | ui.selectable_value(locked, true, "camera")
         })
         .inner;
     response.on_hover_text(

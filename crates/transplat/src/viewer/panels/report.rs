@@ -21,19 +21,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             ui.strong("last");
             ui.end_row();
             let load = session.asset().map(|a| a.load_ms);
+            let bake = session.baked().map(|b| b.ms);
+            let prepare = session.state().prepared.get().map(|p| p.ms);
             let rows = [
                 ("load", stages.load, load),
                 ("project environment", stages.project_environment, None),
-                (
-                    "bake visibility",
-                    stages.bake,
-                    session.baked().map(|b| b.ms),
-                ),
-                (
-                    "prepare",
-                    stages.prepare,
-                    session.state().prepared.get().map(|p| p.ms),
-                ),
+                ("bake visibility", stages.bake, bake),
+                ("prepare", stages.prepare, prepare),
                 ("transfer", passes.transfer, Some(session.transfer_ms())),
                 ("sort", passes.sort, None),
                 ("project surfels", passes.project, None),

@@ -8,7 +8,7 @@ use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{Control, fact, name};
+use crate::viewer::widgets::{Control, button, fact, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.scene.transfer;
@@ -28,24 +28,18 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.add_enabled_ui(by_series, |ui| {
         Control {
             label: "SH degree",
-            unit: "",
             tip: "How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time.",
-            range: 0..=MAX_DEGREE,
-            default: TransferSettings::default().sh_degree,
-            decimals: 0,
-            logarithmic: false,
+            ..Control::of(0..=MAX_DEGREE, TransferSettings::default().sh_degree)
         }
         .show(ui, &mut transfer.sh_degree);
     });
     let mut epsilon = transfer.epsilon();
     Control {
         label: "Epsilon",
-        unit: "",
         tip: "Relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
-        range: *EPSILON.start()..=*EPSILON.end(),
-        default: method.epsilon(),
         decimals: 6,
         logarithmic: true,
+        ..Control::of(EPSILON, method.epsilon())
     }
     .show(ui, &mut epsilon);
     // The method's own stays the method's own.
@@ -64,40 +58,19 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 }
 
 fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
-    for (label, tip, term) in [
-        (
-            "Sums over directions",
+    ui.checkbox(&mut terms.sums, "Sums over directions")
+        .on_hover_text(
             "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
-            &mut terms.sums,
-        ),
-        (
-            "Suns",
-            "Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky.",
-            &mut terms.suns,
-        ),
-        (
-            "Bounced light",
-            "Surfels light each other. Off, whatever blocks the light is black.",
-            &mut terms.bounce,
-        ),
-        (
-            "Two sides",
-            "Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light.",
-            &mut terms.two_sided,
-        ),
-        (
-            "Gloss",
-            "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
-            &mut terms.lobe,
-        ),
-        (
-            "Residual",
-            "Keeps what none of these explains of the capture. Off, it is left out.",
-            &mut terms.residual,
-        ),
-    ] {
-        ui.checkbox(term, label).on_hover_text(tip);
-    }
+        );
+    ui.checkbox(&mut terms.suns, "Suns").on_hover_text("Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky.");
+    ui.checkbox(&mut terms.bounce, "Bounced light")
+        .on_hover_text("Surfels light each other. Off, whatever blocks the light is black.");
+    ui.checkbox(&mut terms.two_sided, "Two sides").on_hover_text("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light.");
+    ui.checkbox(&mut terms.lobe, "Gloss").on_hover_text(
+        "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
+    );
+    ui.checkbox(&mut terms.residual, "Residual")
+        .on_hover_text("Keeps what none of these explains of the capture. Off, it is left out.");
 }
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
@@ -116,12 +89,9 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
     let mut directions = viewer.directions_draft.unwrap_or(session.scene.directions);
     let response = Control {
         label: "Directions",
-        unit: "",
         tip: "Directions that visibility is baked for. More are finer and take longer; the bake runs again.",
-        range: *DIRECTIONS.start()..=*DIRECTIONS.end(),
-        default: DEFAULT_DIRECTIONS,
-        decimals: 0,
         logarithmic: true,
+        ..Control::of(DIRECTIONS, DEFAULT_DIRECTIONS)
     }
     .show(ui, &mut directions);
     // A bake is too long for every step of a drag.
@@ -137,11 +107,8 @@ fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     if session.bake_share() < 1.0 && !session.is_baking(session.selected) {
         ui.label("The bake is not finished: shadows are coarse.");
-        if ui
-            .button("Bake on")
-            .on_hover_text("Bakes the object's visibility from the start.")
-            .clicked()
-        {
+        let tip = "Bakes the object's visibility from the start.";
+        if button(ui, "Bake on", tip) {
             session.rebake();
         }
     }

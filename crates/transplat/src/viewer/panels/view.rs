@@ -1,14 +1,14 @@
 //! What is shown and how: camera, background, display.
 
 use eframe::egui::Ui;
-use transplat_core::camera::FOV;
+use transplat_core::camera::{CameraPose, FOV, framed};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
-use crate::viewer::widgets::{Control, choice};
+use crate::viewer::widgets::{Control, button, choice};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
@@ -21,12 +21,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui.separator();
         Control {
             label: "Difference x",
-            unit: "",
             tip: "What the difference of the two pictures is multiplied by; grey is none.",
-            range: DIFFERENCE_SCALE,
-            default: 1.0,
             decimals: 1,
             logarithmic: true,
+            ..Control::of(DIFFERENCE_SCALE, 1.0)
         }
         .show(ui, &mut session.scene.difference_scale);
     }
@@ -38,10 +36,8 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         label: "Exposure",
         unit: " stops",
         tip: "Brightness of the picture alone; no light changes. The light's strength is in the panel Target light.",
-        range: -8.0..=8.0,
-        default: 0.0,
         decimals: 2,
-        logarithmic: false,
+        ..Control::of(-8.0..=8.0, 0.0)
     }
     .show(ui, &mut scene.display.exposure);
     choice(
@@ -88,10 +84,8 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
                 label: "Blur",
                 unit: "°",
                 tip: "Blurs the environment behind the object; the light on it stays.",
-                range: 0.0..=30.0f32.min(*BLUR.end()),
-                default: 2.0,
                 decimals: 1,
-                logarithmic: false,
+                ..Control::of(0.0..=30.0f32.min(*BLUR.end()), 2.0)
             }
             .show(ui, &mut scene.background_blur);
         }
@@ -123,19 +117,11 @@ fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
 fn camera(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
         for (name, viewpoint) in navigation::VIEWPOINTS {
-            if ui
-                .button(name)
-                .on_hover_text("Looks at the object from there.")
-                .clicked()
-            {
+            if button(ui, name, "Looks at the object from there.") {
                 navigation::look_from(&mut viewer.session.pose, viewpoint);
             }
         }
-        if ui
-            .button("Frame")
-            .on_hover_text("Shows all of the object. (F)")
-            .clicked()
-        {
+        if button(ui, "Frame", "Shows all of the object. (F)") {
             frame(viewer);
         }
     });
@@ -152,10 +138,8 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
         label: "Field of view",
         unit: "°",
         tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
-        range: *FOV.start()..=120.0,
-        default: 35.0,
         decimals: 1,
-        logarithmic: false,
+        ..Control::of(*FOV.start()..=120.0, 35.0)
     }
     .show(ui, &mut fov)
     .changed();
@@ -173,14 +157,11 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
 /// Shows all of the object.
 pub fn frame(viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let up = session.up();
-    if let Some(asset) = &session.states[session.selected].asset {
-        navigation::frame_object(
-            &asset.cloud,
-            up,
-            &asset.bounds,
-            &mut session.pose,
-            session.viewport,
-        );
+    let (up, size, last) = (session.up(), session.viewport, session.pose);
+    if let Some(asset) = session.asset() {
+        session.pose = CameraPose {
+            orthographic: last.orthographic,
+            ..framed(&asset.cloud, up, &asset.bounds, &last, size)
+        };
     }
 }

@@ -1,7 +1,6 @@
 //! The bakes: that of the method that is set, and what the estimate of the light needs.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use transplat_core::bake::patches;
 use transplat_core::files::inspect_bake;
@@ -9,11 +8,11 @@ use transplat_core::settings::Method;
 
 use crate::pipeline::bake::{self, Baked, Wanted};
 use crate::viewer::jobs::{Handle, Kind, Work, beside_the_rest};
-use crate::viewer::object::{BakeKey, BakeState};
+use crate::viewer::object::BakeKey;
 use crate::viewer::session::{Outcome, Session};
 
 impl Session {
-    pub(in crate::viewer) fn baked_of(&self, at: usize) -> Option<&BakeState> {
+    pub(in crate::viewer) fn baked_of(&self, at: usize) -> Option<&Baked> {
         let method = self.scene.transfer.method;
         self.states[at].bakes.get(&method)?.get()
     }
@@ -112,24 +111,17 @@ impl Session {
         self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
     }
 
-    fn take_bake(&mut self, id: u64, key: BakeKey, baked: Baked) {
+    fn take_bake(&mut self, id: u64, key: BakeKey, mut baked: Baked) {
         let Some(at) = self.at(id) else {
             return;
         };
-        let bake = self.states[at]
-            .bakes
-            .entry(baked.bake.method())
-            .or_default();
-        let state = BakeState {
-            bake: Arc::new(baked.bake),
-            share: baked.share,
-            file: baked.file,
-            ms: baked.ms,
-        };
-        if bake.accept(key, state) {
+        let bakes = &mut self.states[at].bakes;
+        let bake = bakes.entry(baked.bake.method()).or_default();
+        let complaint = baked.complaint.take();
+        if bake.accept(key, baked) {
             self.stages.bake += 1;
         }
-        if let Some(why) = baked.complaint {
+        if let Some(why) = complaint {
             self.error(why);
         }
     }
