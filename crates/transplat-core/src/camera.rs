@@ -1,9 +1,9 @@
 //! A pinhole camera with OpenCV axes: x right, y down, z forward.
 
-use glam::{DMat3, DMat4, DVec3, Mat3, Vec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Result, ensure};
 use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Nothing is drawn that is nearer to the camera than this share of the object's radius.
@@ -51,14 +51,10 @@ impl CameraPose {
             && self.distance.is_finite()
             && self.distance > 0.0
             && FOV.contains(&self.fov);
-        if finite {
-            Ok(())
-        } else {
-            Err(Error::Mismatch(
-                "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0)"
-                    .into(),
-            ))
-        }
+        ensure(finite, || {
+            "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0)"
+                .into()
+        })
     }
 }
 
@@ -114,12 +110,7 @@ impl Camera {
     pub fn from_pose(pose: &CameraPose, up: UpAxis, size: [usize; 2], radius: f32) -> Self {
         let (azimuth, elevation) = (pose.azimuth.to_radians(), pose.elevation.to_radians());
         let asset_from_world = up.asset_from_world();
-        let towards = asset_from_world
-            * DVec3::new(
-                azimuth.cos() * elevation.cos(),
-                azimuth.sin() * elevation.cos(),
-                elevation.sin(),
-            );
+        let towards = asset_from_world * direction(azimuth, elevation);
         let right = asset_from_world * DVec3::new(-azimuth.sin(), azimuth.cos(), 0.0);
         let shown = (pose.fov.to_radians() / 2.0).tan();
         let half_edge = size[0].min(size[1]) as f64 / 2.0;
@@ -210,6 +201,11 @@ impl Camera {
     }
 }
 
+/// Unit vector of an azimuth and an elevation in radians, in the Z-up world.
+fn direction(azimuth: f64, elevation: f64) -> DVec3 {
+    (elevation.cos() * DVec2::from_angle(azimuth)).extend(elevation.sin())
+}
+
 /// How high a turntable's cameras stand over the object, in degrees.
 const TURNTABLE_ELEVATION: f64 = 20.0;
 
@@ -227,12 +223,7 @@ pub fn turntable(
     let towards: Vec<Vec3> = (0..count)
         .map(|i| {
             let azimuth = std::f64::consts::TAU * i as f64 / count as f64;
-            let from_center = DVec3::new(
-                azimuth.cos() * elevation.cos(),
-                azimuth.sin() * elevation.cos(),
-                elevation.sin(),
-            );
-            (asset_from_world * from_center).as_vec3()
+            (asset_from_world * direction(azimuth, elevation)).as_vec3()
         })
         .collect();
     let camera = |towards: Vec3, distance: f32| {

@@ -4,7 +4,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::sh::{self, MAX_COEFFICIENTS, SphereQuadrature, coefficient_count, evaluate_basis};
+use crate::sh::{self, MAX_COEFFICIENTS, coefficient_count, evaluate_basis, sphere_quadrature};
 
 /// Linear value of a display-encoded (sRGB, IEC 61966-2-1) one; odd-symmetric and unbounded.
 pub fn srgb_decode(encoded: f32) -> f32 {
@@ -257,59 +257,38 @@ impl Encoding {
     }
 }
 
-/// Turns a whole SH function into another encoding: evaluate it on a quadrature, convert each value, project back.
+/// Passes the values of whole SH functions `[n][K][3]` through a curve, in place: evaluates each on a quadrature, converts each value,
+/// projects back.
 ///
 /// The curve is not a polynomial, so the result is the projection on a quadrature of degree `2 * degree + 2`.
-#[derive(Clone, Debug)]
-pub struct SphereSampler {
-    coefficients: usize,
-    samples: usize,
-    /// `[samples][K]`
-    evaluate: Vec<f32>,
-    /// `[samples][K]`, the weight of each sample folded in.
-    project: Vec<f32>,
-}
-
-impl SphereSampler {
-    /// The matrices for functions of `degree`.
-    pub fn new(degree: usize) -> Self {
-        let k = coefficient_count(degree);
-        let quadrature = SphereQuadrature::exact(if degree == 0 { 0 } else { 2 * degree + 2 });
-        let (mut evaluate, mut project) = (Vec::new(), Vec::new());
-        for (d, w) in quadrature.nodes() {
-            let mut y = [0f64; MAX_COEFFICIENTS];
-            evaluate_basis(d, degree, &mut y);
-            evaluate.extend(y[..k].iter().map(|&y| y as f32));
-            project.extend(y[..k].iter().map(|&y| (w * y) as f32));
-        }
-        Self {
-            coefficients: k,
-            samples: evaluate.len() / k,
-            evaluate,
-            project,
-        }
+fn pass_through(functions: &mut [[f32; 3]], degree: usize, curve: impl Fn(f32) -> f32 + Sync) {
+    let k = coefficient_count(degree);
+    // `[samples][K]`, and the same with the weight of each sample folded in.
+    let (mut evaluate, mut project): (Vec<f32>, Vec<f32>) = (Vec::new(), Vec::new());
+    for (d, w) in sphere_quadrature(if degree == 0 { 0 } else { 2 * degree + 2 }) {
+        let mut y = [0f64; MAX_COEFFICIENTS];
+        evaluate_basis(d, degree, &mut y);
+        evaluate.extend(y[..k].iter().map(|&y| y as f32));
+        project.extend(y[..k].iter().map(|&y| (w * y) as f32));
     }
-
-    /// Passes the values of one function `[K][3]` through a curve, in place.
-    fn convert(&self, function: &mut [[f32; 3]], curve: impl Fn([f32; 3]) -> [f32; 3]) {
-        let k = self.coefficients;
+    functions.par_chunks_exact_mut(k).for_each(|function| {
         let mut result = [[0f32; 3]; MAX_COEFFICIENTS];
-        for s in 0..self.samples {
+        for (evaluate, project) in evaluate.chunks_exact(k).zip(project.chunks_exact(k)) {
             let mut value = [0f32; 3];
-            for (y, c) in self.evaluate[s * k..][..k].iter().zip(function.iter()) {
+            for (y, c) in evaluate.iter().zip(function.iter()) {
                 for (v, c) in value.iter_mut().zip(c) {
                     *v += y * c;
                 }
             }
-            let value = curve(value);
-            for (p, r) in self.project[s * k..][..k].iter().zip(&mut result) {
+            let value = value.map(&curve);
+            for (p, r) in project.iter().zip(&mut result) {
                 for (r, v) in r.iter_mut().zip(value) {
                     *r += p * v;
                 }
             }
         }
         function.copy_from_slice(&result[..k]);
-    }
+    });
 }
 
 /// Linear radiance `[n][K][3]` of stored colour of the same shape. Negative radiance is clamped as the renderer clamps it.
@@ -323,12 +302,7 @@ pub fn decode_sh(stored: &[[f32; 3]], degree: usize, encoding: Encoding) -> Vec<
                 *c += STORED_OFFSET * sh::SQRT_4PI as f32;
             }
         }),
-        Encoding::Stored => {
-            let sampler = SphereSampler::new(degree);
-            out.par_chunks_exact_mut(k).for_each(|f| {
-                sampler.convert(f, |v| v.map(|v| encoding.decode(v)));
-            });
-        }
+        Encoding::Stored => pass_through(&mut out, degree, |v| encoding.decode(v)),
     }
     out
 }
@@ -346,12 +320,7 @@ pub fn encode_sh(mut linear: Vec<[f32; 3]>, degree: usize, encoding: Encoding) -
                 *c -= STORED_OFFSET * sh::SQRT_4PI as f32;
             }
         }),
-        Encoding::Stored => {
-            let sampler = SphereSampler::new(degree);
-            linear.par_chunks_exact_mut(k).for_each(|f| {
-                sampler.convert(f, |v| v.map(|v| encoding.encode(v)));
-            });
-        }
+        Encoding::Stored => pass_through(&mut linear, degree, |v| encoding.encode(v)),
     }
     linear
 }

@@ -33,6 +33,15 @@ pub enum Error {
 /// `Result` with the core's [`enum@Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
+/// That something is as it has to be: an [`Error::Mismatch`] where it is not.
+pub(crate) fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {
+    if holds {
+        Ok(())
+    } else {
+        Err(Error::Mismatch(otherwise()))
+    }
+}
+
 impl Error {
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |reason| Self::Io {

@@ -5,7 +5,7 @@
 mod case;
 mod cases;
 #[cfg(test)]
-mod properties;
+pub(crate) mod properties;
 
 use std::cell::RefCell;
 
@@ -13,14 +13,16 @@ use crate::bake::Bake;
 use crate::color::decode_sh;
 use crate::environment::Illumination;
 use crate::error::{Error, Result};
-use crate::oracle::{OracleDirectional, OracleHarmonic, relight_asset, visibility_coefficients};
+use crate::oracle::{
+    OracleDirectional, OracleHarmonic, difference, relight_asset, visibility_coefficients,
+};
 use crate::settings::{Method, TransferSettings};
 use crate::sh::MAX_DEGREE;
 use crate::surfels::SurfelCloud;
 use crate::transfer::{Part, PreparedTransfer, Relit};
 
 pub use case::{Case, Input, Trial};
-use case::{REFUSED, bake, relative_error};
+use case::{REFUSED, bake};
 pub use cases::all;
 
 /// A target as much stronger than the source is held, and so is nothing to be compared.
@@ -131,7 +133,7 @@ fn try_out(
         exact(cloud, &bake, &prepared, &lights, &settings)?
     };
     if let Some((exact, condition)) = &exact {
-        outcome.f32_error = Some(relative_error(&relit.sh, exact));
+        outcome.f32_error = Some(difference(&relit.sh, exact).0);
         outcome.condition = Some(*condition);
     }
     if let Some(other) = other.filter(|_| !cloud.is_empty()) {
@@ -141,7 +143,7 @@ fn try_out(
             .map_or_else(|e| Some(e.clone()), not_finite);
         outcome.failure = why.map(|why| format!("on the other device: {why}"));
         if let (Some((exact, _)), Ok(by_other)) = (&exact, by_other) {
-            outcome.other_error = Some(relative_error(&by_other.sh, exact));
+            outcome.other_error = Some(difference(&by_other.sh, exact).0);
         }
     }
     let source_was_black = prepared.source_was_black();

@@ -21,17 +21,14 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
 pub use asset::{AssetFile, AssetKind, AssetReport, load_asset, write_relit};
-pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake};
+pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, load_cameras};
-pub use estimate::load_estimate;
+pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use look::{load_look, look_text, save_look};
 use read::open;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
-pub use write::{
-    ExrFloats, PngBits, check_output, save_bake, save_estimate, write_atomically, write_exr,
-    write_png,
-};
+pub use write::{ExrFloats, PngBits, check_output, write_atomically, write_exr, write_png};
 
 /// What a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,20 +52,13 @@ pub enum FileKind {
 /// # Errors
 /// The file cannot be read, is empty, or is of no kind that this program opens.
 pub fn file_kind(path: &Path) -> Result<FileKind> {
-    let mut start = [0u8; 64];
-    let mut file = open(path)?;
-    let mut length = 0;
-    while length < start.len() {
-        match file.read(&mut start[length..]).map_err(Error::io(path))? {
-            0 => break,
-            n => length += n,
-        }
-    }
-    let start = &start[..length];
+    let mut start = Vec::new();
+    let read = open(path)?.take(64).read_to_end(&mut start);
+    read.map_err(Error::io(path))?;
     if start.is_empty() {
         return Err(Error::invalid(path, "the file is empty"));
     }
-    Ok(match start {
+    Ok(match &start[..] {
         [b'p', b'l', b'y', after, ..] if after.is_ascii_whitespace() => FileKind::Ply,
         _ if start.starts_with(b"#?") => FileKind::Hdr,
         _ if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) => FileKind::Exr,

@@ -5,3 +5,20 @@ pub(crate) fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
+
+/// A share of what is there; 0 of nothing.
+pub(crate) fn over(part: f32, whole: f32) -> f32 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+/// The value that a share of the weights lies below; none of no values.
+pub(crate) fn weighted_quantile(mut values: Vec<(f64, f64)>, share: f64) -> Option<f64> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let wanted = share * values.iter().map(|(_, w)| w).sum::<f64>();
+    let mut below = 0.0;
+    let at = values.iter().find(|(_, w)| {
+        below += w;
+        below >= wanted
+    });
+    at.or(values.last()).map(|(v, _)| *v)
+}

@@ -38,9 +38,13 @@ pub fn project_environment(map: &EnvironmentMap, degree: usize) -> Vec<[f64; 3]>
 }
 
 /// How far values are from exact ones: the L2 norm of the difference over theirs, and the largest difference.
-pub fn difference<T: Copy + Into<f64>>(got: &[[T; 3]], exact: &[[f64; 3]]) -> (f64, f64) {
+pub fn difference<A: Copy + Into<f64>, B: Copy + Into<f64>>(
+    got: &[[A; 3]],
+    exact: &[[B; 3]],
+) -> (f64, f64) {
     let (mut off, mut all, mut largest) = (0.0, 0.0, 0f64);
     for (got, exact) in got.iter().flatten().zip(exact.iter().flatten()) {
+        let exact: f64 = (*exact).into();
         let difference = (*got).into() - exact;
         off += difference * difference;
         all += exact * exact;

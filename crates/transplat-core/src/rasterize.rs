@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::color::{Display, Encoding, STORED_OFFSET, radiance};
+use crate::numeric::over;
 use crate::sh::{coefficient_count, evaluate_sh};
 use crate::surfels::{MIN_ALPHA, SurfelCloud};
 
@@ -57,11 +58,7 @@ impl Raster {
                     }
                     depth += self.depth[index] * self.pixels[index][3] * share;
                 }
-                out.depth.push(if pixel[3] > 0.0 {
-                    depth / pixel[3]
-                } else {
-                    0.0
-                });
+                out.depth.push(over(depth, pixel[3]));
                 out.pixels.push(pixel);
             }
         }
@@ -289,8 +286,10 @@ pub fn rasterize(
                 for y in 0..pixels.len() / camera.width {
                     for x in 0..TILE.min(camera.width - column * TILE) {
                         let out = y * camera.width + column * TILE + x;
-                        pixels[out] = tile.pixel(y * TILE + x);
-                        depth[out] = tile.mean_depth(y * TILE + x);
+                        let i = y * TILE + x;
+                        let ([r, g, b], alpha) = (tile.color[i], 1.0 - tile.transmittance[i]);
+                        pixels[out] = [r, g, b, alpha];
+                        depth[out] = over(tile.depth[i], alpha);
                     }
                 }
             }
@@ -346,22 +345,6 @@ struct Tile {
     depth: [f32; TILE * TILE],
     transmittance: [f32; TILE * TILE],
     finished: [bool; TILE * TILE],
-}
-
-impl Tile {
-    fn pixel(&self, i: usize) -> [f32; 4] {
-        let [r, g, b] = self.color[i];
-        [r, g, b, 1.0 - self.transmittance[i]]
-    }
-
-    fn mean_depth(&self, i: usize) -> f32 {
-        let alpha = 1.0 - self.transmittance[i];
-        if alpha > 0.0 {
-            self.depth[i] / alpha
-        } else {
-            0.0
-        }
-    }
 }
 
 /// Opacity and depth of a surfel at a pixel, or `None` where it adds nothing.

@@ -7,7 +7,7 @@ use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::environment::Illumination;
-use crate::error::{Error, Result};
+use crate::error::{Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
@@ -85,32 +85,23 @@ impl Scene {
     /// Says which setting is out of range.
     pub fn validate(&self) -> Result<()> {
         self.transfer.validate()?;
-        if !DIRECTIONS.contains(&self.directions) {
-            return Err(Error::Mismatch(format!(
-                "{} visibility directions are out of range {} to {}",
-                self.directions,
-                DIRECTIONS.start(),
-                DIRECTIONS.end()
-            )));
-        }
-        if !STOPS.contains(&self.display.exposure) {
-            return Err(Error::Mismatch(format!(
-                "exposure {} is out of range -60 to 60 stops",
-                self.display.exposure
-            )));
-        }
+        let (directions, exposure) = (self.directions, self.display.exposure);
+        ensure(DIRECTIONS.contains(&directions), || {
+            let (low, high) = DIRECTIONS.into_inner();
+            format!("{directions} visibility directions are out of range {low} to {high}")
+        })?;
+        ensure(STOPS.contains(&exposure), || {
+            format!("exposure {exposure} is out of range -60 to 60 stops")
+        })?;
         for (name, value, range) in [
             ("wipe", self.wipe, 0.0..=1.0),
             ("difference_scale", self.difference_scale, DIFFERENCE_SCALE),
             ("background_blur", self.background_blur, BLUR),
         ] {
-            if !range.contains(&value) {
-                return Err(Error::Mismatch(format!(
-                    "{name} {value} is out of range {} to {}",
-                    range.start(),
-                    range.end()
-                )));
-            }
+            ensure(range.contains(&value), || {
+                let (low, high) = range.into_inner();
+                format!("{name} {value} is out of range {low} to {high}")
+            })?;
         }
         for object in &self.objects {
             object.validate()?;

@@ -5,7 +5,7 @@ pub mod skips;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, ensure};
 use crate::sh::MAX_DEGREE;
 
 pub use method::Method;
@@ -169,18 +169,14 @@ impl TransferSettings {
     /// # Errors
     /// Says which setting is out of range.
     pub fn validate(&self) -> Result<()> {
-        if self.sh_degree > MAX_DEGREE {
-            return Err(Error::Mismatch(format!(
-                "SH degree {} is out of range 0 to {MAX_DEGREE}",
-                self.sh_degree
-            )));
-        }
-        if !EPSILON.contains(&self.epsilon()) {
-            return Err(Error::Mismatch(format!(
-                "epsilon {} is out of range 1e-6 to 1000 (relative to the source's mean irradiance)",
-                self.epsilon()
-            )));
-        }
-        Ok(())
+        let (degree, epsilon) = (self.sh_degree, self.epsilon());
+        ensure(degree <= MAX_DEGREE, || {
+            format!("SH degree {degree} is out of range 0 to {MAX_DEGREE}")
+        })?;
+        ensure(EPSILON.contains(&epsilon), || {
+            format!(
+                "epsilon {epsilon} is out of range 1e-6 to 1000 (relative to the source's mean irradiance)"
+            )
+        })
     }
 }

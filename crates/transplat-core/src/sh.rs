@@ -17,5 +17,5 @@ pub use bands::{
 pub use basis::{BasisConstants, Real, basis_constants, evaluate_basis, evaluate_sh};
 pub use product::{LightOperator, light_operator, triple_product_tensor};
 pub(crate) use quadrature::gauss_legendre;
-pub use quadrature::{SphereQuadrature, fibonacci_sphere, lattice, refining_order};
+pub use quadrature::{fibonacci_sphere, lattice, refining_order, sphere_quadrature};
 pub use rotation::{ExchangeEntry, Mirror, exchange_yz, rotate_coefficients};

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
-use crate::error::{Error, Result};
+use crate::error::{Result, ensure};
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::{band, coefficient_count};
 
@@ -161,14 +161,10 @@ impl Hide {
             && self.crop_max.is_finite()
             && (0.0..=1.0).contains(&self.min_opacity)
             && (0.0..=1.0).contains(&self.max_size);
-        if good {
-            Ok(())
-        } else {
-            Err(Error::Mismatch(
-                "what is hidden is out of range (min_opacity and max_size 0 to 1, crop corners numbers)"
-                    .into(),
-            ))
-        }
+        ensure(good, || {
+            "what is hidden is out of range (min_opacity and max_size 0 to 1, crop corners numbers)"
+                .into()
+        })
     }
 
     /// Which surfels of an asset nobody sees, `[n]` or empty: those that are hidden, and those too faint for any pixel.

@@ -10,9 +10,8 @@ mod relit;
 use std::sync::Arc;
 
 use crate::bake::Bake;
-use crate::bake::harmonic::HarmonicBake;
 use crate::environment::Illumination;
-use crate::error::{Error, Result};
+use crate::error::{Result, ensure};
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
@@ -96,17 +95,18 @@ impl TransferAsset {
         settings: &TransferSettings,
     ) -> Result<PreparedTransfer> {
         settings.validate()?;
-        if bake.len() != cloud.len() {
-            return Err(Error::Mismatch(format!(
-                "the bake is of {} surfels and the asset has {}",
-                bake.len(),
-                cloud.len()
-            )));
-        }
+        let (baked, there) = (bake.len(), cloud.len());
+        ensure(baked == there, || {
+            format!("the bake is of {baked} surfels and the asset has {there}")
+        })?;
         Ok(match bake.of_method(settings.method)? {
-            Bake::Harmonic(visibility) => PreparedTransfer::Harmonic(Arc::new(
-                self.prepare_harmonic(cloud, visibility, bake_id, source, settings)?,
-            )),
+            Bake::Harmonic(visibility) => {
+                let new = || HarmonicAsset::new(cloud);
+                let asset = self.harmonic.get_or_insert_with(new);
+                let source = source.radiance.truncated(settings.sh_degree);
+                let harmonic = asset.prepare(cloud, visibility, bake_id, &source, settings)?;
+                PreparedTransfer::Harmonic(Arc::new(harmonic))
+            }
             Bake::Directional(directional) => {
                 let asset = match &self.directional {
                     Some((id, skips, asset)) if (*id, *skips) == (bake_id, settings.skips) => {
@@ -124,27 +124,11 @@ impl TransferAsset {
             }
         })
     }
-
-    fn prepare_harmonic(
-        &mut self,
-        cloud: &SurfelCloud,
-        visibility: &HarmonicBake,
-        bake_id: u64,
-        source: &Illumination,
-        settings: &TransferSettings,
-    ) -> Result<HarmonicTransfer> {
-        let source = source.radiance.truncated(settings.sh_degree);
-        let asset = self
-            .harmonic
-            .get_or_insert_with(|| HarmonicAsset::new(cloud));
-        asset.prepare(cloud, visibility, bake_id, &source, settings)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::harmonic::DEFAULT_DIRECTIONS;
     use crate::progress::no_progress;
     use crate::settings::Method;
     use crate::synthetic;
@@ -153,11 +137,11 @@ mod tests {
     fn each_method_takes_its_own_bake_and_light_and_says_so() {
         let cloud = synthetic::sphere(50);
         let light = Illumination::even(3);
+        let bake = |method| Bake::new(&cloud, method, 32, &no_progress).expect("not cancelled");
         for method in Method::ALL {
             let settings = TransferSettings::of(method);
             for baked in Method::ALL {
-                let bake = Bake::new(&cloud, baked, 32, &no_progress);
-                let bake = bake.expect("not cancelled");
+                let bake = bake(baked);
                 let result = PreparedTransfer::new(&cloud, &bake, &light, &settings);
                 match result {
                     Ok(prepared) => {
@@ -177,18 +161,12 @@ mod tests {
                 }
             }
         }
-        let bake = Bake::new(
-            &cloud,
-            Method::Directional,
-            DEFAULT_DIRECTIONS,
-            &no_progress,
-        );
+        let bake = bake(Method::Directional);
         let without = Illumination {
             beams: None,
             ..light
         };
         let settings = TransferSettings::of(Method::Directional);
-        let bake = bake.expect("not cancelled");
         assert!(PreparedTransfer::new(&cloud, &bake, &without, &settings).is_err());
         let other = synthetic::sphere(60);
         assert!(PreparedTransfer::new(&other, &bake, &Illumination::even(3), &settings).is_err());

@@ -417,12 +417,8 @@ fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Fou
         }
         let before = std::mem::take(f);
         for (p, q) in from.iter().enumerate() {
-            for place in 0..PER_PATCH {
-                let j = place * PATCHES + p;
-                let open = is_open(&before.open, place * PATCHES + q);
-                f.open[j / 64] |= u64::from(open) << (j % 64);
-            }
-            f.hits.extend(met[*q].map(|surfel| Hit::new(p, surfel)));
+            let open = |place: usize| is_open(&before.open, place * PATCHES + q);
+            f.add(p, met[*q], std::array::from_fn(open));
         }
     });
 }

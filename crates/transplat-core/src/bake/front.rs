@@ -167,12 +167,8 @@ impl Fronts {
             if progress(1.0).is_break() {
                 return Err(Error::Cancelled);
             }
-            for (own, evidence) in own
-                .iter_mut()
-                .zip(outside_evidence(cloud, &veils, &normals, *eye))
-            {
-                *own += evidence;
-            }
+            let evidence = outside_evidence(cloud, &veils, &normals, *eye);
+            own.iter_mut().zip(evidence).for_each(|(own, e)| *own += e);
         }
         let points: Vec<[f32; 3]> = veils.positions.iter().map(Vec3::to_array).collect();
         let neighbors = Nearest::new(&points, NEIGHBORS);
@@ -315,11 +311,9 @@ fn outside_evidence(cloud: &SurfelCloud, veils: &Veils, normals: &[Vec3], eye: V
         .par_chunks(PACKET)
         .map_init(Vec::new, |stack, of| {
             // Neighbours are seen along one line; what is behind the eye covers them as well.
-            let middle = of
-                .iter()
-                .map(|i| cloud.positions[*i as usize])
-                .sum::<Vec3>();
-            let toward = (eye - middle / of.len() as f32).normalize_or(Vec3::Z);
+            let places = of.iter().map(|i| cloud.positions[*i as usize]);
+            let middle = places.sum::<Vec3>() / of.len() as f32;
+            let toward = (eye - middle).normalize_or(Vec3::Z);
             let [near, far] = [toward, -toward].map(|d| veils.transmittance(of, d, stack));
             let each = of.iter().zip(near.into_iter().zip(far));
             each.map(|(i, (near, far))| {

@@ -99,13 +99,8 @@ pub struct BakeInput {
 impl BakeInput {
     /// Scales the object to the unit ball and chooses the maps' resolution: a texel over four median standard deviations, 64 to 256.
     pub fn new(cloud: &SurfelCloud, directions: usize) -> Self {
-        let ScaledObject {
-            surfels,
-            center,
-            radius,
-            median_size,
-        } = ScaledObject::new(cloud);
-        let texels = (0.5 / median_size.max(1e-30)).clamp(64.0, 256.0);
+        let object = ScaledObject::new(cloud);
+        let texels = (0.5 / object.median_size.max(1e-30)).clamp(64.0, 256.0);
         let resolution = (texels as usize).next_power_of_two();
         let frames = lattice(directions)
             .into_iter()
@@ -120,10 +115,10 @@ impl BakeInput {
             .collect();
         Self {
             frames,
-            surfels,
+            surfels: object.surfels,
             resolution,
-            center,
-            radius,
+            center: object.center,
+            radius: object.radius,
         }
     }
 }
@@ -251,11 +246,6 @@ fn look_up(
     sum / taps as f32
 }
 
-/// A share 0 to 1 as a byte, as CPU and GPU both round it.
-pub fn quantize_open(open: f32) -> u8 {
-    (open * 255.0 + 0.5) as u8
-}
-
 /// Bakes on the CPU, a batch of directions at a time: maps in parallel, then surfels in parallel.
 ///
 /// Returns openness `[n][N]` in bytes.
@@ -297,7 +287,9 @@ pub fn bake_receivers(
             .for_each(|(row, surfel)| {
                 for (i, frame) in frames.iter().enumerate() {
                     let map = &maps[i * texels..][..texels];
-                    row[first + i] = quantize_open(look_up(input, frame, map, surfel, softness));
+                    // A byte, as CPU and GPU both round it.
+                    let open = look_up(input, frame, map, surfel, softness);
+                    row[first + i] = (open * 255.0 + 0.5) as u8;
                 }
             });
     }
@@ -543,11 +535,8 @@ mod tests {
             .filter(|i| visibility.normals[*i].dot(cloud.positions[*i]) > 0.0)
             .count();
         assert_eq!(outward, 1000);
-        assert!(
-            (330..=340).contains(&visibility.flipped),
-            "{}",
-            visibility.flipped
-        );
+        let flipped = visibility.flipped;
+        assert!((330..=340).contains(&flipped), "{flipped}");
         assert_eq!(visibility.two_sided.iter().filter(|t| **t).count(), 0);
     }
 
@@ -563,10 +552,8 @@ mod tests {
         let cloud = synthetic::sphere(10);
         let visibility = HarmonicBake::all_open(&cloud, 16);
         let v = visibility.coefficients(0);
-        assert!(
-            v.iter()
-                .all(|v| (v - crate::sh::SQRT_4PI as f32).abs() < 1e-5)
-        );
+        let one = crate::sh::SQRT_4PI as f32;
+        assert!(v.iter().all(|v| (v - one).abs() < 1e-5));
     }
 
     #[test]
@@ -575,10 +562,8 @@ mod tests {
         let visibility = bake(&cloud, 100, &no_progress).expect("not cancelled");
         for degree in [0, 3, 8] {
             let k = coefficient_count(degree);
-            let (v, t) = (
-                visibility.coefficients(degree),
-                visibility.cosine_transfer(degree),
-            );
+            let v = visibility.coefficients(degree);
+            let t = visibility.cosine_transfer(degree);
             for i in 0..cloud.len() {
                 let exact = oracle::visibility_coefficients(&visibility, i, degree);
                 for j in 0..k {
@@ -594,10 +579,8 @@ mod tests {
     fn a_blurred_visibility_keeps_its_lower_bands() {
         let visibility = bake(&synthetic::sphere(40), 64, &no_progress);
         let visibility = visibility.expect("not cancelled");
-        let (whole, blurred) = (
-            visibility.coefficients(3),
-            visibility.of_degree(1).coefficients(3),
-        );
+        let whole = visibility.coefficients(3);
+        let blurred = visibility.of_degree(1).coefficients(3);
         for (w, b) in whole.chunks_exact(16).zip(blurred.chunks_exact(16)) {
             assert_eq!(w[..4], b[..4]);
             assert!(b[4..].iter().all(|v| *v == 0.0) && w[4..].iter().any(|v| *v != 0.0));

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use glam::{Vec3, Vec3A};
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 /// Rays that walk together.
@@ -60,7 +60,15 @@ pub(super) fn ellipse_box(center: Vec3, [a, b]: [Vec3; 2]) -> Aabb {
 impl Hierarchy {
     /// Over things that lie in these boxes, and the order, leaf by leaf, that the things have to be brought into.
     pub fn new(boxes: &[Aabb]) -> (Self, Vec<u32>) {
-        let bvh = build(boxes);
+        let indices = (0..boxes.len() as u32).collect();
+        let mut bvh = PlocBuilder::new().build(
+            PlocSearchDistance::High,
+            boxes,
+            indices,
+            SortPrecision::U64,
+            0,
+        );
+        collapse(&mut bvh, LEAF, 1.0);
         let nodes = bvh
             .nodes
             .iter()
@@ -172,19 +180,6 @@ impl Toward {
         });
         Self { direction, inverse }
     }
-}
-
-fn build(boxes: &[Aabb]) -> Bvh2 {
-    let indices = (0..boxes.len() as u32).collect();
-    let mut bvh = PlocBuilder::new().build(
-        PlocSearchDistance::High,
-        boxes,
-        indices,
-        SortPrecision::U64,
-        0,
-    );
-    obvhs::bvh2::leaf_collapser::collapse(&mut bvh, LEAF, 1.0);
-    bvh
 }
 
 /// The numbers of a packet's rays.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::patches::{Found, PATCHES, PER_PATCH, directions};
-use super::trace::{MISS, PACKET, Tracer};
+use super::trace::Tracer;
 use crate::sh::refining_order;
 
 /// Patches that are asked, three directions each.
@@ -67,7 +67,11 @@ impl OpenObject {
         let mut sides = vec![SideOpenness::default(); n];
         for patch in refining_order(PATCHES).into_iter().take(PROBES) {
             for place in 0..PER_PATCH {
-                add_direction(tracer, directions[place * PATCHES + patch], &mut sides);
+                let direction = directions[place * PATCHES + patch];
+                let open = tracer.open_towards(direction, |_| true);
+                for ((side, surfel), open) in sides.iter_mut().zip(&tracer.surfels).zip(open) {
+                    side.add(surfel.normal.dot(direction), open);
+                }
             }
             if sides.par_iter().any(SideOpenness::is_mixed) {
                 return None;
@@ -109,22 +113,6 @@ impl OpenObject {
                 found
             })
             .collect()
-    }
-}
-
-fn add_direction(tracer: &Tracer, direction: Vec3, sides: &mut [SideOpenness]) {
-    let met: Vec<[u32; PACKET]> = tracer
-        .order
-        .par_chunks(PACKET)
-        .map_init(Vec::new, |stack, of| {
-            tracer.hits(of, direction, true, stack)
-        })
-        .collect();
-    for (of, met) in tracer.order.chunks(PACKET).zip(met) {
-        for (i, hit) in of.iter().zip(met) {
-            let cosine = tracer.surfels[*i as usize].normal.dot(direction);
-            sides[*i as usize].add(cosine, hit == MISS);
-        }
     }
 }
 

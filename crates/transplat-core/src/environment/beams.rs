@@ -347,10 +347,7 @@ impl<'a> Pixels<'a> {
     fn excess_around(&self, peak: usize) -> (Vec<(usize, [f64; 3])>, f64) {
         let (w, h) = (self.map.width(), self.map.height());
         let toward = self.direction(peak);
-        let (inner, outer) = (
-            SUN_RADIUS.to_radians().cos(),
-            RING_RADIUS.to_radians().cos(),
-        );
+        let [inner, outer] = [SUN_RADIUS, RING_RADIUS].map(|degrees| degrees.to_radians().cos());
         // Rows further away than the ring are not looked at.
         let reach = (RING_RADIUS / 180.0 * h as f64).ceil() as usize + 1;
         let rows = (peak / w).saturating_sub(reach)..(peak / w + reach + 1).min(h);
@@ -404,14 +401,9 @@ impl<'a> Pixels<'a> {
             .into_par_iter()
             .map(|cell| {
                 let (y, x) = (cell / columns, cell % columns);
-                beam(span(y, h, rows).flat_map(|row| {
-                    span(x, w, columns).map(move |column| {
-                        (
-                            DVec3::from_array(self.map.direction(column, row)),
-                            self.energy[row * w + column],
-                        )
-                    })
-                }))
+                let row_of = |row: usize| span(x, w, columns).map(move |column| row * w + column);
+                let pixels = span(y, h, rows).flat_map(row_of);
+                beam(pixels.map(|i| (self.direction(i), self.energy[i])))
             })
             .filter(|b| b.energy.iter().any(|e| *e > 0.0))
             .collect()

@@ -256,12 +256,7 @@ impl EnvironmentMap {
             let y = (row + dy).clamp(0.0, h - 1.0) as usize;
             self.pixels[y * self.width + x]
         };
-        let (a, b, c, d) = (
-            texel(0.0, 0.0),
-            texel(1.0, 0.0),
-            texel(0.0, 1.0),
-            texel(1.0, 1.0),
-        );
+        let [[a, b], [c, d]] = [0.0, 1.0].map(|dy| [0.0, 1.0].map(|dx| texel(dx, dy)));
         std::array::from_fn(|i| {
             let top = a[i] + (b[i] - a[i]) * fu;
             let bottom = c[i] + (d[i] - c[i]) * fu;

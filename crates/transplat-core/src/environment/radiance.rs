@@ -178,24 +178,9 @@ fn fourier_sums(
 
 /// Solid angle times `q(l,|m|) sin^|m|(theta)` of one row, for each coefficient: what its Fourier sums are multiplied by. `[K]`
 pub fn row_weights(map: &EnvironmentMap, row: usize, degree: usize) -> Vec<f64> {
-    let legendre = legendre_row(map, row, degree);
-    let weight = map.pixel_solid_angle(row);
-    (0..coefficient_count(degree))
-        .map(|i| {
-            let l = band_of(i);
-            weight * legendre[l][i.abs_diff(l * l + l)]
-        })
-        .collect()
-}
-
-/// `q(l,m) sin^m(theta)` at the height of a row, with the basis's normalisation.
-fn legendre_row(
-    map: &EnvironmentMap,
-    row: usize,
-    degree: usize,
-) -> [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] {
     let constants = basis_constants();
     let (sin, z) = (PI * (row as f64 + 0.5) / map.height as f64).sin_cos();
+    // `q(l,m) sin^m(theta)` at the height of the row, with the basis's normalisation.
     let mut q = [[0f64; MAX_DEGREE + 1]; MAX_DEGREE + 1];
     for m in 0..=degree {
         q[m][m] = constants.start[m] * sin.powi(m as i32);
@@ -204,5 +189,11 @@ fn legendre_row(
             q[l][m] = constants.a[l][m] * z * q[l - 1][m] - constants.b[l][m] * below;
         }
     }
-    q
+    let weight = map.pixel_solid_angle(row);
+    (0..coefficient_count(degree))
+        .map(|i| {
+            let l = band_of(i);
+            weight * q[l][i.abs_diff(l * l + l)]
+        })
+        .collect()
 }

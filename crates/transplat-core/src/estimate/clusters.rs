@@ -1,15 +1,15 @@
 //! Surfels that lie together and face one way, averaged: single ones are too noisy.
 
 use std::collections::HashMap;
-use std::num::NonZeroUsize;
 
 use bytemuck::Zeroable;
 use glam::Vec3;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::{DIRECTIONS, PATCHES, directions};
+use crate::nearest::Nearest;
+use crate::numeric::weighted_quantile;
 use crate::surfels::{MIN_ALPHA, SurfelCloud};
 use crate::transfer::directional::FrontAndBack;
 
@@ -204,13 +204,7 @@ impl Clusters {
 
     /// The nearest clusters of similar chroma.
     fn compared(&self, positions: &[[f32; 3]]) -> Vec<Pair> {
-        let count = NonZeroUsize::new(NEIGHBORS.min(self.len().saturating_sub(1)) + 1);
-        let (Some(count), Ok(tree)) = (
-            count.filter(|c| c.get() > 1),
-            ImmutableKdTree::<f32, 3>::new_from_slice(positions),
-        ) else {
-            return Vec::new();
-        };
+        let nearest = Nearest::new(positions, NEIGHBORS);
         let least = DARK * self.bright();
         let chroma = |k: usize| {
             let b = self.radiance[k];
@@ -220,31 +214,20 @@ impl Clusters {
             let b = self.radiance[k][c].max(0.0);
             b * b / (b * b + least * least).max(1e-300)
         };
+        let pair = |a: usize, b: usize| {
+            let (p, q) = (chroma(a), chroma(b));
+            let apart: f64 = (0..3).map(|c| (p[c] - q[c]).powi(2)).sum();
+            let alike = (-apart / (CHROMA * CHROMA)).exp();
+            let weight = alike * (self.mass[a] * self.mass[b]).sqrt();
+            Pair {
+                of: [a as u32, b as u32],
+                weight: std::array::from_fn(|c| weight * visible(a, c).min(visible(b, c))),
+            }
+        };
+        let pairs_of = |a: usize| nearest.of(a).map(|b| pair(a, b)).collect::<Vec<_>>();
         let mut pairs: Vec<Pair> = (0..self.len())
             .into_par_iter()
-            .flat_map_iter(|a| {
-                let found = tree
-                    .query(&positions[a])
-                    .nearest_n::<SquaredEuclidean<f32>>(count)
-                    .execute();
-                let others = found.into_iter().map(|f| f.item as usize);
-                let pairs: Vec<Pair> = others
-                    .filter(|b| *b != a)
-                    .map(|b| {
-                        let (p, q) = (chroma(a), chroma(b));
-                        let apart: f64 = (0..3).map(|c| (p[c] - q[c]).powi(2)).sum();
-                        let alike = (-apart / (CHROMA * CHROMA)).exp();
-                        let weight = alike * (self.mass[a] * self.mass[b]).sqrt();
-                        Pair {
-                            of: [a as u32, b as u32],
-                            weight: std::array::from_fn(|c| {
-                                weight * visible(a, c).min(visible(b, c))
-                            }),
-                        }
-                    })
-                    .collect();
-                pairs
-            })
+            .flat_map_iter(pairs_of)
             .collect();
         // As many observations as there are clusters: each is compared with many, and is one all the same.
         let total: f64 = pairs.iter().flat_map(|p| p.weight).sum::<f64>() / 3.0;
@@ -269,18 +252,6 @@ impl Clusters {
         each.retain(|(b, _)| *b > BLACK * brightest);
         weighted_quantile(each, BRIGHT).unwrap_or(0.0)
     }
-}
-
-/// The value that a share of the weights lies below; none of no values.
-pub(super) fn weighted_quantile(mut values: Vec<(f64, f64)>, share: f64) -> Option<f64> {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let wanted = share * values.iter().map(|(_, w)| w).sum::<f64>();
-    let mut below = 0.0;
-    let at = values.iter().find(|(_, w)| {
-        below += w;
-        below >= wanted
-    });
-    at.or(values.last()).map(|(v, _)| *v)
 }
 
 /// A surfel that tells of the light.

@@ -6,8 +6,9 @@ use glam::Vec3;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::clusters::{Clusters, weighted_quantile};
+use super::clusters::Clusters;
 use crate::bake::patches::{DIRECTIONS, directions};
+use crate::numeric::weighted_quantile;
 use crate::settings::Method;
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
 use crate::transfer::directional::WHITEST;
@@ -74,21 +75,6 @@ impl FittedLight {
     /// Unknowns of a channel.
     fn unknowns(&self) -> usize {
         SKY + usize::from(self.sun.is_some())
-    }
-
-    fn value(&self, channel: usize, k: usize) -> f64 {
-        match &self.sun {
-            Some(sun) if k == SKY => sun.log_energy[channel],
-            _ => self.sky[channel][k],
-        }
-    }
-
-    fn add(&mut self, channel: usize, k: usize, step: f64) {
-        let value = match &mut self.sun {
-            Some(sun) if k == SKY => &mut sun.log_energy[channel],
-            _ => &mut self.sky[channel][k],
-        };
-        *value += step;
     }
 
     /// Radiance of the sky towards a direction that has that basis.
@@ -309,8 +295,10 @@ impl<'a> Fit<'a> {
             let longest = step.amax();
             let shorter = (LONGEST_STEP / longest).min(1.0);
             for c in 0..3 {
-                for k in 0..p {
-                    light.add(c, k, shorter * step[c * p + k]);
+                let of_sun = light.sun.as_mut().map(|s| &mut s.log_energy[c]);
+                let values = light.sky[c].iter_mut().chain(of_sun);
+                for (value, step) in values.zip(&step.as_slice()[c * p..]) {
+                    *value += shorter * step;
                 }
             }
             turn += 1;
@@ -405,7 +393,7 @@ impl<'a> Fit<'a> {
                     };
                     matrix[(a * p + k, b * p + k)] += held;
                     if k < SKY {
-                        gradient[a * p + k] += held * light.value(b, k);
+                        gradient[a * p + k] += held * light.sky[b][k];
                     }
                 }
             }

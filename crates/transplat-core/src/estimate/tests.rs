@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::fit::{SKY, coupling, sky_basis};
@@ -74,6 +74,11 @@ fn paint(cloud: &mut SurfelCloud, radiance: &[[f32; 3]]) {
 
 fn estimate(scene: &(SurfelCloud, Arc<DirectionalBake>)) -> Estimate {
     estimate_light(&scene.0, &scene.1)
+}
+
+fn of_asset(cloud: &SurfelCloud) -> Estimate {
+    let bake = DirectionalBake::bake(cloud, &no_progress).expect("small");
+    estimate_light(cloud, &bake)
 }
 
 /// Brighter towards one side and bluish from above, never black.
@@ -167,14 +172,8 @@ fn what_cannot_be_told_is_said() {
         paint(&mut cloud, &radiance);
         let found = estimate_light(&cloud, &bake);
         assert_eq!(found.obstacle, Some(expected), "{}", found.confidence);
-        assert!(
-            found
-                .light
-                .log_radiance
-                .iter()
-                .flatten()
-                .all(|v| v.is_finite())
-        );
+        let mut numbers = found.light.log_radiance.iter().flatten();
+        assert!(numbers.all(|v| v.is_finite()));
     };
     check(&|_| [0.0; 3], Obstacle::Black);
     check(&|_| [f32::NAN; 3], Obstacle::Black);
@@ -191,29 +190,13 @@ fn what_cannot_be_told_is_said() {
     let noise = |i: usize| [cells[i]; 3];
     check(&noise, Obstacle::Noise);
     // Two paints, one above the other, under even light: their edge is no shading.
-    let z: Vec<f32> = synthetic::sphere(3000)
-        .positions
-        .iter()
-        .map(|p| p.z)
-        .collect();
     let mut ball = synthetic::sphere(3000);
-    let painted: Vec<[f32; 3]> = z
-        .iter()
-        .map(|z| [if *z > 0.0 { 0.6 } else { 0.2 }; 3])
-        .collect();
+    let of = |p: &Vec3| [if p.z > 0.0 { 0.6 } else { 0.2 }; 3];
+    let painted: Vec<[f32; 3]> = ball.positions.iter().map(of).collect();
     paint(&mut ball, &painted);
-    let bake = DirectionalBake::bake(&ball, &no_progress).expect("small");
-    assert!(!estimate_light(&ball, &bake).is_good());
-    for few in [
-        synthetic::sphere(0),
-        synthetic::sphere(1),
-        synthetic::sphere(20),
-    ] {
-        let bake = DirectionalBake::bake(&few, &no_progress).expect("small");
-        assert_eq!(
-            estimate_light(&few, &bake).obstacle,
-            Some(Obstacle::TooLittle)
-        );
+    assert!(!of_asset(&ball).is_good());
+    for few in [0, 1, 20].map(synthetic::sphere) {
+        assert_eq!(of_asset(&few).obstacle, Some(Obstacle::TooLittle));
     }
     let (mut unseen, bake) = lit(1500, slanted, None);
     unseen.opacities.fill(1e-4);
@@ -221,16 +204,11 @@ fn what_cannot_be_told_is_said() {
         estimate_light(&unseen, &bake).obstacle,
         Some(Obstacle::TooLittle)
     );
-    let flat = synthetic::sheet(40);
-    let bake = DirectionalBake::bake(&flat, &no_progress).expect("small");
-    assert_eq!(
-        estimate_light(&flat, &bake).obstacle,
-        Some(Obstacle::OneWay)
-    );
+    let flat = of_asset(&synthetic::sheet(40));
+    assert_eq!(flat.obstacle, Some(Obstacle::OneWay));
     let mut at_one_place = synthetic::sphere(500);
     at_one_place.positions.fill(Vec3::ONE);
-    let bake = DirectionalBake::bake(&at_one_place, &no_progress).expect("small");
-    assert!(!estimate_light(&at_one_place, &bake).is_good());
+    assert!(!of_asset(&at_one_place).is_good());
 }
 
 #[test]
@@ -256,18 +234,10 @@ fn a_black_backdrop_changes_little() {
     let n = cloud.len();
     cloud.add(&plate, 4.0, -4.0 * Vec3::Z);
     cloud.sh[n..].fill([0.0; 3]);
-    let share: f32 = cloud.scales[n..]
-        .iter()
-        .map(|s| s.element_product())
-        .sum::<f32>()
-        / cloud
-            .scales
-            .iter()
-            .map(|s| s.element_product())
-            .sum::<f32>();
+    let area = |of: &[Vec2]| of.iter().map(|s| s.element_product()).sum::<f32>();
+    let share = area(&cloud.scales[n..]) / area(&cloud.scales);
     assert!(share > 0.8, "{share}");
-    let bake = DirectionalBake::bake(&cloud, &no_progress).expect("small");
-    let found = estimate_light(&cloud, &bake);
+    let found = of_asset(&cloud);
     assert!(found.is_good(), "{:?}", found.obstacle);
     let off = unlike(&found.light, slanted);
     assert!(off < 0.1, "{off}");
@@ -278,12 +248,9 @@ fn one_turn_is_that_of_the_oracle() {
     let (cloud, bake) = lit(700, slanted, None);
     let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
     let fit = Fit::new(&clusters);
+    let wave = |c: usize| move |k: usize| 0.1 * ((k * 7 + c * 5) as f64).sin();
     let start = FittedLight {
-        sky: std::array::from_fn(|c| {
-            (0..SKY)
-                .map(|k| 0.1 * ((k * 7 + c * 5) as f64).sin())
-                .collect()
-        }),
+        sky: std::array::from_fn(|c| (0..SKY).map(wave(c)).collect()),
         sun: None,
     };
     let explained = fit.explain(&start);
@@ -294,16 +261,13 @@ fn one_turn_is_that_of_the_oracle() {
         .iter()
         .map(|p| (p.of.map(|k| k as usize), p.weight))
         .collect();
+    let band = |k: usize| ((k + 1) as f64).sqrt().floor();
+    let precision: Vec<f64> = (0..SKY).map(|k| band(k) * (band(k) + 1.0)).collect();
     let oracle = EstimateProblem {
         radiance: &clusters.radiance,
         seen: &clusters.seen,
         basis: &basis,
-        precision: &(0..SKY)
-            .map(|k| {
-                let l = ((k + 1) as f64).sqrt().floor();
-                l * (l + 1.0)
-            })
-            .collect::<Vec<_>>(),
+        precision: &precision,
         coupling: std::array::from_fn(|a| std::array::from_fn(|b| coupling(a, b))),
         bounced: &clusters.bounced,
         mass: &clusters.mass,
@@ -340,8 +304,7 @@ proptest! {
         for c in other.sh.iter_mut().flatten() {
             *c *= gain;
         }
-        let bake = DirectionalBake::bake(&other, &no_progress).expect("small");
-        let found = estimate_light(&other, &bake);
+        let found = of_asset(&other);
         prop_assert_eq!(found.is_good(), expected.is_good());
         let off = unlike(&found.light, |d| expected.light.sky_radiance(d));
         // A ray or two fall otherwise by rounding.

@@ -5,7 +5,6 @@ use std::cell::RefCell;
 use crate::bake::Bake;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
-use crate::oracle::difference;
 use crate::progress::no_progress;
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::SurfelCloud;
@@ -80,17 +79,8 @@ impl Trial<'_> {
         let relit = prepared.relight(lights[1], Part::Whole)?;
         Ok(relit.of_degree(cloud.sh_degree))
     }
-
-    /// Linear colour `[n][K]` of a result.
-    pub fn linear(&self, relit: Relit) -> Vec<[f32; 3]> {
-        relit.linear().sh
-    }
 }
 
 pub(super) fn bake(cloud: &SurfelCloud, method: Method) -> Result<Bake> {
     Bake::new(cloud, method, DIRECTIONS, &no_progress)
-}
-
-pub(super) fn relative_error(got: &[[f32; 3]], exact: &[[f64; 3]]) -> f64 {
-    difference(got, exact).0
 }

@@ -2,10 +2,11 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::case::{Case, Input, REFUSED, Trial, bake, relative_error};
+use super::case::{Case, Input, REFUSED, Trial, bake};
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::error::Result;
+use crate::oracle::difference;
 use crate::settings::{Method, TransferSettings};
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
@@ -117,8 +118,17 @@ fn with_epsilon(epsilon: f32) -> Result<Input> {
     })
 }
 
+fn with_degree(degree: usize) -> Result<Input> {
+    Ok(Input { degree, ..usual() })
+}
+
 fn strong(gains: [f32; 2]) -> Result<Input> {
     Ok(Input { gains, ..usual() })
+}
+
+fn resize(cloud: &mut SurfelCloud, factor: f32) {
+    cloud.positions.iter_mut().for_each(|p| *p *= factor);
+    cloud.scales.iter_mut().for_each(|s| *s *= factor);
 }
 
 /// Of one pixel of the map.
@@ -132,6 +142,10 @@ fn pixel(d: DVec3, radiance: f32) -> [f32; 3] {
 }
 
 // ---- properties ----
+
+fn holds(holds: bool, otherwise: String) -> std::result::Result<(), String> {
+    if holds { Ok(()) } else { Err(otherwise) }
+}
 
 /// Within what the ratio of the lights allows: what divides is at least epsilon's share.
 fn bounded(trial: &Trial<'_>) -> std::result::Result<(), String> {
@@ -149,36 +163,23 @@ fn bounded(trial: &Trial<'_>) -> std::result::Result<(), String> {
         .iter()
         .flatten()
         .fold(0f32, |a, t| a.max(t.abs()));
-    if largest <= limit {
-        Ok(())
-    } else {
-        Err(format!(
-            "tau is {largest:.1e}, and the lights allow {limit:.1e}"
-        ))
-    }
+    let otherwise = format!("tau is {largest:.1e}, and the lights allow {limit:.1e}");
+    holds(largest <= limit, otherwise)
 }
 
 fn black(trial: &Trial<'_>) -> std::result::Result<(), String> {
-    let linear = trial.linear(trial.relit.clone());
-    let largest = linear.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
-    if largest < 1e-4 {
-        Ok(())
-    } else {
-        Err(format!("under a black light it still shows {largest:.1e}"))
-    }
+    let linear = trial.relit.clone().linear();
+    let largest = linear.sh.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
+    let otherwise = format!("under a black light it still shows {largest:.1e}");
+    holds(largest < 1e-4, otherwise)
 }
 
 fn same(a: &Relit, b: &Relit, tolerance: f32) -> std::result::Result<(), String> {
     let size = a.sh.iter().flatten().fold(1e-6f32, |s, v| s.max(v.abs()));
     let pairs = a.sh.iter().flatten().zip(b.sh.iter().flatten());
     let off = pairs.fold(0f32, |off, (a, b)| off.max((a - b).abs())) / size;
-    if off <= tolerance {
-        Ok(())
-    } else {
-        Err(format!(
-            "differs by {off:.1e} of the largest, {tolerance:.0e} is allowed"
-        ))
-    }
+    let otherwise = format!("differs by {off:.1e} of the largest, {tolerance:.0e} is allowed");
+    holds(off <= tolerance, otherwise)
 }
 
 fn in_words<T>(result: Result<T>) -> std::result::Result<T, String> {
@@ -261,11 +262,8 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
         Method::Directional => 0.05,
         Method::Harmonic => f32::INFINITY,
     };
-    if drifts[0] <= limit {
-        Ok(())
-    } else {
-        Err(format!("once there and back it is off by {}", drifts[0]))
-    }
+    let otherwise = format!("once there and back it is off by {}", drifts[0]);
+    holds(drifts[0] <= limit, otherwise)
 }
 
 /// What the usual scene comes to, whatever its unit.
@@ -276,16 +274,9 @@ fn as_at_unit_scale(trial: &Trial<'_>) -> std::result::Result<(), String> {
     let relit = in_words(prepared.and_then(|p| p.relight(&trial.lights[1], Part::Whole)))?;
     let relit = relit.of_degree(usual.cloud.sh_degree);
     // Powers of two round nothing; all else is relative to the object's radius.
-    let off = relative_error(&trial.relit.sh, &wide(&relit.sh));
-    if off < 1e-6 {
-        Ok(())
-    } else {
-        Err(format!("it is {off:.1e} off what it is at scale 1"))
-    }
-}
-
-fn wide(values: &[[f32; 3]]) -> Vec<[f64; 3]> {
-    values.iter().map(|v| v.map(f64::from)).collect()
+    let off = difference(&trial.relit.sh, &relit.sh).0;
+    let otherwise = format!("it is {off:.1e} off what it is at scale 1");
+    holds(off < 1e-6, otherwise)
 }
 
 // ---- the cases ----
@@ -382,18 +373,8 @@ fn settings() -> Vec<Case> {
             ("monotone", monotone_in_epsilon),
             || Ok(usual()),
         ),
-        case("degree 8", SCALE_INVARIANT, || {
-            Ok(Input {
-                degree: 8,
-                ..usual()
-            })
-        }),
-        case("degree 0", BOUNDED, || {
-            Ok(Input {
-                degree: 0,
-                ..usual()
-            })
-        }),
+        case("degree 8", SCALE_INVARIANT, || with_degree(8)),
+        case("degree 0", BOUNDED, || with_degree(0)),
         case("target 40 stops stronger", FINITE, || {
             strong([1.0, 40f32.exp2()])
         }),
@@ -451,15 +432,11 @@ fn assets() -> Vec<Case> {
         }),
         case("every surfel buried", BOUNDED, || {
             with_cloud(|c| {
-                let shell = synthetic::sphere(400);
-                c.positions.iter_mut().for_each(|p| *p *= 0.05);
-                c.scales.iter_mut().for_each(|s| *s *= 0.05);
-                let k = coefficient_count(c.sh_degree);
-                c.positions.extend(shell.positions.iter().map(|p| 2.0 * *p));
-                c.tangents.extend(&shell.tangents);
-                c.scales.extend(shell.scales.iter().map(|s| 3.0 * *s));
-                c.opacities.extend(&shell.opacities);
-                c.sh.extend(vec![[0.1; 3]; k * shell.len()]);
+                let mut shell = synthetic::sphere(400);
+                shell.scales.iter_mut().for_each(|s| *s *= 1.5);
+                shell.sh = vec![[0.1; 3]; coefficient_count(c.sh_degree) * shell.len()];
+                resize(c, 0.05);
+                c.add(&shell, 2.0, Vec3::ZERO);
             })
         }),
         case("coefficients of 1e4", FINITE, || {
@@ -481,21 +458,13 @@ fn assets() -> Vec<Case> {
             })
         }),
         case("colour of degree 8", SCALE_INVARIANT, || {
-            let mut input = usual();
-            input.cloud = synthetic::glossy_sphere_over_plate(SURFELS, 8);
-            Ok(input)
+            with_cloud(|c| *c = synthetic::glossy_sphere_over_plate(SURFELS, 8))
         }),
         case("a scene of 2^-20", AS_AT_UNIT_SCALE, || {
-            with_cloud(|c| {
-                c.positions.iter_mut().for_each(|p| *p *= (-20f32).exp2());
-                c.scales.iter_mut().for_each(|s| *s *= (-20f32).exp2());
-            })
+            with_cloud(|c| resize(c, (-20f32).exp2()))
         }),
         case("a scene of 2^20", AS_AT_UNIT_SCALE, || {
-            with_cloud(|c| {
-                c.positions.iter_mut().for_each(|p| *p *= 20f32.exp2());
-                c.scales.iter_mut().for_each(|s| *s *= 20f32.exp2());
-            })
+            with_cloud(|c| resize(c, 20f32.exp2()))
         }),
         case("a thousand radii from the origin", BOUNDED, || {
             with_cloud(|c| {

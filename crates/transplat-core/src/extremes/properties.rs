@@ -3,24 +3,23 @@
 use glam::{DMat3, DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
-use super::relative_error;
 use crate::bake::Bake;
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
+use crate::oracle::difference;
 use crate::progress::no_progress;
 use crate::settings::{Method, Terms, TransferSettings};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
+use crate::synthetic;
 use crate::transfer::{Part, PreparedTransfer, Relit};
 
-/// Cases of each property, unless PROPTEST_CASES asks for more.
-const CASES: u32 = 48;
-
-fn config() -> ProptestConfig {
-    let asked = std::env::var("PROPTEST_CASES").ok();
+/// So many cases, unless a variable of the environment asks for more.
+pub(crate) fn config(variable: &str, cases: u32) -> ProptestConfig {
+    let asked = std::env::var(variable).ok();
     ProptestConfig {
-        cases: asked.and_then(|n| n.parse().ok()).unwrap_or(CASES),
+        cases: asked.and_then(|n| n.parse().ok()).unwrap_or(cases),
         failure_persistence: None,
         ..ProptestConfig::default()
     }
@@ -111,17 +110,12 @@ fn relight(
     relit.expect("for both").of_degree(cloud.sh_degree)
 }
 
-fn off(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
-    let wide: Vec<[f64; 3]> = b.iter().map(|v| v.map(f64::from)).collect();
-    relative_error(a, &wide)
-}
-
 fn any_preset() -> impl Strategy<Value = TransferSettings> {
     prop_oneof![settings(Method::Directional), settings(Method::Harmonic)]
 }
 
 proptest! {
-    #![proptest_config(config())]
+    #![proptest_config(config("PROPTEST_CASES", 48))]
 
     #[test]
     fn results_are_numbers_and_units_do_not_matter(
@@ -134,7 +128,7 @@ proptest! {
         let k = (stops as f32).exp2();
         let scaled = relight(&cloud, &bake, [&source.scaled(k), &target.scaled(k)], &settings);
         // Powers of two round nothing, but for what is summed with constants.
-        prop_assert!(off(&scaled.sh, &relit.sh) < 1e-5);
+        prop_assert!(difference(&scaled.sh, &relit.sh).0 < 1e-5);
     }
 
     #[test]
@@ -150,7 +144,7 @@ proptest! {
         let settings = TransferSettings::default();
         let bake = bake(&cloud, Method::Directional);
         let relit = relight(&cloud, &bake, [&source, &source], &settings);
-        prop_assert!(off(&relit.sh, &cloud.sh) < 1e-3, "{}", off(&relit.sh, &cloud.sh));
+        prop_assert!(difference(&relit.sh, &cloud.sh).0 < 1e-3, "{}", difference(&relit.sh, &cloud.sh).0);
     }
 
     #[test]
@@ -195,26 +189,12 @@ proptest! {
         // Where the series cancels, a rounding of 1e-7 grows by up to 1 / epsilon times the light's own range.
         settings.epsilon = settings.epsilon.map(|e| e.max(1e-2));
         let turn = DMat3::from_axis_angle(DVec3::from(axis).normalize(), angle);
-        let mut turned = cloud.clone();
-        let single = turn.as_mat3();
-        for (p, t) in turned.positions.iter_mut().zip(&mut turned.tangents) {
-            *p = single * *p;
-            *t = t.map(|t| single * t);
-        }
-        turned.sh = cloud
-            .sh
-            .chunks_exact(coefficient_count(cloud.sh_degree))
-            .flat_map(|f| crate::sh::rotate_coefficients(turn, cloud.sh_degree, f))
-            .collect();
+        let turned = synthetic::turned(&cloud, turn);
         let open = |cloud: &SurfelCloud| Bake::Harmonic(HarmonicBake::all_open(cloud, 16));
         let here = relight(&cloud, &open(&cloud), [&source, &target], &settings);
         let lights = [source.rotated(turn), target.rotated(turn)];
         let there = relight(&turned, &open(&turned), [&lights[0], &lights[1]], &settings);
-        let expected: Vec<[f32; 3]> = here
-            .sh
-            .chunks_exact(coefficient_count(cloud.sh_degree))
-            .flat_map(|f| crate::sh::rotate_coefficients(turn, cloud.sh_degree, f))
-            .collect();
-        prop_assert!(off(&there.sh, &expected) < 2e-3, "{}", off(&there.sh, &expected));
+        let expected = synthetic::turned_functions(&here.sh, cloud.sh_degree, turn);
+        prop_assert!(difference(&there.sh, &expected).0 < 2e-3, "{}", difference(&there.sh, &expected).0);
     }
 }

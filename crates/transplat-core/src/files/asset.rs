@@ -78,34 +78,24 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     let mut reader = BufReader::with_capacity(1 << 20, file);
     let (cloud, report, format) = match kind {
         Ok(FileKind::Ply) => {
-            let (cloud, report, header) =
-                ply::read(&mut reader, metadata.len()).map_err(|problem| problem.at(path))?;
+            let (cloud, report, header) = ply::read(path, &mut reader, metadata.len())?;
             (cloud, report, AssetFormat::Ply(header))
         }
-        _ if metadata.len() == 0 => {
-            return Err(Error::invalid(
-                path,
-                "the file is empty; a splat in PLY is expected",
-            ));
-        }
         _ => {
-            return Err(Error::invalid(
-                path,
-                "not a PLY splat: does not begin with \"ply\"",
-            ));
+            let message = match metadata.len() {
+                0 => "the file is empty; a splat in PLY is expected",
+                _ => "not a PLY splat: does not begin with \"ply\"",
+            };
+            return Err(Error::invalid(path, message));
         }
     };
-    let path = path.to_owned();
-    let stamp = stamp(&metadata);
-    Ok((
-        cloud,
-        AssetFile {
-            path,
-            report,
-            format,
-            stamp,
-        },
-    ))
+    let asset = AssetFile {
+        path: path.to_owned(),
+        report,
+        format,
+        stamp: stamp(&metadata),
+    };
+    Ok((cloud, asset))
 }
 
 /// Writes the asset again with other colour, and nothing else that its format holds changed.
@@ -128,33 +118,6 @@ pub fn write_relit(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Resul
             let columns = ply::ColorColumns::new(header, &asset.report, stored)?;
             write_atomically(path, |out| columns.write(&mut reader, out))
         }
-    }
-}
-
-/// What is wrong with a splat's file, before it is said which file it is.
-pub(super) enum Problem {
-    Io(std::io::Error),
-    Text(String),
-}
-
-impl Problem {
-    fn at(self, path: &Path) -> Error {
-        match self {
-            Self::Io(reason) => Error::io(path)(reason),
-            Self::Text(message) => Error::invalid(path, message),
-        }
-    }
-}
-
-impl From<std::io::Error> for Problem {
-    fn from(reason: std::io::Error) -> Self {
-        Self::Io(reason)
-    }
-}
-
-impl From<String> for Problem {
-    fn from(message: String) -> Self {
-        Self::Text(message)
     }
 }
 
@@ -316,13 +279,8 @@ impl Builder {
         properties: Vec<String>,
         comments: Vec<String>,
     ) -> Result<(SurfelCloud, AssetReport), String> {
-        let Self {
-            kind,
-            cloud,
-            mut flatness,
-            left_out,
-            ..
-        } = self;
+        let (kind, cloud, left_out) = (self.kind, self.cloud, self.left_out);
+        let mut flatness = self.flatness;
         if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
                 "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}); not a usable splat",
@@ -336,10 +294,9 @@ impl Builder {
         let middle = flatness.len() / 2;
         let median_flatness = (!flatness.is_empty())
             .then(|| *flatness.select_nth_unstable_by(middle, f32::total_cmp).1);
-        let vertices = cloud.len();
         let report = AssetReport {
             kind,
-            vertices,
+            vertices: cloud.len(),
             properties,
             comments,
             left_out,

@@ -1,14 +1,15 @@
-//! Saved bakes, tied to the geometry that they were baked from. [`crate::files::save_bake`] writes them.
+//! Saved bakes, tied to the geometry that they were baked from.
 //!
 //! After the head: of the harmonic method the openness `[n][N]`; of the directional method the fronts `[n]`, the open bits `[n][WORDS]`, where the hits of
 //! each surfel begin `[n + 1]`, and the hits. All little-endian.
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::Arc;
 
 use bytemuck::Pod;
 
+use super::write_atomically;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::front::{Front, Fronts};
 use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};
@@ -24,7 +25,7 @@ use crate::surfels::SurfelCloud;
 pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
 
 /// What a bake file begins with.
-pub(crate) const MAGIC: &[u8; 16] = b"transplat-bake 3";
+const MAGIC: &[u8; 16] = b"transplat-bake 3";
 
 /// Magic, geometry key, surfels, kind and directions.
 const HEADER_BYTES: u64 = 16 + 4 * 8;
@@ -53,7 +54,7 @@ impl BakeHeader {
 }
 
 /// The number that stands for a method.
-pub(crate) fn kind_of(method: Method) -> u64 {
+fn kind_of(method: Method) -> u64 {
     match method {
         Method::Harmonic => 0,
         Method::Directional => 1,
@@ -106,56 +107,68 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
             "not a bake of this version; make one with `transplat bake`",
         ));
     }
-    let value = |i: usize| {
-        let mut bytes = [0u8; 8];
-        bytes.copy_from_slice(&head[16 + 8 * i..][..8]);
-        u64::from_le_bytes(bytes)
-    };
-    let method = Method::ALL.into_iter().find(|p| kind_of(*p) == value(2));
+    let words: [u64; 4] = bytemuck::pod_read_unaligned(&head[16..]);
+    let [geometry_key, surfels, kind, directions] = words.map(u64::from_le);
+    let method = Method::ALL.into_iter().find(|p| kind_of(*p) == kind);
     let Some(method) = method else {
         return Err(Error::invalid(path, "a bake of a kind that is not known"));
     };
-    let header = BakeHeader {
-        geometry_key: value(0),
-        surfels: value(1),
-        method,
-        directions: value(3),
-    };
-    // Of the directional method, the hits come on top.
-    let (least, most) = match method {
-        Method::Harmonic => (header.directions, 0),
-        Method::Directional => (
-            (size_of::<Front>() + size_of::<[u64; WORDS]>() + 4) as u64,
-            4 * PATCHES as u64,
-        ),
-    };
-    let known = match method {
-        Method::Harmonic => DIRECTIONS.contains(&(header.directions as usize)),
+    // Bytes a surfel at least and at most, and beside them; of the directional method, the hits come on top.
+    let (known, least, most, beside) = match method {
+        Method::Harmonic => {
+            let known = DIRECTIONS.contains(&(directions as usize));
+            (known, directions, directions, HEADER_BYTES)
+        }
         Method::Directional => {
-            header.directions == patches::DIRECTIONS as u64 && header.surfels <= MOST_SURFELS as u64
+            let known = directions == patches::DIRECTIONS as u64 && surfels <= MOST_SURFELS as u64;
+            let least = (size_of::<Front>() + size_of::<[u64; WORDS]>() + 4) as u64;
+            (known, least, least + 4 * PATCHES as u64, HEADER_BYTES + 4)
         }
     };
-    let bytes = |each: u64| header.surfels.checked_mul(each);
-    let range = bytes(least).zip(bytes(least + most)).map(|(a, b)| {
-        let more = HEADER_BYTES
-            + match method {
-                Method::Directional => 4,
-                Method::Harmonic => 0,
-            };
-        a.saturating_add(more)..=b.saturating_add(more)
-    });
-    if !known || !range.is_some_and(|r| r.contains(&length)) {
+    let bytes = |each: u64| Some(surfels.checked_mul(each)?.saturating_add(beside));
+    let fits = bytes(least).zip(bytes(most));
+    if !known || !fits.is_some_and(|(a, b)| (a..=b).contains(&length)) {
         return Err(Error::invalid(
             path,
             format!(
-                "a bake for preset {} of {} surfels and {} directions cannot have {length} bytes: it is truncated or broken",
-                method.preset(),
-                header.surfels,
-                header.directions
+                "a bake for preset {} of {surfels} surfels and {directions} directions cannot have {length} bytes: it is truncated or broken",
+                method.preset()
             ),
         ));
     }
-    Ok(header)
+    Ok(BakeHeader {
+        geometry_key,
+        surfels,
+        method,
+        directions,
+    })
+}
+
+/// Writes a bake.
+///
+/// # Errors
+/// The file cannot be written; nothing is left of it then.
+pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
+    write_atomically(path, |out| {
+        out.write_all(MAGIC)?;
+        for value in [
+            geometry_key(cloud),
+            cloud.len() as u64,
+            kind_of(baked.method()),
+            baked.directions() as u64,
+        ] {
+            out.write_all(&value.to_le_bytes())?;
+        }
+        match baked {
+            Bake::Harmonic(visibility) => out.write_all(&visibility.open),
+            Bake::Directional(directional) => {
+                out.write_all(bytemuck::cast_slice(&directional.tracer.fronts.of))?;
+                out.write_all(bytemuck::cast_slice(&directional.open))?;
+                out.write_all(bytemuck::cast_slice(&directional.starts))?;
+                out.write_all(bytemuck::cast_slice(&directional.hits))
+            }
+        }
+    })
 }
 
 /// Reads only the head of a bake.
@@ -247,7 +260,6 @@ fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
 mod tests {
     use super::*;
     use crate::bake::harmonic::bake;
-    use crate::files::save_bake;
     use crate::progress::no_progress;
     use crate::synthetic;
 

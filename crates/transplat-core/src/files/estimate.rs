@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::bake::{Fnv, geometry_key};
+use super::write_atomically;
 use crate::color::Encoding;
 use crate::error::{Error, Result};
 use crate::estimate::Estimate;
@@ -14,20 +15,25 @@ use crate::surfels::SurfelCloud;
 const VERSION: u32 = 4;
 
 #[derive(Serialize, Deserialize)]
-pub(crate) struct EstimateFile {
+struct EstimateFile {
     version: u32,
     asset_key: String,
     estimate: Estimate,
 }
 
-impl EstimateFile {
-    pub fn new(cloud: &SurfelCloud, estimate: &Estimate) -> Self {
-        Self {
+/// Writes what an asset told of its light.
+///
+/// # Errors
+/// The file cannot be written; nothing is left of it then.
+pub fn save_estimate(path: &Path, cloud: &SurfelCloud, estimate: &Estimate) -> Result<()> {
+    write_atomically(path, |out| {
+        let file = EstimateFile {
             version: VERSION,
             asset_key: asset_key(cloud),
             estimate: estimate.clone(),
-        }
-    }
+        };
+        Ok(serde_json::to_writer_pretty(out, &file)?)
+    })
 }
 
 /// A key of everything that an estimate depends on: geometry and colour.

@@ -10,26 +10,7 @@ use crate::error::{Error, Result};
 const MAX_BYTES: u64 = super::read::MAX_ENVIRONMENT_PIXELS as u64 * 5;
 
 pub fn load(path: &Path) -> Result<EnvironmentMap> {
-    let bytes = read_all(path, MAX_BYTES)?;
-    parse(&bytes).map_err(|message| match message {
-        Problem::Text(message) => Error::invalid(path, message),
-        Problem::Size(width, height) => match check_map_size(path, width, height) {
-            Err(error) => error,
-            Ok(()) => Error::invalid(path, "the pixels end before the map does"),
-        },
-    })
-}
-
-#[derive(Debug)]
-enum Problem {
-    Text(String),
-    Size(usize, usize),
-}
-
-impl From<&str> for Problem {
-    fn from(text: &str) -> Self {
-        Self::Text(text.to_owned())
-    }
+    parse(path, &read_all(path, MAX_BYTES)?)
 }
 
 struct Header {
@@ -45,32 +26,27 @@ struct Header {
     flip_y: bool,
 }
 
-fn parse(bytes: &[u8]) -> Result<EnvironmentMap, Problem> {
-    let (header, mut data) = parse_header(bytes)?;
+fn parse(path: &Path, bytes: &[u8]) -> Result<EnvironmentMap> {
+    let invalid = |message: String| Error::invalid(path, message);
+    let (header, mut data) = parse_header(bytes).map_err(invalid)?;
     let (lines, length) = (header.scanlines, header.length);
-    // The new code packs 16 pixels of one colour into a byte, the old one 64.
-    let most = data.len().saturating_mul(64);
-    let too_large = lines.max(length) > super::read::MAX_ENVIRONMENT_EDGE
-        || lines.saturating_mul(length) > super::read::MAX_ENVIRONMENT_PIXELS.min(most);
-    if too_large || lines.min(length) == 0 {
-        return Err(if header.transposed {
-            Problem::Size(lines, length)
-        } else {
-            Problem::Size(length, lines)
-        });
-    }
-    let mut scanline = vec![[0u8; 4]; length];
-    let mut stored = Vec::new();
-    for line in 0..lines {
-        read_scanline(&mut data, &mut scanline)
-            .map_err(|problem| Problem::Text(format!("{problem} in scanline {line} of {lines}")))?;
-        stored.extend_from_slice(&scanline);
-    }
     let (width, height) = if header.transposed {
         (lines, length)
     } else {
         (length, lines)
     };
+    check_map_size(path, width, height)?;
+    // The new code packs 16 pixels of one colour into a byte, the old one 64.
+    if width * height > data.len().saturating_mul(64) {
+        return Err(invalid("the pixels end before the map does".into()));
+    }
+    let mut scanline = vec![[0u8; 4]; length];
+    let mut stored = Vec::new();
+    for line in 0..lines {
+        read_scanline(&mut data, &mut scanline)
+            .map_err(|problem| invalid(format!("{problem} in scanline {line} of {lines}")))?;
+        stored.extend_from_slice(&scanline);
+    }
     let gain = 1.0 / header.exposure;
     let mut pixels = Vec::with_capacity(stored.len());
     for y in 0..height {
@@ -88,11 +64,11 @@ fn parse(bytes: &[u8]) -> Result<EnvironmentMap, Problem> {
     Ok(EnvironmentMap::new(width, height, pixels))
 }
 
-fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), Problem> {
+fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let mut rest = bytes;
     let mut exposure = 1f32;
     let mut xyz = false;
-    let mut next_line = || -> Result<&str, Problem> {
+    let mut next_line = || -> Result<&str, String> {
         let end = rest.iter().take(4096).position(|b| *b == b'\n');
         let Some(end) = end else {
             return Err("the header does not end".into());
@@ -111,15 +87,15 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), Problem> {
                 "32-bit_rle_rgbe" => false,
                 "32-bit_rle_xyze" => true,
                 other => {
-                    return Err(Problem::Text(format!(
+                    return Err(format!(
                         "FORMAT={other} is not known; 32-bit_rle_rgbe and 32-bit_rle_xyze are"
-                    )));
+                    ));
                 }
             };
         } else if let Some(value) = line.strip_prefix("EXPOSURE=") {
             let value: f32 = value.trim().parse().unwrap_or(f32::NAN);
             if !(value > 0.0 && value.is_finite()) {
-                return Err(Problem::Text(format!("{line} is not a positive number")));
+                return Err(format!("{line} is not a positive number"));
             }
             exposure *= value;
         }
@@ -129,11 +105,7 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), Problem> {
     }
     let resolution = next_line()?;
     let words: Vec<&str> = resolution.split_whitespace().collect();
-    let problem = || {
-        Problem::Text(format!(
-            "{resolution:?} is not a resolution line such as -Y 512 +X 1024"
-        ))
-    };
+    let problem = || format!("{resolution:?} is not a resolution line such as -Y 512 +X 1024");
     let [first, lines, second, length] = words[..] else {
         return Err(problem());
     };
@@ -240,18 +212,18 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn file(header: &str, data: &[u8]) -> Vec<u8> {
-        [header.as_bytes(), data].concat()
+    fn parse(header: &str, data: &[u8]) -> Result<EnvironmentMap> {
+        super::parse(Path::new("a.hdr"), &[header.as_bytes(), data].concat())
     }
 
     #[test]
     fn flat_exposure_and_format() {
         // 2^(129 - 136) * 128 = 1; exposure 2 in two lines of which the product is 4.
         let data = [128, 64, 32, 129, 0, 0, 0, 0];
-        let map = parse(&file(
+        let map = parse(
             "#?RADIANCE\n# made by hand\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\nEXPOSURE=2.0\n\n-Y 1 +X 2\n",
             &data,
-        ))
+        )
         .expect("a good file");
         assert_eq!((map.width(), map.height()), (2, 1));
         assert_eq!(map.pixels(), [[0.25, 0.125, 0.0625], [0.0; 3]]);
@@ -292,7 +264,7 @@ mod tests {
                 count(first),
                 count(second)
             );
-            let map = parse(&file(&header, &data)).expect("a good file");
+            let map = parse(&header, &data).expect("a good file");
             for y in 0..h {
                 for x in 0..w {
                     assert_eq!(
@@ -308,14 +280,14 @@ mod tests {
     #[test]
     fn old_and_new_run_lengths() {
         let old = [5, 6, 7, 136, 1, 1, 1, 3, 9, 9, 9, 136];
-        let map = parse(&file("#?RADIANCE\n\n-Y 1 +X 5\n", &old)).expect("old run lengths");
+        let map = parse("#?RADIANCE\n\n-Y 1 +X 5\n", &old).expect("old run lengths");
         assert_eq!(map.pixels()[3], [5.0, 6.0, 7.0]);
         assert_eq!(map.pixels()[4], [9.0; 3]);
         // Ten pixels: a run of 10, a literal of 10, a run of 4 and one of 6, an exponent run.
         let mut new = vec![2, 2, 0, 10, 138, 7, 10];
         new.extend(1..=10);
         new.extend([132, 1, 134, 2, 138, 136]);
-        let map = parse(&file("#?RADIANCE\n\n-Y 1 +X 10\n", &new)).expect("new run lengths");
+        let map = parse("#?RADIANCE\n\n-Y 1 +X 10\n", &new).expect("new run lengths");
         assert_eq!(map.pixels()[9], [7.0, 10.0, 2.0]);
         assert_eq!(map.pixels()[0], [7.0, 1.0, 1.0]);
     }
@@ -334,7 +306,7 @@ mod tests {
             "#?RADIANCE\nFORMAT=banana\n\n-Y 1 +X 1\n",
             "#?RADIANCE\n",
         ] {
-            assert!(parse(&file(header, &[0; 64])).is_err(), "{header}");
+            assert!(parse(header, &[0; 64]).is_err(), "{header}");
         }
     }
 
@@ -342,7 +314,7 @@ mod tests {
         #[test]
         fn garbage_is_an_error_or_a_map(width in 1usize..40, height in 1usize..4, data in proptest::collection::vec(any::<u8>(), 0..400)) {
             let header = format!("#?RADIANCE\n\n-Y {height} +X {width}\n");
-            if let Ok(map) = parse(&file(&header, &data)) {
+            if let Ok(map) = parse(&header, &data) {
                 prop_assert!(map.pixels().iter().flatten().all(|v| v.is_finite()));
             }
         }

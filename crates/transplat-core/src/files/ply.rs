@@ -4,8 +4,10 @@ mod header;
 mod write;
 
 use std::io::{BufRead, Seek, SeekFrom};
+use std::path::Path;
 
-use super::asset::{AssetKind, AssetReport, Builder, Problem, StoredRow};
+use super::asset::{AssetKind, AssetReport, Builder, StoredRow};
+use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
 
@@ -18,11 +20,13 @@ const BLOCK_ROWS: usize = 1 << 14;
 
 /// Reads a splat from a file of so many bytes; the header is what [`ColorColumns`] writes it again by.
 pub(super) fn read(
+    path: &Path,
     reader: &mut (impl BufRead + Seek),
     file_bytes: u64,
-) -> Result<(SurfelCloud, AssetReport, Header), Problem> {
-    let header = Header::parse(reader).map_err(|m| format!("not a PLY splat: {m}"))?;
-    let layout = Layout::find(&header)?;
+) -> Result<(SurfelCloud, AssetReport, Header)> {
+    let invalid = |message: String| Error::invalid(path, message);
+    let header = Header::parse(reader).map_err(|m| invalid(format!("not a PLY splat: {m}")))?;
+    let layout = Layout::find(&header).map_err(invalid)?;
     let available = file_bytes.saturating_sub(header.bytes);
     let ascii = header.format == Format::Ascii;
     // The least that the claimed rows take: so nothing is allocated that the file could not fill.
@@ -36,22 +40,24 @@ pub(super) fn read(
     // The last line of a text may lack its end.
     if needed.is_none_or(|n| n > available + u64::from(ascii)) {
         let whole = available / row_bytes.max(1);
-        return Err(Problem::Text(format!(
+        return Err(invalid(format!(
             "claims {} vertices of {row_bytes} bytes or more, and has room for {whole}: it is truncated, or its count is wrong",
             header.vertices
         )));
     }
     if header.vertices == 0 {
-        return Err("holds no vertices".to_owned().into());
+        return Err(invalid("holds no vertices".into()));
     }
     let mut rows = Builder::new(layout.kind(), layout.degree, header.vertices as usize);
     if ascii {
-        read_ascii(reader, &header, &layout, &mut rows)?;
+        read_ascii(path, reader, &header, &layout, &mut rows)?;
     } else {
-        read_binary(reader, &header, &layout, &mut rows)?;
+        let read = read_binary(reader, &header, &layout, &mut rows);
+        read.map_err(Error::io(path))?;
     }
     let names = header.properties.iter().map(|p| p.name.clone()).collect();
-    let (mut cloud, report) = rows.finish(names, header.comments.clone())?;
+    let finished = rows.finish(names, header.comments.clone());
+    let (mut cloud, report) = finished.map_err(invalid)?;
     let up = header
         .comments
         .iter()
@@ -65,7 +71,7 @@ fn read_binary(
     header: &Header,
     layout: &Layout,
     cloud: &mut Builder,
-) -> Result<(), Problem> {
+) -> std::io::Result<()> {
     reader.seek(SeekFrom::Start(header.bytes + header.skip))?;
     let mut left = header.vertices as usize;
     let mut block = vec![0u8; BLOCK_ROWS.min(left) * header.stride];
@@ -97,19 +103,21 @@ fn read_binary(
 }
 
 fn read_ascii(
+    path: &Path,
     reader: &mut impl BufRead,
     header: &Header,
     layout: &Layout,
     cloud: &mut Builder,
-) -> Result<(), Problem> {
+) -> Result<()> {
+    let invalid = |message: String| Error::invalid(path, message);
     let columns = header.properties.len();
     let mut line = String::new();
     let mut skipped = 0;
     let (mut rows, mut values) = (0u64, Vec::new());
     while rows < header.vertices {
         line.clear();
-        if reader.read_line(&mut line)? == 0 {
-            return Err(Problem::Text(format!(
+        if reader.read_line(&mut line).map_err(Error::io(path))? == 0 {
+            return Err(invalid(format!(
                 "ends after {rows} of {} vertices",
                 header.vertices
             )));
@@ -125,11 +133,11 @@ fn read_ascii(
         for word in line.split_ascii_whitespace() {
             let value: f32 = word
                 .parse()
-                .map_err(|_| format!("vertex {rows}: {word:?} is not a number"))?;
+                .map_err(|_| invalid(format!("vertex {rows}: {word:?} is not a number")))?;
             values.push(value);
         }
         if values.len() - before != columns {
-            return Err(Problem::Text(format!(
+            return Err(invalid(format!(
                 "vertex {rows} has {} values where the header names {columns}",
                 values.len() - before
             )));
@@ -180,12 +188,9 @@ impl Layout {
             })?;
         let k = coefficient_count(degree);
         let mut sh = vec![[need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?]];
+        let rest = |c: usize, i: usize| need(&format!("f_rest_{}", c * (k - 1) + i));
         for i in 0..k - 1 {
-            let mut coefficient = [0; 3];
-            for (c, slot) in coefficient.iter_mut().enumerate() {
-                *slot = need(&format!("f_rest_{}", c * (k - 1) + i))?;
-            }
-            sh.push(coefficient);
+            sh.push([rest(0, i)?, rest(1, i)?, rest(2, i)?]);
         }
         let mut scales = vec![need("scale_0")?, need("scale_1")?];
         scales.extend(header.find("scale_2"));
@@ -246,15 +251,10 @@ impl Layout {
 fn up_axis_of(comment: &str) -> Option<UpAxis> {
     let lower = comment.to_ascii_lowercase();
     let axis = lower.strip_prefix("vertical axis:")?.trim();
-    let signed = if axis.starts_with(['+', '-']) {
-        axis.to_owned()
-    } else {
-        format!("+{axis}")
-    };
-    UpAxis::ALL
-        .iter()
-        .find(|(name, _)| *name == signed)
-        .map(|(_, axis)| *axis)
+    // Without a sign it is the positive one.
+    let is_it = |name: &str| name == axis || name.strip_prefix('+') == Some(axis);
+    let found = UpAxis::ALL.into_iter().find(|(name, _)| is_it(name));
+    found.map(|(_, axis)| axis)
 }
 
 #[cfg(test)]

@@ -6,13 +6,8 @@ use std::path::{Path, PathBuf};
 
 use image::ImageEncoder;
 
-use super::bake;
-use super::estimate::EstimateFile;
-use crate::bake::Bake;
 use crate::error::{Error, Result};
-use crate::estimate::Estimate;
 use crate::rasterize::Raster;
-use crate::surfels::SurfelCloud;
 
 /// Whether a file can be written there: to be asked before long work.
 ///
@@ -93,44 +88,6 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail(path))?;
     file.persist(&target).map_err(|e| fail(path)(e.error))?;
     Ok(())
-}
-
-/// Writes what an asset told of its light.
-///
-/// # Errors
-/// The file cannot be written; nothing is left of it then.
-pub fn save_estimate(path: &Path, cloud: &SurfelCloud, estimate: &Estimate) -> Result<()> {
-    write_atomically(path, |out| {
-        let file = EstimateFile::new(cloud, estimate);
-        Ok(serde_json::to_writer_pretty(out, &file)?)
-    })
-}
-
-/// Writes a bake.
-///
-/// # Errors
-/// The file cannot be written; nothing is left of it then.
-pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
-    write_atomically(path, |out| {
-        out.write_all(bake::MAGIC)?;
-        for value in [
-            bake::geometry_key(cloud),
-            cloud.len() as u64,
-            bake::kind_of(baked.method()),
-            baked.directions() as u64,
-        ] {
-            out.write_all(&value.to_le_bytes())?;
-        }
-        match baked {
-            Bake::Harmonic(visibility) => out.write_all(&visibility.open),
-            Bake::Directional(directional) => {
-                out.write_all(bytemuck::cast_slice(&directional.tracer.fronts.of))?;
-                out.write_all(bytemuck::cast_slice(&directional.open))?;
-                out.write_all(bytemuck::cast_slice(&directional.starts))?;
-                out.write_all(bytemuck::cast_slice(&directional.hits))
-            }
-        }
-    })
 }
 
 /// Writes an 8-bit PNG from display-encoded straight colour and alpha, `[height][width]`, values 0 to 1.

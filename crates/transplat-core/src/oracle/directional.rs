@@ -40,6 +40,7 @@ pub struct OracleDirectional<'a> {
     trust: f64,
 }
 
+#[derive(Default)]
 struct OracleLight {
     /// Direction and energy of each of the bake's directions.
     sky: Vec<(DVec3, Rgb)>,
@@ -99,12 +100,7 @@ impl<'a> OracleDirectional<'a> {
             // Four times the mean over the sphere of a clamped cosine is 1.
             light_gain: 12.0 / total,
             gloss: Vec::new(),
-            source: OracleLight {
-                sky: Vec::new(),
-                suns: Vec::new(),
-                irradiance: Vec::new(),
-                mean: [0.0; 3],
-            },
+            source: OracleLight::default(),
             trust: 1.0,
         };
         oracle.source = oracle.light(source);
@@ -221,8 +217,7 @@ impl<'a> OracleDirectional<'a> {
         let mut light = OracleLight {
             sky,
             suns,
-            irradiance: Vec::new(),
-            mean: [0.0; 3],
+            ..OracleLight::default()
         };
         let total: Rgb = rgb(|c| {
             let all = light.sky.iter().map(|(_, e)| e[c]);

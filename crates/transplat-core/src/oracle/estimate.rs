@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::{DMatrix, DVector};
+
 use crate::estimate::WHITEST_ALBEDO;
 use crate::transfer::directional::WHITEST;
 
@@ -102,7 +104,8 @@ impl EstimateProblem<'_> {
             }
         }
         let size = 3 * k;
-        let mut matrix = vec![vec![0.0; size + 1]; size];
+        let mut matrix = DMatrix::<f64>::zeros(size, size);
+        let mut right = DVector::<f64>::zeros(size);
         for ([a, b], weight) in self.pairs {
             let all: f64 = weight.iter().sum();
             let apart: f64 = (0..3)
@@ -112,10 +115,10 @@ impl EstimateProblem<'_> {
                 let w = weight[c] / (self.noise + apart);
                 for p in 0..k {
                     let row = slope[*a][c][p] - slope[*b][c][p];
-                    matrix[c * k + p][size] -= w * row * (u[*a][c] - u[*b][c]);
+                    right[c * k + p] -= w * row * (u[*a][c] - u[*b][c]);
                     for q in 0..k {
-                        matrix[c * k + p][c * k + q] +=
-                            w * row * (slope[*a][c][q] - slope[*b][c][q]);
+                        let column = slope[*a][c][q] - slope[*b][c][q];
+                        matrix[(c * k + p, c * k + q)] += w * row * column;
                     }
                 }
             }
@@ -124,33 +127,14 @@ impl EstimateProblem<'_> {
             for a in 0..3 {
                 for b in 0..3 {
                     let held = self.precision[p] * self.coupling[a][b];
-                    matrix[a * k + p][b * k + p] += held;
-                    matrix[a * k + p][size] -= held * sky[b][p];
+                    matrix[(a * k + p, b * k + p)] += held;
+                    right[a * k + p] -= held * sky[b][p];
                 }
             }
         }
-        let step = eliminate(matrix);
-        std::array::from_fn(|c| step[c * k..(c + 1) * k].to_vec())
+        // By elimination: production takes its matrix for positive definite.
+        let solved = matrix.lu().solve_mut(&mut right);
+        assert!(solved, "the prior keeps it regular");
+        std::array::from_fn(|c| right.as_slice()[c * k..(c + 1) * k].to_vec())
     }
-}
-
-/// Gauss's elimination of a system whose right side is its last column.
-fn eliminate(mut m: Vec<Vec<f64>>) -> Vec<f64> {
-    let n = m.len();
-    for i in 0..n {
-        let pivot = (i..n)
-            .max_by(|a, b| m[*a][i].abs().total_cmp(&m[*b][i].abs()))
-            .unwrap_or(i);
-        m.swap(i, pivot);
-        let row = m[i].clone();
-        for (r, other) in m.iter_mut().enumerate() {
-            if r != i {
-                let factor = other[i] / row[i];
-                for (o, v) in other.iter_mut().zip(&row) {
-                    *o -= factor * v;
-                }
-            }
-        }
-    }
-    (0..n).map(|i| m[i][n] / m[i][i]).collect()
 }

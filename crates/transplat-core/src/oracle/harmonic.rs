@@ -10,7 +10,7 @@ use crate::bake::harmonic::HarmonicBake;
 use crate::environment::IncidentRadiance;
 use crate::settings::TransferSettings;
 use crate::sh::{
-    SphereQuadrature, band, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere,
+    band, coefficient_count, cosine_kernel, evaluate_basis, fibonacci_sphere, sphere_quadrature,
     triple_product_tensor,
 };
 use crate::transfer::harmonic::UNATTENUATED;
@@ -49,9 +49,7 @@ impl OracleHarmonic {
             source,
             target: wide(target),
             epsilon: f64::from(settings.epsilon()) * mean,
-            nodes: SphereQuadrature::exact(2 * settings.sh_degree)
-                .nodes()
-                .collect(),
+            nodes: sphere_quadrature(2 * settings.sh_degree),
         }
     }
 

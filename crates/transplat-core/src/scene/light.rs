@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::environment::{Beam, Illumination};
-use crate::error::{Error, Result};
+use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
 /// Range of exposure and strength in stops: 18 orders of magnitude either way.
@@ -109,23 +109,16 @@ impl EnvironmentLight {
     }
 
     pub(super) fn validate(&self, name: &str) -> Result<()> {
-        if !STOPS.contains(&self.strength) {
-            return Err(Error::Mismatch(format!(
-                "strength of the {name} {} is out of range -60 to 60 stops",
-                self.strength
-            )));
-        }
-        if !self.rotation.is_finite() || !self.tilt.is_finite() {
-            return Err(Error::Mismatch(format!(
-                "the turn of the {name} light is not a number"
-            )));
-        }
-        if self.tint.iter().any(|t| !(0.0..=1e3).contains(t)) {
-            return Err(Error::Mismatch(format!(
-                "the tint of the {name} light is out of range 0 to 1000"
-            )));
-        }
-        Ok(())
+        let strength = self.strength;
+        ensure(STOPS.contains(&strength), || {
+            format!("strength of the {name} {strength} is out of range -60 to 60 stops")
+        })?;
+        ensure(self.rotation.is_finite() && self.tilt.is_finite(), || {
+            format!("the turn of the {name} light is not a number")
+        })?;
+        ensure(self.tint.iter().all(|t| (0.0..=1e3).contains(t)), || {
+            format!("the tint of the {name} light is out of range 0 to 1000")
+        })
     }
 }
 
@@ -171,7 +164,8 @@ impl Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::environment::{Beams, EnvironmentMap, project_environment};
+    use crate::environment::EnvironmentMap;
+    use crate::sh::{evaluate_sh, lattice};
 
     #[test]
     fn a_light_keeps_its_turn_among_files_and_none_of_an_estimate() {
@@ -202,11 +196,7 @@ mod tests {
             })
             .collect();
         let map = EnvironmentMap::new(width, height, pixels);
-        let light = Illumination {
-            radiance: project_environment(&map, 6),
-            beams: Some(Beams::of(&map)),
-            trust: 1.0,
-        };
+        let light = Illumination::of(&map, 6);
         let settings = EnvironmentLight {
             rotation: 35.0,
             tilt: 20.0,
@@ -219,15 +209,10 @@ mod tests {
         let up = UpAxis::MinusX;
         let oriented = settings.orient(&light, up);
         let map_from_asset = settings.map_from_asset(up);
-        for d in crate::sh::fibonacci_sphere(40) {
-            let there = map_from_asset * DVec3::from_array(d);
-            let expected = crate::sh::evaluate_sh(
-                &light.radiance.coefficients,
-                6,
-                there.to_array().map(|v| v as f32),
-            );
-            let found =
-                crate::sh::evaluate_sh(&oriented.radiance.coefficients, 6, d.map(|v| v as f32));
+        for d in lattice(40) {
+            let there = (map_from_asset * d.as_dvec3()).as_vec3();
+            let expected = evaluate_sh(&light.radiance.coefficients, 6, there.to_array());
+            let found = evaluate_sh(&oriented.radiance.coefficients, 6, d.to_array());
             for c in 0..3 {
                 let expected = expected[c] * settings.gain()[c];
                 assert!((found[c] - expected).abs() < 1e-4, "{found:?} {expected}");

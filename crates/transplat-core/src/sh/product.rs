@@ -2,7 +2,7 @@
 
 use super::bands::coefficient_count;
 use super::basis::evaluate_basis;
-use super::quadrature::SphereQuadrature;
+use super::quadrature::sphere_quadrature;
 
 /// The shadowing operator of one light, `M_kq = sum_p G_kpq L_p` for each channel, `[K][K]` row-major in `k`.
 ///
@@ -26,7 +26,7 @@ pub fn light_operator(degree: usize, light: &[[f32; 3]]) -> LightOperator {
     let mut sums = [vec![0f64; k * k], vec![0f64; k * k], vec![0f64; k * k]];
     let needed = if is_gray { 1 } else { 3 };
     let mut y = vec![0f64; k];
-    for (d, w) in SphereQuadrature::exact(3 * degree).nodes() {
+    for (d, w) in sphere_quadrature(3 * degree) {
         evaluate_basis(d, degree, &mut y);
         for (channel, sum) in sums[..needed].iter_mut().enumerate() {
             let radiance: f64 = (0..k).map(|p| f64::from(light[p][channel]) * y[p]).sum();
@@ -64,7 +64,7 @@ pub fn triple_product_tensor(degree: usize) -> Vec<f64> {
     let k = coefficient_count(degree);
     let mut tensor = vec![0f64; k * k * k];
     let mut y = vec![0f64; k];
-    for (d, w) in SphereQuadrature::exact(3 * degree).nodes() {
+    for (d, w) in sphere_quadrature(3 * degree) {
         evaluate_basis(d, degree, &mut y);
         for i in 0..k {
             for p in 0..k {

@@ -4,40 +4,19 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-/// Directions `[n]` (unit) with weights that sum to `4 pi`, exact for all spherical polynomials up to a degree.
-#[derive(Clone, Debug)]
-pub struct SphereQuadrature {
-    directions: Vec<[f64; 3]>,
-    weights: Vec<f64>,
-}
-
-impl SphereQuadrature {
-    /// Gauss-Legendre in height times uniform in azimuth: exact for every product of harmonics whose degrees sum to `degree`.
-    pub fn exact(degree: usize) -> Self {
-        let heights = degree / 2 + 1;
-        let azimuths = degree + 1;
-        let (mut directions, mut weights) = (Vec::new(), Vec::new());
-        for (z, w) in gauss_legendre(heights) {
-            let r = (1.0 - z * z).sqrt();
-            for j in 0..azimuths {
-                let (sin, cos) = (2.0 * PI * (j as f64 + 0.5) / azimuths as f64).sin_cos();
-                directions.push([r * cos, r * sin, z]);
-                weights.push(w * 2.0 * PI / azimuths as f64);
-            }
-        }
-        Self {
-            directions,
-            weights,
+/// Unit directions with weights that sum to `4 pi`: Gauss-Legendre in height times uniform in azimuth, exact for every product of
+/// harmonics whose degrees sum to `degree`.
+pub fn sphere_quadrature(degree: usize) -> Vec<([f64; 3], f64)> {
+    let azimuths = degree + 1;
+    let mut nodes = Vec::new();
+    for (z, w) in gauss_legendre(degree / 2 + 1) {
+        let r = (1.0 - z * z).sqrt();
+        for j in 0..azimuths {
+            let (sin, cos) = (2.0 * PI * (j as f64 + 0.5) / azimuths as f64).sin_cos();
+            nodes.push(([r * cos, r * sin, z], w * 2.0 * PI / azimuths as f64));
         }
     }
-
-    /// Directions and weights, in pairs.
-    pub fn nodes(&self) -> impl ExactSizeIterator<Item = ([f64; 3], f64)> + '_ {
-        self.directions
-            .iter()
-            .copied()
-            .zip(self.weights.iter().copied())
-    }
+    nodes
 }
 
 /// Nodes and weights of Gauss-Legendre quadrature on [-1, 1], by Newton's method on `P_n`.
@@ -105,14 +84,14 @@ mod tests {
     #[test]
     fn monomials_are_integrated_exactly() {
         for degree in 0..=24 {
-            let q = SphereQuadrature::exact(degree);
-            let sum: f64 = q.nodes().map(|(_, w)| w).sum();
+            let q = sphere_quadrature(degree);
+            let sum: f64 = q.iter().map(|(_, w)| w).sum();
             assert!((sum - 4.0 * PI).abs() < 1e-12);
             // The integral of z^k is 4 pi / (k + 1) for even k, that of x^k the same by symmetry.
             let even = degree - degree % 2;
             let exact = 4.0 * PI / (even + 1) as f64;
             for axis in 0..3 {
-                let got: f64 = q.nodes().map(|(d, w)| w * d[axis].powi(even as i32)).sum();
+                let got: f64 = q.iter().map(|(d, w)| w * d[axis].powi(even as i32)).sum();
                 assert!(
                     (got - exact).abs() < 1e-12,
                     "degree {degree} axis {axis}: {got} for {exact}"

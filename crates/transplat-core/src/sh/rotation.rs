@@ -10,7 +10,7 @@ use glam::DMat3;
 
 use super::bands::{MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count};
 use super::basis::{Real, evaluate_basis};
-use super::quadrature::SphereQuadrature;
+use super::quadrature::sphere_quadrature;
 
 /// One entry of the matrix `J` of a band; `row` and `column` count from the start of the band.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ pub struct ExchangeEntry {
 
 static EXCHANGE: LazyLock<Vec<Vec<ExchangeEntry>>> = LazyLock::new(|| {
     let mut dense = vec![[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
-    for ([x, y, z], w) in SphereQuadrature::exact(2 * MAX_DEGREE).nodes() {
+    for ([x, y, z], w) in sphere_quadrature(2 * MAX_DEGREE) {
         let (mut straight, mut exchanged) = ([0f64; MAX_COEFFICIENTS], [0f64; MAX_COEFFICIENTS]);
         evaluate_basis([x, y, z], MAX_DEGREE, &mut straight);
         evaluate_basis([x, z, y], MAX_DEGREE, &mut exchanged);

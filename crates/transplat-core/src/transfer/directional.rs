@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
-use crate::numeric::smoothstep;
+use crate::numeric::{smoothstep, weighted_quantile};
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
@@ -27,10 +27,10 @@ pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack};
 use incident::Incident;
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
-use lobe::{Fitted, Rays, find_gloss, mirrored, pooled};
 pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
+use lobe::{Rays, find_gloss, mirrored, pooled};
 pub(crate) use neighbors::NEIGHBORS;
 pub use nodes::Nodes;
 use nodes::SurfelFrame;
@@ -95,20 +95,13 @@ fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
     let light: Vec<[f32; 2]> = each
         .map(|([m, _], [d, _])| [std::f32::consts::PI * m.iter().sum::<f32>(), d.iter().sum()])
         .collect();
-    let mut albedos: Vec<(f32, f32)> = pooled(&light, &asset.neighbors, prominence)
+    let albedos = pooled(&light, &asset.neighbors, prominence)
         .into_iter()
-        .map(|[exitance, irradiance]| exitance / irradiance)
-        .zip(prominence.iter().copied())
+        .map(|[exitance, irradiance]| f64::from(exitance / irradiance))
+        .zip(prominence.iter().map(|p| f64::from(*p)))
         .filter(|(albedo, _)| albedo.is_finite())
         .collect();
-    albedos.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let all: f64 = albedos.iter().map(|a| f64::from(a.1)).sum();
-    let mut below = 0.0;
-    let whitest = albedos.iter().find(|(_, share)| {
-        below += f64::from(*share);
-        below >= f64::from(WHITEST) * all
-    });
-    whitest.map_or(1.0, |a| a.0.max(1e-12))
+    weighted_quantile(albedos, f64::from(WHITEST)).map_or(1.0, |a| a.max(1e-12) as f32)
 }
 
 impl DirectionalAsset {
@@ -183,7 +176,14 @@ impl DirectionalAsset {
 
     /// Mean over the nodes of stored colour, as the renderer shows it.
     fn encoded_mean(&self, stored: &[[f32; 3]]) -> [f32; 3] {
-        mean_of(stored.iter()).map(|m| m + self.encoding.offset())
+        let mut sum = [0f64; 3];
+        for v in stored {
+            for c in 0..3 {
+                sum[c] += f64::from(v[c]);
+            }
+        }
+        let count = stored.len().max(1) as f64;
+        sum.map(|s| (s / count) as f32 + self.encoding.offset())
     }
 }
 
@@ -206,29 +206,17 @@ impl DirectionalTransfer {
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
         let light = asset.incident(light, settings);
-        let divisor: Vec<FrontAndBack> = (0..asset.len())
+        let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
             .into_par_iter()
             .map(|i| {
                 let bounced = asset.bounced(i, &light, &asset.means);
                 added(light.irradiance[i], bounced)
             })
             .collect();
-        let fitted = Fitted {
-            nodes: &asset.nodes,
-            normals: &asset.bake.normals,
-            colors: &asset.colors,
-            means: &asset.means,
-            neighbors: &asset.neighbors,
-            two_sided: &asset.bake.two_sided,
-            prominence: &asset.bake.prominence,
-            white: whitest(asset, &divisor),
-        };
         let gloss = if settings.terms.lobe && trust >= 1.0 {
-            find_gloss(&fitted, &|i, out| {
-                asset.rays_of(i, &light, &asset.means, out)
-            })
+            find_gloss(asset, &light, whitest(asset, &divisor))
         } else {
-            vec![Gloss::default(); asset.len()]
+            vec![Gloss::default(); asset.bake.len()]
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let mut matte = asset.colors.clone();
@@ -300,7 +288,7 @@ impl DirectionalTransfer {
         let tau = self.bounce(&light, start);
         let radiance = asset.radiance(&tau);
         let k = coefficient_count(asset.nodes.degree);
-        let mut sh = vec![[0f32; 3]; asset.len() * k];
+        let mut sh = vec![[0f32; 3]; asset.bake.len() * k];
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
             Scratch::default,
             |scratch, (i, out)| {
@@ -338,10 +326,10 @@ impl DirectionalTransfer {
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
     fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
-        let mut tau = vec![[start; 2]; asset.len()];
+        let mut tau = vec![[start; 2]; asset.bake.len()];
         for _ in 0..self.turns() {
             let radiance = asset.radiance(&tau);
-            tau = (0..asset.len())
+            tau = (0..asset.bake.len())
                 .into_par_iter()
                 .map(|i| {
                     let e = added(light.irradiance[i], asset.bounced(i, light, &radiance));
@@ -414,7 +402,7 @@ impl DirectionalTransfer {
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
-        let nodes = &asset.nodes;
+        let (nodes, encoding) = (&asset.nodes, asset.encoding);
         let k = out.len();
         let mut f = asset.sh[i * k..][..k].to_vec();
         SurfelFrame::new(asset.bake.normals[i]).apply_sh(nodes.degree, &mut f);
@@ -424,9 +412,7 @@ impl DirectionalTransfer {
         let sides = [(&nodes.evaluate, 1.0), (&nodes.evaluate_back, -1.0)];
         for ((evaluate, side), project) in sides.into_iter().zip(&nodes.project) {
             let mut before = nodes.values(evaluate, &f);
-            asset
-                .encoding
-                .decode_all(bytemuck::cast_slice_mut(&mut before));
+            encoding.decode_all(bytemuck::cast_slice_mut(&mut before));
             let after = &mut scratch.stored;
             after.clear();
             after.extend(before.iter().zip(&nodes.to_camera).map(|(v, d)| {
@@ -436,10 +422,8 @@ impl DirectionalTransfer {
             for v in &mut before {
                 *v = std::array::from_fn(|c| v[c] * tau[0][c]);
             }
-            asset
-                .encoding
-                .encode_all(bytemuck::cast_slice_mut(&mut before));
-            asset.encoding.encode_all(bytemuck::cast_slice_mut(after));
+            encoding.encode_all(bytemuck::cast_slice_mut(&mut before));
+            encoding.encode_all(bytemuck::cast_slice_mut(after));
             for (a, b) in after.iter_mut().zip(before) {
                 for c in 0..3 {
                     a[c] -= b[c];
@@ -475,7 +459,7 @@ impl Relight for DirectionalTransfer {
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
         let mut out = switched_off(&self.settings);
-        let (n, asset) = (self.asset.len(), &self.asset);
+        let (n, asset) = (self.asset.bake.len(), &self.asset);
         let degree = asset.nodes.degree;
         if degree < cloud.sh_degree {
             let what = format!("SH bands above {degree}");
@@ -573,8 +557,10 @@ impl Relight for DirectionalTransfer {
     }
 
     fn dark_share(&self) -> f32 {
-        let dark = (0..self.asset.len()).filter(|i| self.is_dark(*i)).count();
-        dark as f32 / self.asset.len().max(1) as f32
+        let dark = (0..self.asset.bake.len())
+            .filter(|i| self.is_dark(*i))
+            .count();
+        dark as f32 / self.asset.bake.len().max(1) as f32
     }
 }
 
@@ -607,17 +593,6 @@ fn residual_scale(now: f32, then: f32) -> f32 {
     } else {
         (now + RESIDUAL_FLOOR) / (then + RESIDUAL_FLOOR)
     }
-}
-
-fn mean_of<'a>(values: impl ExactSizeIterator<Item = &'a [f32; 3]>) -> [f32; 3] {
-    let count = values.len().max(1) as f64;
-    let mut sum = [0f64; 3];
-    for v in values {
-        for c in 0..3 {
-            sum[c] += f64::from(v[c]);
-        }
-    }
-    sum.map(|s| (s / count) as f32)
 }
 
 #[cfg(test)]

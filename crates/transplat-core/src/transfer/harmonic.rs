@@ -16,17 +16,18 @@ use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
 use crate::environment::{Illumination, IncidentRadiance};
 use crate::error::{Error, Result};
+use crate::numeric::over;
 use crate::settings::TransferSettings;
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::sh::{
-    LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count, cosine_kernel,
-    evaluate_basis, light_operator,
+    LightOperator, MAX_COEFFICIENTS, band, coefficient_count, cosine_kernel, evaluate_basis,
+    light_operator,
 };
 use crate::surfels::SurfelCloud;
 
 pub use lanes::LANES;
 pub use lanes::MAX_RADIANCE;
-use lanes::{Block, Extent, Rows, relight_block};
+use lanes::{Block, relight_block};
 
 /// A target light stronger than the source by more than this is held to it, so that no result overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
@@ -100,61 +101,22 @@ impl HarmonicAsset {
         source: &IncidentRadiance,
         settings: &TransferSettings,
     ) -> Result<HarmonicTransfer> {
-        HarmonicTransfer::check(source, settings)?;
-        let degree = settings.sh_degree;
-        let coefficients = match &self.visibility {
-            _ if !settings.terms.shadow => Arc::default(),
-            Some((d, b, kept)) if (*d, *b) == (degree, bake) => kept.clone(),
-            _ => {
-                let new = Arc::new(visibility.coefficients(degree));
-                self.visibility = Some((degree, bake, new.clone()));
-                new
-            }
-        };
-        Ok(HarmonicTransfer::from_parts(
-            cloud,
-            visibility,
-            self,
-            coefficients,
-            source,
-            settings,
-        ))
-    }
-}
-
-impl HarmonicTransfer {
-    /// Prepares asset and source light.
-    ///
-    /// # Errors
-    /// The source's degree is not the settings'.
-    pub fn new(
-        cloud: &SurfelCloud,
-        visibility: &HarmonicBake,
-        source: &IncidentRadiance,
-        settings: &TransferSettings,
-    ) -> Result<Self> {
-        HarmonicAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
-    }
-
-    fn check(source: &IncidentRadiance, settings: &TransferSettings) -> Result<()> {
         if source.degree != settings.sh_degree {
             return Err(Error::Mismatch(format!(
                 "the source light has SH degree {}, and the settings ask for {}",
                 source.degree, settings.sh_degree
             )));
         }
-        Ok(())
-    }
-
-    fn from_parts(
-        cloud: &SurfelCloud,
-        visibility: &HarmonicBake,
-        asset: &HarmonicAsset,
-        v: Arc<Vec<f32>>,
-        source: &IncidentRadiance,
-        settings: &TransferSettings,
-    ) -> Self {
         let light_degree = settings.sh_degree;
+        let v = match &self.visibility {
+            _ if !settings.terms.shadow => Arc::default(),
+            Some((d, b, kept)) if (*d, *b) == (light_degree, bake) => kept.clone(),
+            _ => {
+                let new = Arc::new(visibility.coefficients(light_degree));
+                self.visibility = Some((light_degree, bake, new.clone()));
+                new
+            }
+        };
         let source_was_black = source.is_black();
         let source = if source_was_black {
             IncidentRadiance::even(light_degree)
@@ -164,12 +126,12 @@ impl HarmonicTransfer {
         let mean = source.mean_irradiance();
         let light_gain = (1.0 / mean).clamp(1e-30, 1e30);
         let source = source.scaled(light_gain);
-        let specular_degree = if settings.terms.specular && asset.has_view_dependence {
+        let specular_degree = if settings.terms.specular && self.has_view_dependence {
             explained_degree(&source, settings).min(cloud.sh_degree)
         } else {
             0
         };
-        let linear = &asset.linear;
+        let linear = &self.linear;
         let operator = light_operator(light_degree, &source.coefficients);
         let per_surfel: Vec<(Vec3, [f32; 3])> = (0..cloud.len())
             .into_par_iter()
@@ -193,7 +155,7 @@ impl HarmonicTransfer {
             .map(|(_, e)| e.iter().any(|e| *e < settings.epsilon()))
             .collect();
         let dark_count = dark.iter().filter(|d| **d).count();
-        let mut prepared = Self {
+        let mut prepared = HarmonicTransfer {
             settings: settings.clone(),
             surfels: cloud.len(),
             light_degree,
@@ -221,7 +183,22 @@ impl HarmonicTransfer {
             blocks: Vec::new(),
         };
         prepared.make_blocks();
-        prepared
+        Ok(prepared)
+    }
+}
+
+impl HarmonicTransfer {
+    /// Prepares asset and source light.
+    ///
+    /// # Errors
+    /// The source's degree is not the settings'.
+    pub fn new(
+        cloud: &SurfelCloud,
+        visibility: &HarmonicBake,
+        source: &IncidentRadiance,
+        settings: &TransferSettings,
+    ) -> Result<Self> {
+        HarmonicAsset::new(cloud).prepare(cloud, visibility, 0, source, settings)
     }
 
     /// Visibility, attenuation and colour in half precision.
@@ -236,26 +213,11 @@ impl HarmonicTransfer {
     }
 
     fn make_blocks(&mut self) {
-        let rows = Rows {
-            normals: &self.normals,
-            visibility: &self.visibility,
-            dc_over_irradiance: &self.dc_over_irradiance,
-            attenuation: &self.attenuation,
-        };
-        let extent = self.extent();
-        self.blocks = (0..self.surfels.div_ceil(LANES))
+        let whole = &*self;
+        self.blocks = (0..whole.surfels.div_ceil(LANES))
             .into_par_iter()
-            .map(|b| Block::new(&rows, extent, b * LANES))
+            .map(|b| Block::new(whole, b * LANES))
             .collect();
-    }
-
-    fn extent(&self) -> Extent {
-        Extent {
-            light_degree: self.light_degree,
-            asset_degree: self.asset_degree,
-            specular_degree: self.specular_degree,
-            reflects: self.settings.terms.reflection,
-        }
     }
 
     /// Coefficients of the result, per surfel.
@@ -281,13 +243,13 @@ impl HarmonicTransfer {
 
     /// Relights: linear radiance SH into `sh` `[n][K][3]`, and the transfer ratio into `tau` `[n][3]` while the surfels are at hand.
     fn relight_into(&self, light: &LightOperator, sh: &mut [[f32; 3]], tau: &mut [[f32; 3]]) {
-        let (k, extent) = (self.coefficients(), self.extent());
+        let k = self.coefficients();
         sh.par_chunks_mut(LANES * k)
             .zip(tau.par_chunks_mut(LANES))
             .zip(self.dc.par_chunks(LANES))
             .zip(&self.blocks)
             .for_each(|(((sh, tau), dc), block)| {
-                relight_block(extent, light, block, sh);
+                relight_block(self, light, block, sh);
                 ratios(sh.chunks_exact(k), dc, tau);
             });
     }
@@ -301,7 +263,7 @@ impl HarmonicTransfer {
         let (block, lane) = (i / LANES, i % LANES);
         let count = LANES.min(self.surfels - block * LANES);
         let mut out = vec![[0f32; 3]; count * k];
-        relight_block(self.extent(), light, &self.blocks[block], &mut out);
+        relight_block(self, light, &self.blocks[block], &mut out);
         out[lane * k..][..k].to_vec()
     }
 
@@ -428,25 +390,14 @@ impl Relight for HarmonicTransfer {
     }
 
     fn amplification(&self, i: usize) -> f32 {
-        let of = |c: usize| {
-            let dc = self.dc[i][c];
-            if dc > 0.0 {
-                self.dc_over_irradiance[i][c] / dc
-            } else {
-                0.0
-            }
-        };
+        let of = |c: usize| over(self.dc_over_irradiance[i][c], self.dc[i][c]);
         of(0).max(of(1)).max(of(2))
     }
 
     fn epsilon_share(&self, i: usize) -> f32 {
         let share = |c: usize| {
-            let dc = self.dc[i][c];
-            if dc > 0.0 {
-                (self.settings.epsilon() * self.dc_over_irradiance[i][c] / dc).clamp(0.0, 1.0)
-            } else {
-                0.0
-            }
+            let of_epsilon = self.settings.epsilon() * self.dc_over_irradiance[i][c];
+            over(of_epsilon, self.dc[i][c]).clamp(0.0, 1.0)
         };
         (share(0) + share(1) + share(2)) / 3.0
     }
@@ -469,7 +420,7 @@ impl Relight for HarmonicTransfer {
 /// The transfer ratio tau (paper eq. 5) of each surfel: its relit DC over the captured one.
 fn ratios<'a>(relit: impl Iterator<Item = &'a [[f32; 3]]>, dc: &[[f32; 3]], tau: &mut [[f32; 3]]) {
     for ((tau, f), dc) in tau.iter_mut().zip(relit).zip(dc) {
-        *tau = std::array::from_fn(|c| if dc[c] > 0.0 { f[0][c] / dc[c] } else { 0.0 });
+        *tau = std::array::from_fn(|c| over(f[0][c], dc[c]));
     }
 }
 
@@ -544,16 +495,8 @@ fn attenuation(
     source: &IncidentRadiance,
     settings: &TransferSettings,
 ) -> Vec<[f32; 3]> {
-    if degree == 0 {
-        return Vec::new();
-    }
-    let source_norms: [[f32; 3]; MAX_DEGREE + 1] = std::array::from_fn(|l| {
-        if (1..=degree).contains(&l) {
-            std::array::from_fn(|c| band_norm(&source.coefficients, l, c))
-        } else {
-            [0.0; 3]
-        }
-    });
+    let norms = |l: usize| std::array::from_fn(|c| band_norm(&source.coefficients, l, c));
+    let source_norms = &(0..=degree).map(norms).collect::<Vec<[f32; 3]>>();
     linear
         .par_chunks_exact(k)
         .flat_map_iter(|f| {

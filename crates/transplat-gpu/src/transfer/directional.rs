@@ -167,7 +167,7 @@ impl GpuDirectional {
         chunk: usize,
     ) -> Result<Self> {
         let asset = &prepared.asset;
-        let n = asset.len();
+        let n = asset.bake.len();
         context.check_bindings("preset best", MOST_BUFFERS)?;
         // Of high degrees, the colours at the nodes would outgrow what every adapter binds.
         let chunk = chunk

@@ -130,20 +130,14 @@ impl Header {
     pub(crate) fn parse(reader: &mut impl BufRead) -> Result<Self, String> {
         let mut parser = Parser::default();
         let mut bytes = 0;
-        let mut first = true;
+        if read_line(reader, &mut bytes)?.trim() != "ply" {
+            return Err("does not begin with \"ply\"".into());
+        }
         loop {
-            let line = read_line(reader, &mut bytes)?;
-            let line = line.trim();
-            if std::mem::take(&mut first) {
-                if line != "ply" {
-                    return Err("does not begin with \"ply\"".into());
-                }
-                continue;
+            match read_line(reader, &mut bytes)?.trim() {
+                "end_header" => return parser.finish(bytes as u64),
+                line => parser.line(line)?,
             }
-            if line == "end_header" {
-                return parser.finish(bytes as u64);
-            }
-            parser.line(line)?;
         }
     }
 }

@@ -74,18 +74,11 @@ impl DirectionalAsset {
         let directions = directions();
         let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         let k = coefficient_count(degree);
-        let q = nodes.count();
-        let per_surfel: Vec<(Vec<[f32; 3]>, FrontAndBack)> = sh
+        let (fronts, means): (Vec<Vec<[f32; 3]>>, Vec<FrontAndBack>) = sh
             .par_chunks_exact(k)
             .zip(&bake.normals)
             .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
-            .collect();
-        let mut colors = Vec::with_capacity(cloud.len() * q);
-        let mut means = Vec::with_capacity(cloud.len());
-        for (front, m) in per_surfel {
-            colors.extend(front);
-            means.push(m);
-        }
+            .unzip();
         Self {
             neighbors: neighbors(&bake.tracer.surfels, &bake.normals),
             nodes,
@@ -94,19 +87,9 @@ impl DirectionalAsset {
             planes: planes(directions.iter().map(|d| d.to_array())),
             directions,
             sh,
-            colors,
+            colors: fronts.concat(),
             means,
         }
-    }
-
-    /// Number of surfels.
-    pub fn len(&self) -> usize {
-        self.bake.len()
-    }
-
-    /// Whether there is no surfel.
-    pub fn is_empty(&self) -> bool {
-        self.bake.is_empty()
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`

@@ -69,7 +69,7 @@ impl DirectionalAsset {
     ) -> DirectionalLight {
         let terms = settings.terms;
         let beams = beams.tinted([gain; 3]).clamped(MAX_RELATIVE_LIGHT);
-        let (sky, suns) = if terms.sums && terms.suns {
+        let (sky, mut suns) = if terms.sums && terms.suns {
             (beams.gathered(&self.directions), beams.suns.clone())
         } else if terms.sums {
             let all = beams.with_suns_as_sky();
@@ -78,7 +78,6 @@ impl DirectionalAsset {
             let light = radiance.truncated(settings.sh_degree).scaled(gain);
             (self.series(&light), Vec::new())
         };
-        let mut suns = suns;
         if suns.is_empty() && !settings.skips.has(Skip::Suns) {
             // One that holds nothing, to know what it costs.
             suns.push(Beam {
@@ -113,7 +112,7 @@ impl DirectionalAsset {
             terms,
             skips: settings.skips,
         };
-        light.irradiance = (0..self.len())
+        light.irradiance = (0..self.bake.len())
             .into_par_iter()
             .map(|i| self.irradiance(i, &light))
             .collect();
@@ -139,7 +138,7 @@ impl DirectionalAsset {
     fn seen_from(&self, sun: &Beam, terms: Terms) -> Vec<bool> {
         let bake = &self.bake;
         if !terms.shadow {
-            return vec![true; self.len()];
+            return vec![true; self.bake.len()];
         }
         let faces = |i: u32| {
             let i = i as usize;

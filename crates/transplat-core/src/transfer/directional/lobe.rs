@@ -5,11 +5,11 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::FrontAndBack;
+use super::asset::DirectionalAsset;
+use super::incident::Incident;
 use super::nodes::{BLOCK, Nodes, SurfelFrame, weighted_mean};
 use crate::environment::Beam;
 use crate::numeric::smoothstep;
@@ -179,47 +179,27 @@ struct Moments {
     variance: [f32; 3],
 }
 
-/// What the fit needs of an asset under its source light.
-pub struct Fitted<'a> {
-    /// The nodes.
-    pub nodes: &'a Nodes,
-    /// Normals `[n]`.
-    pub normals: &'a [Vec3],
-    /// Linear colour at the nodes `[n][Q]`.
-    pub colors: &'a [[f32; 3]],
-    /// Its mean, front and back `[n]`; gloss is looked for on the front.
-    pub means: &'a [FrontAndBack],
-    /// Other surfels that probably are of the same stuff. `[n][neighbors]`
-    pub neighbors: &'a [u32],
-    /// How much of a two-sided surfel each is: a leaf's gloss is not looked for. `[n]`
-    pub two_sided: &'a [f32],
-    /// How much each surfel counts where many are pooled. `[n]`
-    pub prominence: &'a [f32],
-    /// The asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
-    pub white: f32,
-}
-
 /// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
-/// channel, pooled over its neighbours and drawn to the mean of the channels.
+/// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
-/// `rays_of(i, out)` collects what shines on surfel `i`.
-pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync)) -> Vec<Gloss> {
-    let n = input.means.len();
-    if input.nodes.degree == 0 || n == 0 {
+/// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
+pub(super) fn find_gloss(asset: &DirectionalAsset, light: &Incident, white: f32) -> Vec<Gloss> {
+    let n = asset.bake.len();
+    if asset.nodes.degree == 0 || n == 0 {
         return vec![Gloss::default(); n];
     }
     let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (0..n)
         .into_par_iter()
         .map_init(
-            || (Rays::default(), vec![0f32; 3 * input.nodes.count()]),
+            || (Rays::default(), vec![0f32; 3 * asset.nodes.count()]),
             |(rays, values), i| {
-                rays_of(i, rays);
-                let frame = SurfelFrame::new(input.normals[i]);
+                asset.rays_of(i, light, &asset.means, rays);
+                let frame = SurfelFrame::new(asset.bake.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {
-                    mirrored(input.nodes, frame, width, rays, values);
-                    found[0][w] = moments(input, i, values, None);
-                    found[1][w] = moments(input, i, values, Some(&input.nodes.rise));
+                    mirrored(&asset.nodes, frame, width, rays, values);
+                    found[0][w] = moments(asset, i, values, None);
+                    found[1][w] = moments(asset, i, values, Some(&asset.nodes.rise));
                 }
                 found
             },
@@ -227,11 +207,11 @@ pub fn find_gloss(input: &Fitted<'_>, rays_of: &(dyn Fn(usize, &mut Rays) + Sync
         .collect();
     let variances: Vec<[f32; 3]> = (0..n)
         .into_par_iter()
-        .map(|i| color_variance(input, i))
+        .map(|i| color_variance(asset, i))
         .collect();
-    let metal = regress(input, &moments, &variances, 0);
-    let coated = regress(input, &moments, &variances, 1);
-    choose(input, &moments, &metal, &coated)
+    let metal = regress(asset, &moments, &variances, 0);
+    let coated = regress(asset, &moments, &variances, 1);
+    choose(asset, white, &moments, &metal, &coated)
 }
 
 /// Means over each surfel and its neighbours, by how much they make up of what is seen. `[n]`
@@ -268,22 +248,22 @@ fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
     }
 }
 
-fn color_variance(input: &Fitted<'_>, i: usize) -> [f32; 3] {
-    let q = input.nodes.count();
+fn color_variance(asset: &DirectionalAsset, i: usize) -> [f32; 3] {
+    let q = asset.nodes.count();
     let mut sum = [0f32; 3];
-    for (w, c) in input.nodes.weights.iter().zip(&input.colors[i * q..][..q]) {
+    for (w, c) in asset.nodes.weights.iter().zip(&asset.colors[i * q..][..q]) {
         for k in 0..3 {
-            sum[k] += w * (c[k] - input.means[i][0][k]).powi(2);
+            sum[k] += w * (c[k] - asset.means[i][0][k]).powi(2);
         }
     }
     sum
 }
 
 /// Moments of one lobe, as far as a function of the asset's degree can show it.
-fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -> Moments {
-    let nodes = input.nodes;
+fn moments(asset: &DirectionalAsset, i: usize, values: &[f32], rise: Option<&[f32]>) -> Moments {
+    let nodes = &asset.nodes;
     let q = nodes.count();
-    let colors = &input.colors[i * q..][..q];
+    let colors = &asset.colors[i * q..][..q];
     let lit: Vec<[f32; 3]> = (0..q)
         .map(|s| {
             let rise = rise.map_or(1.0, |r| r[s]);
@@ -298,7 +278,7 @@ fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -
     for ((s, w), color) in seen.iter().zip(&nodes.weights).zip(colors) {
         for c in 0..3 {
             let off = s[c] - found.mean[c];
-            found.covariance[c] += w * off * (color[c] - input.means[i][0][c]);
+            found.covariance[c] += w * off * (color[c] - asset.means[i][0][c]);
             found.variance[c] += w * off * off;
         }
     }
@@ -306,7 +286,7 @@ fn moments(input: &Fitted<'_>, i: usize, values: &[f32], rise: Option<&[f32]>) -
 }
 
 /// A regression's result for one surfel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Regressed {
     reflectance: [f32; 3],
     width: usize,
@@ -314,26 +294,26 @@ struct Regressed {
 }
 
 fn regress(
-    input: &Fitted<'_>,
+    asset: &DirectionalAsset,
     moments: &[[[Moments; WIDTHS.len()]; 2]],
     variances: &[[f32; 3]],
     kind: usize,
 ) -> Vec<Regressed> {
-    let each = input.neighbors.len() / moments.len();
+    let each = asset.neighbors.len() / moments.len();
     (0..moments.len())
         .into_par_iter()
         .map(|i| {
-            let around = &input.neighbors[i * each..][..each];
+            let around = &asset.neighbors[i * each..][..each];
             let with_self = || around.iter().map(|j| *j as usize).chain([i]);
-            let total: f32 = with_self().map(|j| input.prominence[j]).sum();
-            let share = |j: usize| share_of(input.prominence[j], total, each + 1);
+            let total: f32 = with_self().map(|j| asset.bake.prominence[j]).sum();
+            let share = |j: usize| share_of(asset.bake.prominence[j], total, each + 1);
             let mut best: Option<(f32, Regressed)> = None;
             for w in 0..WIDTHS.len() {
                 let (mut num, mut den, mut var) = ([0f32; 3], [0f32; 3], [0f32; 3]);
                 let mut relative = [0f32; 3];
                 for j in with_self() {
                     let m = &moments[j][kind][w];
-                    let brightness: f32 = input.means[j][0].iter().map(|c| c * c).sum();
+                    let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
                     let share = share(j);
                     let unit = share / brightness.max(1e-6);
                     for c in 0..3 {
@@ -349,7 +329,7 @@ fn regress(
                 let reflectance: [f32; 3] = std::array::from_fn(|c| {
                     let k = (num[c] + mean(num)) / (den[c] + mean(den) + RIDGE);
                     let most =
-                        MOST_GLOSS * input.means[i][0][c] / moments[i][kind][w].mean[c].max(1e-6);
+                        MOST_GLOSS * asset.means[i][0][c] / moments[i][kind][w].mean[c].max(1e-6);
                     k.clamp(0.0, most.max(0.0))
                 });
                 let residual: f32 = (0..3)
@@ -371,28 +351,22 @@ fn regress(
                     ));
                 }
             }
-            best.map_or(
-                Regressed {
-                    reflectance: [0.0; 3],
-                    width: 0,
-                    correlation: 0.0,
-                },
-                |b| b.1,
-            )
+            best.unwrap_or_default().1
         })
         .collect()
 }
 
 /// Which of the two each surfel is, and how much of it is believed.
 fn choose(
-    input: &Fitted<'_>,
+    asset: &DirectionalAsset,
+    white: f32,
     moments: &[[[Moments; WIDTHS.len()]; 2]],
     metal: &[Regressed],
     coated: &[Regressed],
 ) -> Vec<Gloss> {
     let believed = |r: &Regressed, i: usize| {
         let trust =
-            smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - input.two_sided[i]);
+            smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - asset.bake.two_sided[i]);
         r.reflectance.map(|k| k * trust)
     };
     let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
@@ -405,21 +379,16 @@ fn choose(
     };
     let mut stuff: Vec<[f32; 4]> = metal.iter().enumerate().map(own).collect();
     for _ in 0..METAL_TURNS {
-        stuff = pooled(&stuff, input.neighbors, input.prominence);
+        stuff = pooled(&stuff, &asset.neighbors, &asset.bake.prominence);
     }
     stuff
         .into_par_iter()
         .enumerate()
         .map(|(i, [mirrored, light, width, weight])| {
-            let metallic = smoothstep(
-                METAL[0],
-                METAL[1],
-                mirrored / (input.white * light).max(1e-9),
-            );
+            let metallic = smoothstep(METAL[0], METAL[1], mirrored / (white * light).max(1e-9));
             if metallic == 0.0 {
                 return Gloss {
-                    reflectance: believed(&coated[i], i)
-                        .map(|k| k.min(MOST_REFLECTANCE * input.white)),
+                    reflectance: believed(&coated[i], i).map(|k| k.min(MOST_REFLECTANCE * white)),
                     width: WIDTHS[coated[i].width],
                     rises: true,
                 };
@@ -430,8 +399,8 @@ fn choose(
             Gloss {
                 reflectance: std::array::from_fn(|c| {
                     let whole =
-                        MOST_GLOSS * input.means[i][0][c] / moments[i][0][width].mean[c].max(1e-6);
-                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE * input.white)
+                        MOST_GLOSS * asset.means[i][0][c] / moments[i][0][width].mean[c].max(1e-6);
+                    (k[c] + (whole - k[c]) * metallic).clamp(0.0, MOST_REFLECTANCE * white)
                 }),
                 width: WIDTHS[width],
                 rises: false,

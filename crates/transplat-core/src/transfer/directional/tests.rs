@@ -74,11 +74,8 @@ fn the_source_light_returns_the_asset() {
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let relit = prepared(&asset_of(&cloud), &source).relight_by(&source);
     // The bounced light's fixed point starts at the source's own radiance, so nothing but rounding is left.
-    assert!(
-        farthest(&relit.sh, &cloud.sh) < 1e-3,
-        "{}",
-        farthest(&relit.sh, &cloud.sh)
-    );
+    let off = farthest(&relit.sh, &cloud.sh);
+    assert!(off < 1e-3, "{off}");
     assert!(relit.tau.iter().flatten().all(|t| (t - 1.0).abs() < 1e-3));
 }
 
@@ -131,18 +128,7 @@ fn a_black_target_is_black_and_a_black_source_is_finite() {
 fn turning_asset_and_lights_turns_the_result() {
     let cloud = glossy();
     let turn = DMat3::from_axis_angle(DVec3::new(0.3, -0.2, 0.9).normalize(), 1.1);
-    let mut turned = cloud.clone();
-    let k = coefficient_count(cloud.sh_degree);
-    for p in &mut turned.positions {
-        *p = (turn * p.as_dvec3()).as_vec3();
-    }
-    for t in turned.tangents.iter_mut().flatten() {
-        *t = (turn * t.as_dvec3()).as_vec3();
-    }
-    for f in turned.sh.chunks_exact_mut(k) {
-        let r = crate::sh::rotate_coefficients(turn, cloud.sh_degree, f);
-        f.copy_from_slice(&r);
-    }
+    let turned = synthetic::turned(&cloud, turn);
     let source = sky(DVec3::new(0.4, 0.2, 0.9), [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.8, 0.3, 0.4), [0.4, 0.6, 1.0]);
     let here = prepared(&asset_of(&cloud), &source).relight_by(&target);
@@ -152,13 +138,9 @@ fn turning_asset_and_lights_turns_the_result() {
     let mean = |tau: &[[f32; 3]]| tau.iter().map(|t| t[1]).sum::<f32>() / tau.len() as f32;
     let (a, b) = (mean(&here.tau), mean(&there.tau));
     assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
-    let typical: f32 = here
-        .tau
-        .iter()
-        .zip(&there.tau)
-        .map(|(a, b)| (a[1] - b[1]).abs())
-        .sum::<f32>()
-        / here.tau.len() as f32;
+    let apart = here.tau.iter().zip(&there.tau);
+    let apart = apart.map(|(a, b)| (a[1] - b[1]).abs());
+    let typical = apart.sum::<f32>() / here.tau.len() as f32;
     assert!(typical < 0.1 * a, "{typical} of {a}");
 }
 
@@ -295,14 +277,8 @@ fn production_follows_the_oracle() {
     assert!(bake.two_sided.iter().filter(|t| **t > 0.5).count() > 10);
     let source = sky(sun, [1.0, 0.9, 0.8]);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
-    let transfer = prepared(
-        &Arc::new(DirectionalAsset::new(
-            &cloud,
-            bake.clone(),
-            &Skips::default(),
-        )),
-        &source,
-    );
+    let asset = DirectionalAsset::new(&cloud, bake.clone(), &Skips::default());
+    let transfer = prepared(&Arc::new(asset), &source);
     let glossy = transfer.glossy_surfels;
     assert!(glossy > 100, "{glossy} of {}", cloud.len());
     let relit = transfer.relight_by(&target);
@@ -324,11 +300,8 @@ fn production_follows_the_oracle() {
     // f32 sums of a few hundred terms. Where two lobes fit alike, or a ray grazes a rim, either may be taken: a few surfels.
     let n = errors.len();
     assert!(errors[n / 2] < 2e-5, "median {:.1e}", errors[n / 2]);
-    assert!(
-        errors[n * 97 / 100] < 1e-3,
-        "97 % {:.1e}",
-        errors[n * 97 / 100]
-    );
+    let most = errors[n * 97 / 100];
+    assert!(most < 1e-3, "97 % {most:.1e}");
 }
 
 #[test]

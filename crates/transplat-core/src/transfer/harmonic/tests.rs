@@ -5,7 +5,6 @@ use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
 use crate::settings::Method;
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::rotate_coefficients;
 use crate::synthetic;
 use glam::{DMat3, DVec3};
 
@@ -42,18 +41,28 @@ fn baked(cloud: &SurfelCloud) -> HarmonicBake {
     bake(cloud, 128, &no_progress).expect("not cancelled")
 }
 
+fn prepare(
+    cloud: &SurfelCloud,
+    visibility: &HarmonicBake,
+    source: &IncidentRadiance,
+    settings: &TransferSettings,
+) -> HarmonicTransfer {
+    HarmonicTransfer::new(cloud, visibility, source, settings).expect("good input")
+}
+
 fn largest(values: &[[f32; 3]]) -> f32 {
     values.iter().flatten().fold(0f32, |a, v| a.max(v.abs()))
 }
 
 /// Largest difference over the largest value.
 fn relative_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
-    let difference: Vec<[f32; 3]> = a
-        .iter()
-        .zip(b)
-        .map(|(a, b)| std::array::from_fn(|c| a[c] - b[c]))
-        .collect();
-    largest(&difference) / largest(a).max(1e-30)
+    largest(&combined(a, b, |a, b| a - b)) / largest(a).max(1e-30)
+}
+
+fn combined(a: &[[f32; 3]], b: &[[f32; 3]], of: fn(f32, f32) -> f32) -> Vec<[f32; 3]> {
+    let each = a.iter().zip(b);
+    each.map(|(a, b)| std::array::from_fn(|c| of(a[c], b[c])))
+        .collect()
 }
 
 #[test]
@@ -67,8 +76,7 @@ fn production_follows_the_oracle_with_every_term_on_and_off() {
             if !off.is_empty() {
                 settings = settings.without(off).expect("a term of the preset");
             }
-            let prepared =
-                HarmonicTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+            let prepared = prepare(&cloud, &visibility, &source, &settings);
             let got = prepared.relight(&target);
             let oracle = OracleHarmonic::new(&source, &target, &settings);
             let v = visibility.coefficients(light_degree);
@@ -106,9 +114,7 @@ fn scaling_both_lights_changes_nothing_and_the_target_scales_the_result() {
     let visibility = baked(&cloud);
     let (source, target) = (light(1, 3), light(2, 3));
     let relit = |source: &IncidentRadiance, target: &IncidentRadiance| {
-        HarmonicTransfer::new(&cloud, &visibility, source, &settings(3))
-            .expect("good input")
-            .relight(target)
+        prepare(&cloud, &visibility, source, &settings(3)).relight(target)
     };
     let reference = relit(&source, &target);
     for k in [1e-12, 0.37, 1e9] {
@@ -127,39 +133,16 @@ fn the_result_is_linear_in_the_target() {
     // Irradiance is clamped at zero, so linearity holds where no clamp acts: an even light keeps it away.
     let cloud = glossy_scene(3);
     let visibility = baked(&cloud);
-    let prepared =
-        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    let prepared = prepare(&cloud, &visibility, &light(1, 3), &settings(3));
     let (a, b) = (light(2, 3), IncidentRadiance::even(3).scaled(20.0));
-    let sum = IncidentRadiance {
+    let with_b = |light: &IncidentRadiance| IncidentRadiance {
         degree: 3,
-        coefficients: a
-            .coefficients
-            .iter()
-            .zip(&b.coefficients)
-            .map(|(a, b)| std::array::from_fn(|c| a[c] + b[c]))
-            .collect(),
+        coefficients: combined(&light.coefficients, &b.coefficients, |a, b| a + b),
     };
-    let a_even = IncidentRadiance {
-        degree: 3,
-        coefficients: sum
-            .coefficients
-            .iter()
-            .zip(&b.coefficients)
-            .map(|(s, b)| std::array::from_fn(|c| s[c] + b[c]))
-            .collect(),
-    };
+    let once = with_b(&a);
     // f(a + 2b) - f(a + b) = f(b).
-    let (one, two, even) = (
-        prepared.relight(&sum),
-        prepared.relight(&a_even),
-        prepared.relight(&b),
-    );
-    let difference: Vec<[f32; 3]> = two
-        .iter()
-        .zip(&one)
-        .map(|(t, o)| std::array::from_fn(|c| t[c] - o[c]))
-        .collect();
-    assert!(relative_difference(&even, &difference) < 1e-4);
+    let [one, two, even] = [&once, &with_b(&once), &b].map(|light| prepared.relight(light));
+    assert!(relative_difference(&even, &combined(&two, &one, |t, o| t - o)) < 1e-4);
 }
 
 #[test]
@@ -168,49 +151,25 @@ fn turning_asset_and_lights_together_turns_the_result() {
     let visibility = baked(&cloud);
     let (source, target) = (light(1, 3), light(2, 3));
     let turn = DMat3::from_axis_angle(DVec3::new(0.6, -0.48, 0.64).normalize(), 1.1);
-    let mut turned = cloud.clone();
-    let single = turn.as_mat3();
-    for p in &mut turned.positions {
-        *p = single * *p;
-    }
-    for [u, v] in &mut turned.tangents {
-        (*u, *v) = (single * *u, single * *v);
-    }
-    turned.sh = cloud
-        .sh
-        .chunks_exact(16)
-        .flat_map(|f| rotate_coefficients(turn, 3, f))
-        .collect();
+    let turned = synthetic::turned(&cloud, turn);
     // The bake's lattice does not turn with the object, so the transfer is asked with visibility that sees everything.
     let mut open = HarmonicBake::all_open(&cloud, 16);
     open.normals.clone_from(&visibility.normals);
     let mut open_turned = open.clone();
     for n in &mut open_turned.normals {
-        *n = single * *n;
+        *n = turn.as_mat3() * *n;
     }
     let mut without_shadow = settings(3);
     without_shadow.terms.shadow = false;
-    let straight = HarmonicTransfer::new(&cloud, &open, &source, &without_shadow)
-        .expect("good input")
-        .relight(&target);
-    let around = HarmonicTransfer::new(
-        &turned,
-        &open_turned,
-        &source.rotated(turn),
-        &without_shadow,
-    )
-    .expect("good input")
-    .relight(&target.rotated(turn));
-    let expected: Vec<[f32; 3]> = straight
-        .chunks_exact(16)
-        .flat_map(|f| rotate_coefficients(turn, 3, f))
-        .collect();
+    let [source_turned, target_turned] = [&source, &target].map(|l| l.rotated(turn));
+    let straight = prepare(&cloud, &open, &source, &without_shadow).relight(&target);
+    let around = prepare(&turned, &open_turned, &source_turned, &without_shadow);
+    let around = around.relight(&target_turned);
+    let expected = synthetic::turned_functions(&straight, 3, turn);
     assert!(relative_difference(&expected, &around) < 1e-3);
     // With the bake: the mean changes by no more than what 128 directions resolve.
     let mean = |cloud: &SurfelCloud, source: &IncidentRadiance, target: &IncidentRadiance| {
-        let relit = HarmonicTransfer::new(cloud, &baked(cloud), source, &settings(3))
-            .expect("good input")
-            .relight(target);
+        let relit = prepare(cloud, &baked(cloud), source, &settings(3)).relight(target);
         relit
             .chunks_exact(16)
             .map(|f| f64::from(f[0][0]))
@@ -218,7 +177,7 @@ fn turning_asset_and_lights_together_turns_the_result() {
             / cloud.len() as f64
     };
     let a = mean(&cloud, &source, &target);
-    let b = mean(&turned, &source.rotated(turn), &target.rotated(turn));
+    let b = mean(&turned, &source_turned, &target_turned);
     assert!((a - b).abs() < 0.02 * a, "{a} {b}");
 }
 
@@ -227,11 +186,9 @@ fn black_targets_give_black_and_black_sources_stay_finite() {
     let cloud = glossy_scene(3);
     let visibility = baked(&cloud);
     let black = IncidentRadiance::even(3).scaled(0.0);
-    let prepared =
-        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
+    let prepared = prepare(&cloud, &visibility, &light(1, 3), &settings(3));
     assert_eq!(largest(&prepared.relight(&black)), 0.0);
-    let dark =
-        HarmonicTransfer::new(&cloud, &visibility, &black, &settings(3)).expect("good input");
+    let dark = prepare(&cloud, &visibility, &black, &settings(3));
     assert!(dark.source_was_black);
     let relit = dark.relight(&light(2, 3));
     assert!(relit.iter().flatten().all(|v| v.is_finite()) && largest(&relit) > 0.0);
@@ -244,8 +201,8 @@ fn full_visibility_and_no_shadow_agree() {
     let (source, target) = (light(1, 3), light(2, 3));
     let mut unshadowed = settings(3);
     unshadowed.terms.shadow = false;
-    let a = HarmonicTransfer::new(&cloud, &open, &source, &settings(3)).expect("good input");
-    let b = HarmonicTransfer::new(&cloud, &open, &source, &unshadowed).expect("good input");
+    let a = prepare(&cloud, &open, &source, &settings(3));
+    let b = prepare(&cloud, &open, &source, &unshadowed);
     // The constant 1 on 4096 directions has other coefficients up to some 1/4096, which meet a light with a peak of 40 over a mean of 1.
     let difference = relative_difference(&b.relight(&target), &a.relight(&target));
     assert!(difference < 2e-2, "{difference}");
@@ -258,13 +215,9 @@ fn a_lambertian_sphere_takes_its_analytic_irradiance() {
     let mut no_shadow = settings(2);
     no_shadow.terms.shadow = false;
     no_shadow.epsilon = Some(1e-6);
-    let prepared = HarmonicTransfer::new(
-        &cloud,
-        &HarmonicBake::all_open(&cloud, 16),
-        &IncidentRadiance::even(2),
-        &no_shadow,
-    )
-    .expect("good input");
+    let open = HarmonicBake::all_open(&cloud, 16);
+    let even = IncidentRadiance::even(2);
+    let prepared = prepare(&cloud, &open, &even, &no_shadow);
     let mut target = IncidentRadiance::even(2);
     target.coefficients[2] = [(4.0 * std::f32::consts::PI / 3.0).sqrt(); 3];
     for (relit, p) in prepared.relight(&target).iter().zip(&cloud.positions) {
@@ -296,9 +249,8 @@ fn extreme_lights_and_assets_stay_finite() {
             for epsilon in [1e-6, 1.0] {
                 let mut settings = settings(3);
                 settings.epsilon = Some(epsilon);
-                let prepared =
-                    HarmonicTransfer::new(&cloud, &visibility, &light(1, 3).scaled(a), &settings)
-                        .expect("good input");
+                let source = light(1, 3).scaled(a);
+                let prepared = prepare(&cloud, &visibility, &source, &settings);
                 let relit = prepared.relight(&light(2, 3).scaled(b));
                 assert!(
                     relit.iter().flatten().all(|v| v.is_finite()),
@@ -320,8 +272,7 @@ fn what_a_scene_lacks_is_left_out() {
     let visibility = HarmonicBake::all_open(&cloud, 16);
     let mut no_shadow = settings(3);
     no_shadow.terms.shadow = false;
-    let prepared =
-        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &no_shadow).expect("good input");
+    let prepared = prepare(&cloud, &visibility, &light(1, 3), &no_shadow);
     assert_eq!(prepared.specular_degree, 0);
     assert!(prepared.visibility.is_empty() && prepared.attenuation.is_empty());
 }
@@ -329,13 +280,8 @@ fn what_a_scene_lacks_is_left_out() {
 #[test]
 fn an_even_source_tells_nothing_of_gloss() {
     let cloud = glossy_scene(3);
-    let prepared = HarmonicTransfer::new(
-        &cloud,
-        &baked(&cloud),
-        &IncidentRadiance::even(3),
-        &settings(3),
-    )
-    .expect("good input");
+    let even = IncidentRadiance::even(3);
+    let prepared = prepare(&cloud, &baked(&cloud), &even, &settings(3));
     assert_eq!(prepared.specular_degree, 0);
     let relit = prepared.relight(&light(2, 3));
     assert!(
@@ -351,18 +297,8 @@ fn a_light_of_another_degree_is_refused_or_fitted() {
     let visibility = baked(&cloud);
     let wrong = HarmonicTransfer::new(&cloud, &visibility, &light(1, 2), &settings(3));
     assert!(wrong.is_err_and(|e| e.to_string().contains("degree 2")));
-    let prepared =
-        HarmonicTransfer::new(&cloud, &visibility, &light(1, 3), &settings(3)).expect("good input");
-    let (exact, longer) = (
-        prepared.relight(&light(2, 3)),
-        prepared.relight(&light(2, 5)),
-    );
+    let prepared = prepare(&cloud, &visibility, &light(1, 3), &settings(3));
+    let [short, exact, longer] = [1, 3, 5].map(|degree| prepared.relight(&light(2, degree)));
     assert!(relative_difference(&exact, &longer) < 1e-5);
-    assert!(
-        prepared
-            .relight(&light(2, 1))
-            .iter()
-            .flatten()
-            .all(|v| v.is_finite())
-    );
+    assert!(short.iter().flatten().all(|v| v.is_finite()));
 }
