@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use bytemuck::Pod;
 
-use super::write_atomically;
+use super::write::write_atomically;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::front::{Front, Fronts};
 use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};

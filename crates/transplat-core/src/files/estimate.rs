@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::bake::{Fnv, geometry_key};
-use super::write_atomically;
+use super::write::write_atomically;
 use crate::color::Encoding;
 use crate::error::{Error, Result};
 use crate::estimate::Estimate;

@@ -6,7 +6,7 @@ mod write;
 use std::io::{BufRead, Seek, SeekFrom};
 use std::path::Path;
 
-use super::asset::{AssetKind, AssetReport, Builder, StoredRow};
+use super::rows::{AssetKind, AssetReport, Builder, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};

@@ -8,6 +8,7 @@ mod incident;
 mod lobe;
 mod neighbors;
 mod nodes;
+mod rays;
 
 use std::sync::Arc;
 
@@ -30,11 +31,12 @@ pub use lobe::WIDTHS;
 pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
-use lobe::{Rays, find_gloss, mirrored, pooled};
+use lobe::{find_gloss, mirrored, pooled};
 pub(crate) use neighbors::NEIGHBORS;
 pub use nodes::Nodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
+use rays::Rays;
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;

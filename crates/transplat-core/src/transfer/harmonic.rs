@@ -27,7 +27,7 @@ use crate::surfels::SurfelCloud;
 
 pub use lanes::LANES;
 pub use lanes::MAX_RADIANCE;
-use lanes::{Block, relight_block};
+use lanes::{Block, Extent, Rows, relight_block};
 
 /// A target light stronger than the source by more than this is held to it, so that no result overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
@@ -213,11 +213,26 @@ impl HarmonicTransfer {
     }
 
     fn make_blocks(&mut self) {
-        let whole = &*self;
-        self.blocks = (0..whole.surfels.div_ceil(LANES))
+        let rows = Rows {
+            normals: &self.normals,
+            visibility: &self.visibility,
+            dc_over_irradiance: &self.dc_over_irradiance,
+            attenuation: &self.attenuation,
+        };
+        let extent = self.extent();
+        self.blocks = (0..self.surfels.div_ceil(LANES))
             .into_par_iter()
-            .map(|b| Block::new(whole, b * LANES))
+            .map(|b| Block::new(&rows, extent, b * LANES))
             .collect();
+    }
+
+    fn extent(&self) -> Extent {
+        Extent {
+            light_degree: self.light_degree,
+            asset_degree: self.asset_degree,
+            specular_degree: self.specular_degree,
+            reflects: self.settings.terms.reflection,
+        }
     }
 
     /// Coefficients of the result, per surfel.
@@ -243,13 +258,13 @@ impl HarmonicTransfer {
 
     /// Relights: linear radiance SH into `sh` `[n][K][3]`, and the transfer ratio into `tau` `[n][3]` while the surfels are at hand.
     fn relight_into(&self, light: &LightOperator, sh: &mut [[f32; 3]], tau: &mut [[f32; 3]]) {
-        let k = self.coefficients();
+        let (k, extent) = (self.coefficients(), self.extent());
         sh.par_chunks_mut(LANES * k)
             .zip(tau.par_chunks_mut(LANES))
             .zip(self.dc.par_chunks(LANES))
             .zip(&self.blocks)
             .for_each(|(((sh, tau), dc), block)| {
-                relight_block(self, light, block, sh);
+                relight_block(extent, light, block, sh);
                 ratios(sh.chunks_exact(k), dc, tau);
             });
     }
@@ -263,7 +278,7 @@ impl HarmonicTransfer {
         let (block, lane) = (i / LANES, i % LANES);
         let count = LANES.min(self.surfels - block * LANES);
         let mut out = vec![[0f32; 3]; count * k];
-        relight_block(self, light, &self.blocks[block], &mut out);
+        relight_block(self.extent(), light, &self.blocks[block], &mut out);
         out[lane * k..][..k].to_vec()
     }
 

@@ -2,8 +2,9 @@
 
 use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 
-use super::{AssetReport, Format, Header};
+use super::header::{Format, Header};
 use crate::error::{Error, Result};
+use crate::files::rows::AssetReport;
 
 /// For each property of a row the index of the colour that replaces it.
 pub(in crate::files) struct ColorColumns<'a> {

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, planes};
-use super::lobe::Rays;
+use super::rays::Rays;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::settings::skips::{Skip, Skips};

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::asset::DirectionalAsset;
 use super::incident::Incident;
 use super::nodes::{BLOCK, Nodes, SurfelFrame, weighted_mean};
-use crate::environment::Beam;
+use super::rays::Rays;
 use crate::numeric::smoothstep;
 
 /// The lobes' widths: the exponents are 2 to these powers. GGX roughness alpha is about `1 / sqrt(p)`.
@@ -36,58 +36,6 @@ pub const METAL: [f32; 2] = [0.15, 0.3];
 /// Turns of pooling by which neighbours agree on being a metal: one stuff seldom ends within a few surfels, and where normals are off no
 /// single one tells.
 pub const METAL_TURNS: usize = 8;
-
-/// What shines on a surfel, a ray from each patch and sun: in planes, since many are written at once, with a list of those that are lit.
-#[derive(Clone, Debug)]
-pub struct Rays {
-    /// Unit vectors towards the sources, an axis after the other.
-    pub direction: [[f32; Self::MOST]; 3],
-    /// Radiance times solid angle, a channel after the other.
-    pub energy: [[f32; Self::MOST]; 3],
-    lit: [u8; Self::MOST],
-    count: usize,
-}
-
-impl Rays {
-    /// As many as a byte can number.
-    pub const MOST: usize = 256;
-
-    /// Leaves no ray lit.
-    pub fn clear(&mut self) {
-        self.count = 0;
-    }
-
-    /// Lists a ray as lit, if it holds anything; without a branch, since that cannot be foretold. Each ray once at most.
-    #[inline(always)]
-    pub fn list_if(&mut self, holds: bool, ray: usize) {
-        self.lit[self.count % Self::MOST] = ray as u8;
-        self.count += usize::from(holds);
-    }
-
-    /// Sets a ray and lists it.
-    pub fn set(&mut self, ray: usize, beam: &Beam) {
-        for c in 0..3 {
-            self.direction[c][ray] = beam.direction[c];
-            self.energy[c][ray] = beam.energy[c];
-        }
-        self.list_if(true, ray);
-    }
-
-    fn lit(&self) -> &[u8] {
-        &self.lit[..self.count.min(Self::MOST)]
-    }
-}
-
-impl Default for Rays {
-    fn default() -> Self {
-        Self {
-            direction: [[0.0; Self::MOST]; 3],
-            energy: [[0.0; Self::MOST]; 3],
-            lit: [0; Self::MOST],
-            count: 0,
-        }
-    }
-}
 
 /// Mirrored radiance at the nodes, `[3][Q]` into `out`; the rays are in the world, and `frame` is the surfel's.
 pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out: &mut [f32]) {

@@ -2,9 +2,9 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
+use glam::Vec3;
 use multiversion::multiversion;
 
-use super::HarmonicTransfer;
 use crate::sh::{
     LightOperator, MAX_COEFFICIENTS, Mirror, Real, SQRT_4PI, band, band_of, coefficient_count,
     cosine_kernel, evaluate_basis,
@@ -84,17 +84,39 @@ pub(super) struct Block {
     attenuation: Vec<[Lanes; 3]>,
 }
 
+/// Degrees of a transfer, and what it writes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub light_degree: usize,
+    pub asset_degree: usize,
+    /// The highest band that the specular term writes; 0 where there is none.
+    pub specular_degree: usize,
+    /// Whether what is specular is mirrored about the normal.
+    pub reflects: bool,
+}
+
+/// What blocks are gathered from.
+pub(super) struct Rows<'a> {
+    /// `[n]`
+    pub normals: &'a [Vec3],
+    /// `[n][K]`; empty where the shadow term is off.
+    pub visibility: &'a [f32],
+    /// `[n][3]`
+    pub dc_over_irradiance: &'a [[f32; 3]],
+    /// `[n][specular_degree][3]`
+    pub attenuation: &'a [[f32; 3]],
+}
+
 impl Block {
-    /// Of the surfels from `first` on.
-    pub(super) fn new(p: &HarmonicTransfer, first: usize) -> Self {
+    pub(super) fn new(p: &Rows<'_>, extent: Extent, first: usize) -> Self {
         let gather = |value: &dyn Fn(usize) -> f32| {
             Lanes(std::array::from_fn(|lane| {
                 value((first + lane).min(p.normals.len() - 1))
             }))
         };
-        let k = coefficient_count(p.light_degree);
+        let k = coefficient_count(extent.light_degree);
         let kept = if p.visibility.is_empty() { 0 } else { k };
-        let bands = p.specular_degree;
+        let bands = extent.specular_degree;
         Self {
             normal: std::array::from_fn(|axis| gather(&|i| p.normals[i][axis])),
             dc_over_irradiance: std::array::from_fn(|c| gather(&|i| p.dc_over_irradiance[i][c])),
@@ -110,12 +132,7 @@ impl Block {
 
 /// Relights one block into `out` `[surfels][K][3]` (fewer than [`LANES`] surfels in the last block).
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2", "aarch64+neon"))]
-pub(super) fn relight_block(
-    p: &HarmonicTransfer,
-    light: &LightOperator,
-    block: &Block,
-    out: &mut [[f32; 3]],
-) {
+pub(super) fn relight_block(p: Extent, light: &LightOperator, block: &Block, out: &mut [[f32; 3]]) {
     let degree = p.light_degree;
     let asset_k = coefficient_count(p.asset_degree);
     let [x, y, z] = block.normal;
@@ -125,7 +142,7 @@ pub(super) fn relight_block(
     for (i, y) in cosine_basis[..k].iter_mut().enumerate() {
         *y = *y * Lanes::of(cosine_kernel(band_of(i)));
     }
-    let reflect = p.settings.terms.reflection && p.specular_degree > 0;
+    let reflect = p.reflects && p.specular_degree > 0;
     let mirror = reflect.then(|| mirror_of(x, y, z));
     let mut result = [Lanes::ZERO; MAX_COEFFICIENTS];
     let (mut shadowed, mut irradiance) = ([Lanes::ZERO; MAX_COEFFICIENTS], Lanes::ZERO);

@@ -1,0 +1,219 @@
+//! From the rows of a splat, as trainers store them, to surfels.
+
+use glam::{Mat3, Quat, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::color::Encoding;
+use crate::sh::coefficient_count;
+use crate::surfels::{SurfelCloud, UpAxis};
+
+/// What kind of splat a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AssetKind {
+    /// 2D Gaussian surfels: two scales.
+    Surfels2d,
+    /// 3D Gaussians: three scales, of which the shortest was dropped.
+    Gaussians3d,
+}
+
+/// What loading noticed.
+#[derive(Clone, Debug)]
+pub struct AssetReport {
+    /// 2DGS or 3DGS.
+    pub kind: AssetKind,
+    /// Vertices in the file.
+    pub vertices: usize,
+    /// Names of all properties, in the file's order.
+    pub properties: Vec<String>,
+    /// Comment lines of the header.
+    pub comments: Vec<String>,
+    /// Rows that hold something that is not a number or out of any range; they are kept in place and never drawn.
+    pub left_out: Vec<usize>,
+    /// 3DGS: median of shortest over second axis. 0 is flat; relighting needs well under 0.3.
+    pub median_flatness: Option<f32>,
+}
+
+/// A file with a larger share of broken rows is refused: it is not a splat with a few bad surfels.
+const MAX_LEFT_OUT_SHARE: f64 = 0.1;
+
+/// Positions beyond this overflow when squared; colour beyond [`MAX_SH`] is no colour.
+const MAX_POSITION: f32 = 1e15;
+const MAX_SH: f32 = 1e6;
+
+/// One Gaussian as trainers store it.
+pub(super) struct StoredRow {
+    pub position: [f32; 3],
+    /// Quaternion w, x, y, z of any length.
+    pub rotation: [f32; 4],
+    /// Natural logarithms; a surfel has no third.
+    pub log_scales: [f32; 3],
+    /// Opacity is its logistic function.
+    pub logit: f32,
+}
+
+/// The same as a surfel.
+struct Row {
+    position: Vec3,
+    tangents: [Vec3; 2],
+    scale: Vec2,
+    opacity: f32,
+    /// Shortest over second axis of a 3D Gaussian: 0 is flat.
+    flatness: f32,
+}
+
+impl StoredRow {
+    /// None where it holds what is no number or out of any range.
+    fn surfel(&self, kind: AssetKind, sh: &[[f32; 3]]) -> Option<Row> {
+        let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
+        let logs = &self.log_scales[..axes];
+        let [w, x, y, z] = self.rotation;
+        let length = (w * w + x * x + y * y + z * z).sqrt();
+        let in_range = |v: &f32, limit: f32| v.abs() <= limit;
+        let valid = self.position.iter().all(|v| in_range(v, MAX_POSITION))
+            && length > 1e-12
+            && length.is_finite()
+            // Flattened to nothing (log 0) or opaque (logit infinity) is fine.
+            && !self.logit.is_nan()
+            && logs.iter().all(|v| *v < 80.0)
+            && sh.iter().flatten().fold(true, |ok, v| ok & in_range(v, MAX_SH));
+        if !valid {
+            return None;
+        }
+        let axes = Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize());
+        let axes = [axes.x_axis, axes.y_axis, axes.z_axis];
+        let scales: [f32; 3] =
+            std::array::from_fn(|i| logs.get(i).map_or(0.0, |log| log.max(-60.0).exp()));
+        // The third axis is kept as the normal where it is the shortest, so that a flat 3D Gaussian has the frame of a surfel.
+        let shortest = if logs.len() < 3 || (scales[2] <= scales[0] && scales[2] <= scales[1]) {
+            2
+        } else if scales[0] <= scales[1] {
+            0
+        } else {
+            1
+        };
+        let (u, v) = ((shortest + 1) % 3, (shortest + 2) % 3);
+        Some(Row {
+            position: Vec3::from_array(self.position),
+            tangents: [axes[u], axes[v]],
+            scale: Vec2::new(scales[u], scales[v]),
+            opacity: 1.0 / (1.0 + (-self.logit).exp()),
+            flatness: scales[shortest] / scales[u].min(scales[v]),
+        })
+    }
+}
+
+/// In the place of a row that is left out.
+const NOTHING: Row = Row {
+    position: Vec3::ZERO,
+    tangents: [Vec3::X, Vec3::Y],
+    scale: Vec2::splat(1e-12),
+    opacity: 0.0,
+    flatness: f32::NAN,
+};
+
+/// Fills a cloud block by block. All of it is allocated at once, zeroed by the system, so that its pages are first touched in parallel.
+pub(super) struct Builder {
+    kind: AssetKind,
+    cloud: SurfelCloud,
+    filled: usize,
+    flatness: Vec<f32>,
+    left_out: Vec<usize>,
+}
+
+impl Builder {
+    pub(super) fn new(kind: AssetKind, sh_degree: usize, rows: usize) -> Self {
+        let cloud = SurfelCloud {
+            positions: bytemuck::zeroed_vec(rows),
+            tangents: bytemuck::zeroed_vec(rows),
+            scales: bytemuck::zeroed_vec(rows),
+            opacities: bytemuck::zeroed_vec(rows),
+            sh: bytemuck::zeroed_vec(rows * coefficient_count(sh_degree)),
+            sh_degree,
+            encoding: Encoding::Stored,
+            up: UpAxis::PlusZ,
+            outside_from: Vec::new(),
+        };
+        Self {
+            kind,
+            cloud,
+            filled: 0,
+            flatness: bytemuck::zeroed_vec(rows),
+            left_out: Vec::new(),
+        }
+    }
+
+    /// Converts a block of rows in parallel; `decode` gives a row of it and writes its colour `[K]`, with a memory of its own to work in.
+    pub(super) fn push_rows(
+        &mut self,
+        rows: usize,
+        decode: impl Fn(usize, &mut Vec<f32>, &mut [[f32; 3]]) -> StoredRow + Sync,
+    ) {
+        const PIECE: usize = 512;
+        let (kind, k) = (self.kind, coefficient_count(self.cloud.sh_degree));
+        let block = self.filled..self.filled + rows;
+        let cloud = &mut self.cloud;
+        let left_out: Vec<usize> = cloud.positions[block.clone()]
+            .par_chunks_mut(PIECE)
+            .zip(cloud.tangents[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.scales[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.opacities[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.sh[block.start * k..block.end * k].par_chunks_mut(PIECE * k))
+            .zip(self.flatness[block.clone()].par_chunks_mut(PIECE))
+            .enumerate()
+            .flat_map_iter(
+                |(piece, (((((positions, tangents), scales), opacities), sh), flatness))| {
+                    let (mut left_out, mut memory) = (Vec::new(), Vec::new());
+                    for i in 0..positions.len() {
+                        let row = piece * PIECE + i;
+                        let sh = &mut sh[i * k..][..k];
+                        let converted = decode(row, &mut memory, sh).surfel(kind, sh);
+                        let converted = converted.unwrap_or_else(|| {
+                            sh.fill([0.0; 3]);
+                            left_out.push(block.start + row);
+                            NOTHING
+                        });
+                        positions[i] = converted.position;
+                        tangents[i] = converted.tangents;
+                        scales[i] = converted.scale;
+                        opacities[i] = converted.opacity;
+                        flatness[i] = converted.flatness;
+                    }
+                    left_out
+                },
+            )
+            .collect();
+        self.left_out.extend(left_out);
+        self.filled += rows;
+    }
+
+    pub(super) fn finish(
+        self,
+        properties: Vec<String>,
+        comments: Vec<String>,
+    ) -> Result<(SurfelCloud, AssetReport), String> {
+        let (kind, cloud, left_out) = (self.kind, self.cloud, self.left_out);
+        let mut flatness = self.flatness;
+        if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
+            return Err(format!(
+                "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}); not a usable splat",
+                left_out.len(),
+                cloud.len(),
+                left_out[0]
+            ));
+        }
+        // A row that is left out has no ratio.
+        flatness.retain(|f| kind == AssetKind::Gaussians3d && f.is_finite());
+        let middle = flatness.len() / 2;
+        let median_flatness = (!flatness.is_empty())
+            .then(|| *flatness.select_nth_unstable_by(middle, f32::total_cmp).1);
+        let report = AssetReport {
+            kind,
+            vertices: cloud.len(),
+            properties,
+            comments,
+            left_out,
+            median_flatness,
+        };
+        Ok((cloud, report))
+    }
+}
