@@ -7,8 +7,6 @@ struct DirectionalParameters {
     // Surfels of this dispatch.
     count: u32,
     box_count: u32,
-    unused_a: u32,
-    unused_b: u32,
 }
 
 struct DirectionalBakeSurfel {

@@ -11,8 +11,6 @@ struct DirectionalChunk {
     count: u32,
     // Which of all surfels is the first one.
     first: u32,
-    unused_a: u32,
-    unused_b: u32,
 }
 
 struct DirectionalSettings {

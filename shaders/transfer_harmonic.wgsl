@@ -3,14 +3,6 @@
 // run far faster than loops over tables on a software driver): sh_basis, and prepare, shadow_light_*, irradiance and
 // write_specular, which keep the surfel's visibility and shadowed light in private variables.
 
-struct TransferParameters {
-    count: u32,
-    // Surfels from one coefficient to the next in `visibility` and `attenuation`.
-    stride: u32,
-    unused_a: u32,
-    unused_b: u32,
-}
-
 struct TransferSurfel {
     // Unit normal.
     normal: vec4f,
@@ -18,12 +10,13 @@ struct TransferSurfel {
     dc_over_irradiance: vec4f,
 }
 
-@group(0) @binding(0) var<uniform> parameters: TransferParameters;
+// Surfels of this dispatch.
+@group(0) @binding(0) var<uniform> count: u32;
 @group(0) @binding(1) var<storage, read> surfels: array<TransferSurfel>;
 
-// [K][stride]
+// [K][count]
 @group(0) @binding(2) var<storage, read> visibility: array<f32>;
-// [bands][3][stride]
+// [bands][3][count]
 @group(0) @binding(3) var<storage, read> attenuation: array<f32>;
 // Linear radiance, [count][ASSET_K][3].
 @group(0) @binding(4) var<storage, read_write> relit: array<f32>;
@@ -41,7 +34,7 @@ fn finish(i: u32, channel: u32, dc: f32, basis: array<f32, LIGHT_K>) {
 @compute @workgroup_size(WORKGROUP)
 fn relight(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
-    if i >= parameters.count {
+    if i >= count {
         return;
     }
     let surfel = surfels[i];

@@ -18,10 +18,8 @@ struct TraceDisc {
     // 1 where it is seen from its front alone.
     one_sided: u32,
     // Half axes over their squared lengths.
-    axis_a: vec3f,
-    unused_b: u32,
-    axis_b: vec3f,
-    unused_c: u32,
+    axis_a: vec4f,
+    axis_b: vec4f,
 }
 
 @group(0) @binding(20) var<storage, read> boxes: array<TraceBox>;
@@ -62,8 +60,8 @@ fn trace(position: vec3f, normal: vec3f, extent: vec2f, d: vec3f, any_will_do: b
             let from_center = origin - disc.center;
             let t = -dot(from_center, disc.normal) / facing;
             let at = from_center + t * d;
-            let u = dot(at, disc.axis_a);
-            let v = dot(at, disc.axis_b);
+            let u = dot(at, disc.axis_a.xyz);
+            let v = dot(at, disc.axis_b.xyz);
             let least = select(nearest, stack, disc.one_sided == 1u && facing > 0.0);
             if abs(facing) >= 1e-6 && u * u + v * v <= 1.0 && t > least && t < farthest {
                 farthest = t;

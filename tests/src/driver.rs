@@ -24,19 +24,10 @@ pub struct Driver {
     pub folder: Folder,
 }
 
-impl Default for Driver {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Driver {
     /// The viewer on a copy of the bundled scene, so that bakes are kept apart.
-    ///
-    /// # Panics
-    /// If there is no room for it.
-    pub fn new() -> Self {
-        let folder = Folder::new();
+    pub fn bundled() -> Self {
+        let folder = Folder::empty();
         for name in ["teapot.ply", "city.hdr", "sunset.hdr", "interior.hdr"] {
             fs::copy(asset(name), folder.path(name)).expect("room for it");
         }
@@ -48,15 +39,11 @@ impl Driver {
         };
         let mut driver = Self::open(opening, folder);
         let city = driver.folder.path("city.hdr");
-        driver.viewer().session.set_light(0, city);
-        driver.settle();
+        driver.after(|v| v.session.set_light(0, city));
         driver
     }
 
     /// The viewer with what it is opened with.
-    ///
-    /// # Panics
-    /// If it cannot be made, or does not come to rest.
     pub fn open(startup: Startup, folder: Folder) -> Self {
         let harness = Harness::builder()
             .with_size(SIZE)
@@ -73,10 +60,13 @@ impl Driver {
         self.harness.state_mut()
     }
 
+    /// Does something to the viewer, and runs until nothing is being computed any more.
+    pub fn after(&mut self, act: impl FnOnce(&mut Viewer)) {
+        act(self.viewer());
+        self.settle();
+    }
+
     /// Runs until nothing is being computed any more.
-    ///
-    /// # Panics
-    /// If that takes too long.
     pub fn settle(&mut self) {
         let start = Instant::now();
         let mut quiet = 0;
@@ -95,18 +85,10 @@ impl Driver {
     }
 
     /// What the viewport shows, `[height * width]`.
-    ///
-    /// # Panics
-    /// If it cannot be read.
     pub fn picture(&mut self) -> Vec<[f32; 3]> {
         self.settle();
-        let viewer = self.harness.state();
-        let (values, _) = viewer
-            .session
-            .live()
-            .read_screen()
-            .expect("the driver works");
-        values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
+        let live = self.harness.state().session.live();
+        live.read_screen().expect("the driver works").0
     }
 
     /// Clicks what has a label.

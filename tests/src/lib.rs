@@ -1,4 +1,5 @@
-//! What the tests share: the adapter, the bundled scene, the program, and a metric for pictures.
+//! What the tests share: the adapter, the bundled scene, the program, and a metric for pictures. All of it panics where it fails, which
+//! fails the test.
 
 pub mod driver;
 
@@ -10,9 +11,6 @@ use std::sync::{Arc, OnceLock};
 use transplat_gpu::Context;
 
 /// The adapter, software drivers included. No adapter is a failure, never a skip.
-///
-/// # Panics
-/// If there is none.
 pub fn gpu() -> Arc<Context> {
     let context = Context::new(true);
     Arc::new(context.expect("the tests need a Vulkan driver; `cargo xtask test` installs one"))
@@ -31,9 +29,6 @@ pub fn asset(name: &str) -> String {
 }
 
 /// The program, built with this profile.
-///
-/// # Panics
-/// If it does not build.
 pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -66,9 +61,6 @@ pub fn args<'a>(line: &'a str, names: &[&'a str]) -> Vec<&'a str> {
 }
 
 /// Runs the program.
-///
-/// # Panics
-/// If it cannot be started.
 pub fn run(arguments: &[&str]) -> Output {
     Command::new(program())
         .args(arguments)
@@ -76,35 +68,32 @@ pub fn run(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
+/// Runs the program, which must end with a code and say some words on stderr.
+pub fn run_told(arguments: &[&str], code: i32, words: &[&str]) -> Output {
+    let output = run(arguments);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    for word in words {
+        assert!(
+            message.contains(word),
+            "{arguments:?} does not say {word:?}: {message}"
+        );
+    }
+    output
+}
+
 /// Runs the program, which must succeed, and yields the JSON object that it prints.
-///
-/// # Panics
-/// If it fails, or prints no JSON.
 pub fn run_json(arguments: &[&str]) -> serde_json::Value {
-    let output = run(&[arguments, &["--json"]].concat());
-    assert!(
-        output.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let output = run_told(&[arguments, &["--json"]].concat(), 0, &[]);
     serde_json::from_slice(&output.stdout).expect("one JSON object on stdout")
 }
 
 /// A folder of a test's own, removed at its end.
 pub struct Folder(tempfile::TempDir);
 
-impl Default for Folder {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Folder {
-    /// A new one.
-    ///
-    /// # Panics
-    /// If there is no room for it.
-    pub fn new() -> Self {
+    /// A new one, with nothing in it.
+    pub fn empty() -> Self {
         Self(tempfile::tempdir().expect("a folder"))
     }
 
@@ -119,9 +108,6 @@ impl Folder {
     }
 
     /// Writes a file and yields its name.
-    ///
-    /// # Panics
-    /// If there is no room for it.
     pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
         fs::write(self.path(name), bytes).expect("room for it");
         self.name(name)
@@ -158,9 +144,6 @@ pub fn small_splat(rows: usize) -> String {
 }
 
 /// A picture's colour over black, 0 to 1, `[height * width]`.
-///
-/// # Panics
-/// If it cannot be read.
 pub fn picture(path: &Path) -> Vec<[f32; 3]> {
     let picture = image::open(path).expect("a picture").into_rgba32f();
     picture
@@ -173,10 +156,7 @@ pub fn picture(path: &Path) -> Vec<[f32; 3]> {
 }
 
 /// Peak signal to noise ratio in dB, for values of 0 to 1.
-///
-/// # Panics
-/// If the pictures differ in size.
-pub fn psnr(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
+pub fn psnr<const N: usize>(a: &[[f32; N]], b: &[[f32; N]]) -> f64 {
     assert_eq!(a.len(), b.len());
     let sum: f64 = a
         .iter()
@@ -184,5 +164,5 @@ pub fn psnr(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
         .zip(b.iter().flatten())
         .map(|(a, b)| f64::from(a - b).powi(2))
         .sum();
-    -10.0 * (sum / (3 * a.len()) as f64).max(1e-12).log10()
+    -10.0 * (sum / (N * a.len()) as f64).max(1e-12).log10()
 }

@@ -65,12 +65,9 @@ impl Paths {
                     self.add_tree(tree, before.clone());
                 }
             }
-            syn::UseTree::Name(name) => {
-                before.push(name.ident.to_string());
-                self.0.push(before);
-            }
-            syn::UseTree::Rename(name) => {
-                before.push(name.ident.to_string());
+            syn::UseTree::Name(syn::UseName { ident })
+            | syn::UseTree::Rename(syn::UseRename { ident, .. }) => {
+                before.push(ident.to_string());
                 self.0.push(before);
             }
             syn::UseTree::Glob(_) => self.0.push(before),
@@ -193,13 +190,8 @@ fn all_that_the_program_is_built_with_is_free_and_from_the_registry() {
         .collect();
     assert!(allowed.contains("MIT"), "{allowed:?}");
     let mut metadata = Command::new(env!("CARGO"));
-    metadata.current_dir(root()).args([
-        "metadata",
-        "--format-version",
-        "1",
-        "--locked",
-        "--offline",
-    ]);
+    let arguments = "metadata --format-version 1 --locked --offline";
+    metadata.current_dir(root()).args(arguments.split(' '));
     let told = metadata.output().expect("cargo");
     let why = String::from_utf8_lossy(&told.stderr);
     assert!(told.status.success(), "`cargo fetch --locked` first: {why}");

@@ -2,11 +2,11 @@
 
 use std::fs;
 
-use transplat_tests::{Folder, args, asset, run, small_splat};
+use transplat_tests::{Folder, args, asset, run_told, small_splat};
 
 #[test]
 fn no_input_is_written_over() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("city.ply", small_splat(20));
     let look = folder.write("look.json", "{}");
     let (city, here) = (asset("city.hdr"), folder.name(""));
@@ -19,10 +19,7 @@ fn no_input_is_written_over() {
         [&relight[..], &[&here, "--target", "even"]].concat(),
         vec!["bake", &splat, "-o", &splat],
     ] {
-        let output = run(&arguments);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
-        assert!(message.contains("is an input too"), "{message}");
+        run_told(&arguments, 1, &["is an input too"]);
     }
     assert_eq!(
         fs::read_to_string(&splat).expect("it is there"),
@@ -34,7 +31,7 @@ fn no_input_is_written_over() {
 #[test]
 #[cfg(unix)]
 fn a_full_disk_and_a_full_output_are_told() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(3000));
     let before = folder.files();
     let shell = |script: String| {
@@ -105,13 +102,7 @@ fn wrong_usage_exits_with_2() {
         ),
         &["paint"],
     ] {
-        let output = run(arguments);
-        assert_eq!(
-            output.status.code(),
-            Some(2),
-            "{arguments:?}: {}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        let output = run_told(arguments, 2, &[]);
         assert!(
             !output.stderr.is_empty() && output.stdout.is_empty(),
             "{arguments:?}"
@@ -121,7 +112,7 @@ fn wrong_usage_exits_with_2() {
 
 #[test]
 fn bad_input_gets_one_clear_message_and_leaves_nothing() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let good = small_splat(100);
     let teapot = fs::read(asset("teapot.ply")).expect("the asset");
     let hdr = fs::read(asset("sunset.hdr")).expect("an environment");
@@ -175,21 +166,12 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     environments.push((folder.name("nothing-here/"), "No such file"));
     let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
-    assert!(
-        run(&[&bake[..], &["-o", &of_harmonic]].concat())
-            .status
-            .success()
-    );
+    run_told(&[&bake[..], &["-o", &of_harmonic]].concat(), 0, &[]);
     let before = folder.files();
     let out = folder.name("out.ply");
     let check = |arguments: &[&str], expected: &str| {
-        let output = run(arguments);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
-        assert!(
-            message.contains(expected),
-            "{arguments:?} does not say {expected:?}: {message}"
-        );
+        let output = run_told(arguments, 1, &[expected]);
+        let message = String::from_utf8_lossy(&output.stderr);
         let lines = message
             .lines()
             .filter(|l| l.starts_with("transplat: "))
@@ -198,53 +180,30 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         assert_eq!(folder.files(), before, "{arguments:?} left something");
     };
     for (path, expected) in &assets {
-        check(
-            &[
-                "relight", path, "--source", "even", "--target", "even", "--device", "cpu", "-o",
-                &out,
-            ],
-            expected,
-        );
+        let relight = "relight {} --source even --target even --device cpu -o {}";
+        check(&args(relight, &[path, &out]), expected);
         if expected != &"not a PLY" {
             check(&["info", path], "");
         }
     }
     for (path, expected) in &environments {
-        check(
-            &[
-                "relight", &good_ply, "--source", path, "--target", "even", "--device", "cpu",
-                "-o", &out,
-            ],
-            expected,
-        );
+        let relight = "relight {} --source {} --target even --device cpu -o {}";
+        check(&args(relight, &[&good_ply, path, &out]), expected);
     }
-    let relight = [
-        "relight", &good_ply, "--source", "even", "--target", "even", "--device", "cpu", "-o",
-    ];
-    check(
-        &[&relight[..], &[&folder.name("no/such/folder/out.ply")]].concat(),
-        "does not exist",
-    );
-    check(
-        &[&relight[..], &[folder.name("").trim_end_matches('/')]].concat(),
-        "directory",
-    );
-    check(
-        &[
-            &relight[..],
-            &[&out, "--preset", "paper", "--without", "suns"],
-        ]
-        .concat(),
-        "preset paper has no term",
-    );
-    check(
-        &[&relight[..], &[&out, "--without", "specular"]].concat(),
-        "preset best has no term",
-    );
-    check(
-        &[&relight[..], &[&out, "--bake", &of_harmonic]].concat(),
-        "the bake is for preset paper",
-    );
+    let relight = |line: &str, names: &[&str], expected: &str| {
+        let line = format!("relight {{}} --source even --target even --device cpu {line}");
+        check(&args(&line, &[&[&*good_ply][..], names].concat()), expected);
+    };
+    let nowhere = folder.name("no/such/folder/out.ply");
+    relight("-o {}", &[&nowhere], "does not exist");
+    let here = folder.name("");
+    relight("-o {}", &[here.trim_end_matches('/')], "directory");
+    let of_paper = "-o {} --preset paper --without suns";
+    relight(of_paper, &[&out], "preset paper has no term");
+    let of_best = "-o {} --without specular";
+    relight(of_best, &[&out], "preset best has no term");
+    let bake = "-o {} --bake {}";
+    relight(bake, &[&out, &of_harmonic], "the bake is for preset paper");
     check(
         &args(
             "render {} --turntable 3 --device cpu -o {}",
@@ -259,17 +218,9 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         ),
         "a picture is .png or .exr",
     );
-    let two = ["--source", "even", "--target", "even", "--target"];
     check(&["report", "-o", &good_ply], "is a file");
-    check(
-        &[
-            &["relight", &good_ply],
-            &two[..],
-            &[&asset("city.hdr"), "-o", &out],
-        ]
-        .concat(),
-        "give a folder",
-    );
+    let city = asset("city.hdr");
+    relight("--target {} -o {}", &[&city, &out], "give a folder");
     check(
         &args(
             "render {} --cameras {} --device cpu -o {}",
@@ -279,7 +230,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     );
     // A disk that is full.
     #[cfg(target_os = "linux")]
-    check(&[&relight[..], &["/dev/full"]].concat(), "No space left");
+    relight("-o /dev/full", &[], "No space left");
 }
 
 #[test]

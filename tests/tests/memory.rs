@@ -12,11 +12,10 @@ fn held_mib() -> f64 {
 
 #[test]
 fn looking_around_takes_no_memory() {
-    let mut driver = Driver::new();
+    let mut driver = Driver::bundled();
     let mut look_around = |steps: usize| {
         for _ in 0..steps {
-            driver.viewer().session.pose.azimuth += 3.0;
-            driver.settle();
+            driver.after(|v| v.session.pose.azimuth += 3.0);
         }
         held_mib()
     };

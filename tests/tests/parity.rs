@@ -14,9 +14,10 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::coefficient_count;
 use transplat_core::synthetic;
 use transplat_core::transfer::harmonic::HarmonicTransfer;
+use transplat_gpu::Context;
 use transplat_gpu::rasterize::{GpuRasterizer, Paint};
 use transplat_gpu::transfer::harmonic::GpuHarmonic;
-use transplat_tests::gpu;
+use transplat_tests::{gpu, psnr};
 
 fn sky(width: usize, height: usize) -> EnvironmentMap {
     let pixels = (0..width * height)
@@ -57,6 +58,17 @@ fn projection() {
     }
 }
 
+/// Openness by the CPU and by the GPU, and how many bytes differ by more than their rounding.
+fn baked(gpu: &Context, input: &BakeInput) -> ([Vec<u8>; 2], usize) {
+    let cpu = bake_harmonic(input, &no_progress).expect("not cancelled");
+    let got = transplat_gpu::bake::harmonic::bake_harmonic(gpu, input, &no_progress)
+        .expect("the driver works");
+    assert_eq!(cpu.len(), got.len());
+    let pairs = cpu.iter().zip(&got);
+    let differ = pairs.filter(|(c, g)| c.abs_diff(**g) > 1).count();
+    ([cpu, got], differ)
+}
+
 #[test]
 fn bake() {
     let gpu = gpu();
@@ -68,14 +80,9 @@ fn bake() {
     // Not a multiple of the batch.
     for directions in [16, 21] {
         let input = BakeInput::new(&cloud, directions);
-        let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
-        let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
-            .expect("the driver works");
-        assert_eq!(cpu.len(), got.len());
-        let (mut differ, mut sum) = (0, 0.0);
-        let mut exact_sum = 0.0;
+        let ([cpu, got], differ) = baked(&gpu, &input);
+        let (mut sum, mut exact_sum) = (0.0, 0.0);
         for (i, (c, g)) in cpu.iter().zip(&got).enumerate() {
-            differ += usize::from(c.abs_diff(*g) > 1);
             sum += f64::from(c.abs_diff(*g)) / 255.0;
             let exact = oracle::openness(&input, i / directions, i % directions);
             exact_sum += (exact - f64::from(*g) / 255.0).abs();
@@ -98,15 +105,7 @@ fn bake() {
 fn bake_with_more_directions_than_one_read_back() {
     let gpu = gpu();
     let cloud = synthetic::sphere(40);
-    let input = BakeInput::new(&cloud, 1037);
-    let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
-    let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
-        .expect("the driver works");
-    let differ = cpu
-        .iter()
-        .zip(&got)
-        .filter(|(c, g)| c.abs_diff(**g) > 1)
-        .count();
+    let ([cpu, _], differ) = baked(&gpu, &BakeInput::new(&cloud, 1037));
     assert!(differ * 200 < cpu.len(), "{differ} of {}", cpu.len());
 }
 
@@ -129,8 +128,8 @@ fn transfer() {
             if !off.is_empty() {
                 settings = settings.without(off).expect("a term of the preset");
             }
-            let prepared =
-                HarmonicTransfer::new(&cloud, &visibility, &source, &settings).expect("good input");
+            let prepared = HarmonicTransfer::new(&cloud, &visibility, &source, &settings);
+            let prepared = Arc::new(prepared.expect("good input"));
             let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
             // Twice, to see that nothing is left of the light before.
             on_gpu.submit(&prepared.light(&source));
@@ -187,6 +186,7 @@ fn transfer_over_more_than_one_chunk() {
         &IncidentRadiance::even(1),
         &settings,
     )
+    .map(Arc::new)
     .expect("good input");
     let target = project_environment(&sky(16, 8), 1);
     let on_gpu = GpuHarmonic::new(&gpu, &prepared).expect("the driver works");
@@ -211,15 +211,7 @@ fn bake_and_rasterize_over_more_than_one_chunk() {
         cloud.positions[i] = Vec3::new(1.3, 0.01 * (i + 40 - n) as f32 - 0.2, 0.1);
         cloud.scales[i] = Vec2::splat(0.05);
     }
-    let input = BakeInput::new(&cloud, 16);
-    let cpu = bake_harmonic(&input, &no_progress).expect("not cancelled");
-    let got = transplat_gpu::bake::harmonic::bake_harmonic(&gpu, &input, &no_progress)
-        .expect("the driver works");
-    let differ = cpu
-        .iter()
-        .zip(&got)
-        .filter(|(c, g)| c.abs_diff(**g) > 1)
-        .count();
+    let ([cpu, _], differ) = baked(&gpu, &BakeInput::new(&cloud, 16));
     assert!(differ * 200 < cpu.len(), "{differ} of {}", cpu.len());
     let colors: Vec<[f32; 3]> = (0..n)
         .map(|i| {
@@ -256,14 +248,9 @@ fn camera(size: [usize; 2]) -> Camera {
 
 /// Over all four channels; the peak is 1.
 fn raster_psnr(a: &Raster, b: &Raster) -> f64 {
-    let sum: f64 = a
-        .pixels
-        .iter()
-        .flatten()
-        .zip(b.pixels.iter().flatten())
-        .map(|(a, b)| f64::from(a.min(1.0) - b.min(1.0)).powi(2))
-        .sum();
-    -10.0 * (sum / (4 * a.pixels.len()) as f64).max(1e-12).log10()
+    let held = [a, b].map(|r| r.pixels.iter().map(|p| p.map(|v| v.min(1.0))).collect());
+    let [a, b]: [Vec<[f32; 4]>; 2] = held;
+    psnr(&a, &b)
 }
 
 #[test]

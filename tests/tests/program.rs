@@ -3,11 +3,11 @@
 use std::fs;
 
 use transplat_core::files::load_asset;
-use transplat_tests::{Folder, args, asset, run, run_json, small_splat};
+use transplat_tests::{Folder, args, asset, run, run_json, run_told, small_splat};
 
 #[test]
 fn relight_writes_the_layout_that_came_in() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let (teapot, city, sunset) = (asset("teapot.ply"), asset("city.hdr"), asset("sunset.hdr"));
     let out = folder.name("out.ply");
     let told = run_json(&args(
@@ -23,10 +23,7 @@ fn relight_writes_the_layout_that_came_in() {
             "{stage}"
         );
     }
-    let (before, after) = (
-        fs::read(&teapot).expect("the asset"),
-        fs::read(&out).expect("the result"),
-    );
+    let [before, after] = [&teapot, &out].map(|path| fs::read(path).expect("it is there"));
     assert_eq!(before.len(), after.len());
     let header = before
         .windows(11)
@@ -46,7 +43,7 @@ fn relight_writes_the_layout_that_came_in() {
 
 #[test]
 fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(100));
     let bake = folder.name("a.bake");
     run_json(&["bake", &splat, "-o", &bake, "--device", "cpu"]);
@@ -65,10 +62,7 @@ fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
             .is_some_and(|s| s.iter().any(|s| s["what"] == "bake"))
     );
     for name in ["city.ply", "sunset.ply"] {
-        let (a, b) = (
-            fs::read(folder.path("one").join(name)),
-            fs::read(folder.path("two").join(name)),
-        );
+        let [a, b] = ["one", "two"].map(|out| fs::read(folder.path(out).join(name)));
         assert_eq!(a.expect("an output"), b.expect("an output"));
     }
     let other = folder.write("b.ply", small_splat(90));
@@ -88,7 +82,7 @@ fn a_front_that_is_a_guess_is_warned_of_until_a_place_outside_is_told() {
         .map(|(x, y, z)| format!("{x} {y} {z} 0.5 0.2 -0.3 0 -0.2 -0.2 1 0 0 0\n"))
         .collect();
     let splat = small_splat(0).replace("vertex 0", "vertex 1200") + &rows;
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("sheets.ply", splat);
     let bake = folder.name("sheets.bake");
     let arguments = ["bake", &splat, "-o", &bake, "--device", "cpu"];
@@ -105,31 +99,18 @@ fn a_front_that_is_a_guess_is_warned_of_until_a_place_outside_is_told() {
 
 #[test]
 fn targets_of_one_name_do_not_write_over_each_other() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(20));
     let city = fs::read(asset("city.hdr")).expect("an environment");
-    let mut arguments = vec![
-        "relight".to_owned(),
-        splat,
-        "--source".into(),
-        "even".into(),
-    ];
-    for name in ["x", "y", "z"] {
+    let [x, y, z] = ["x", "y", "z"].map(|name| {
         fs::create_dir(folder.path(name)).expect("room for it");
-        arguments.extend([
-            "--target".into(),
-            folder.write(&format!("{name}/sky.1k.hdr"), &city),
-        ]);
-    }
-    arguments.extend(["--target".into(), folder.write("x/sky.2k.hdr", &city)]);
-    arguments.extend([
-        "-o".into(),
-        folder.name("out"),
-        "--device".into(),
-        "cpu".into(),
-    ]);
-    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let told = run_json(&arguments);
+        folder.write(&format!("{name}/sky.1k.hdr"), &city)
+    });
+    let (other, out) = (folder.write("x/sky.2k.hdr", &city), folder.name("out"));
+    let told = run_json(&args(
+        "relight {} --source even --target {} --target {} --target {} --target {} -o {} --device cpu",
+        &[&splat, &x, &y, &z, &other, &out],
+    ));
     assert_eq!(told["outputs"].as_array().map(Vec::len), Some(4));
     for name in ["sky.1k.ply", "sky.1k-2.ply", "sky.1k-3.ply", "sky.2k.ply"] {
         assert!(folder.path("out").join(name).exists(), "{name}");
@@ -138,7 +119,7 @@ fn targets_of_one_name_do_not_write_over_each_other() {
 
 #[test]
 fn even_light_to_even_light_changes_little() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(100));
     let out = folder.name("out.ply");
     run_json(&args(
@@ -154,7 +135,7 @@ fn even_light_to_even_light_changes_little() {
 
 #[test]
 fn frames_keep_their_numbers_and_their_pixels() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(100));
     let (all, some) = (folder.name("all"), folder.name("some"));
     let common = args(
@@ -165,18 +146,26 @@ fn frames_keep_their_numbers_and_their_pixels() {
     assert_eq!(told["pictures"], 4);
     run_json(&[&common[..], &["-o", &some, "--frames", "1-2"]].concat());
     for name in ["001.png", "002.png"] {
-        let (a, b) = (
-            fs::read(folder.path("all").join(name)),
-            fs::read(folder.path("some").join(name)),
-        );
+        let [a, b] = ["all", "some"].map(|out| fs::read(folder.path(out).join(name)));
         assert_eq!(a.expect("a picture"), b.expect("a picture"));
     }
     assert!(!folder.path("some").join("000.png").exists());
 }
 
+fn exr_pixels(path: &str) -> Vec<[f32; 4]> {
+    let exr = exr::prelude::read_first_rgba_layer_from_file(
+        path,
+        |_, _| Vec::new(),
+        |pixels: &mut Vec<[f32; 4]>, _, (r, g, b, a): (f32, f32, f32, f32)| {
+            pixels.push([r, g, b, a])
+        },
+    );
+    exr.expect("an EXR").layer_data.channel_data.pixels
+}
+
 #[test]
 fn every_view_and_format_is_written_by_both_devices() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(100));
     let sunset = asset("sunset.hdr");
     for device in ["cpu", "gpu"] {
@@ -201,30 +190,14 @@ fn every_view_and_format_is_written_by_both_devices() {
                 if format == "png" {
                     let picture = image::open(&out).expect("a picture").into_rgba8();
                     assert_eq!(picture.dimensions(), (40, 30));
-                    assert!(
-                        picture.pixels().all(|p| p.0[3] == 255),
-                        "the background is filled"
-                    );
-                    assert!(
-                        picture
-                            .pixels()
-                            .filter(|p| p.0 != [0x2a, 0x4b, 0x8c, 255])
-                            .count()
-                            > 50,
-                        "{view} shows nothing"
-                    );
+                    let is_filled = picture.pixels().all(|p| p.0[3] == 255);
+                    assert!(is_filled, "the background is filled");
+                    let others = picture.pixels().filter(|p| p.0 != [0x2a, 0x4b, 0x8c, 255]);
+                    assert!(others.count() > 50, "{view} shows nothing");
                 } else {
-                    let exr = exr::prelude::read_first_rgba_layer_from_file(
-                        &out,
-                        |_, _| Vec::new(),
-                        |pixels: &mut Vec<f32>, _, (r, g, b, a): (f32, f32, f32, f32)| {
-                            pixels.extend([r, g, b, a])
-                        },
-                    )
-                    .expect("an EXR");
-                    let pixels = exr.layer_data.channel_data.pixels;
-                    assert_eq!(pixels.len(), 40 * 30 * 4);
-                    assert!(pixels.iter().all(|v| v.is_finite()));
+                    let pixels = exr_pixels(&out);
+                    assert_eq!(pixels.len(), 40 * 30);
+                    assert!(pixels.iter().flatten().all(|v| v.is_finite()));
                 }
             }
         }
@@ -233,7 +206,7 @@ fn every_view_and_format_is_written_by_both_devices() {
 
 #[test]
 fn a_transparent_png_is_straight_and_an_exr_premultiplied() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     // One faint white surfel.
     let splat = small_splat(1).replace("0.5 0.2 -0.3 3", "1.7724539 1.7724539 1.7724539 0");
     let splat = folder.write("a.ply", splat);
@@ -249,21 +222,13 @@ fn a_transparent_png_is_straight_and_an_exr_premultiplied() {
         .0;
     assert_eq!(middle, [255, 255, 255, 128]);
     run_json(&[&common[..], &[&folder.name("a.exr")]].concat());
-    let exr = exr::prelude::read_first_rgba_layer_from_file(
-        folder.path("a.exr"),
-        |_, _| Vec::new(),
-        |pixels: &mut Vec<[f32; 4]>, _, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels.push([r, g, b, a])
-        },
-    )
-    .expect("an EXR");
-    let [r, _, _, a] = exr.layer_data.channel_data.pixels[10 * 21 + 10];
+    let [r, _, _, a] = exr_pixels(&folder.name("a.exr"))[10 * 21 + 10];
     assert!((a - 0.5).abs() < 1e-3 && (r - a).abs() < 1e-3, "{r} {a}");
 }
 
 #[test]
 fn info_knows_every_kind() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(50));
     let bake = folder.name("a.bake");
     run_json(&args(
@@ -290,7 +255,7 @@ fn info_knows_every_kind() {
 
 #[test]
 fn a_look_sets_what_the_command_line_leaves_open() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(100));
     let look = folder.write(
         "look.json",
@@ -318,7 +283,7 @@ fn a_look_sets_what_the_command_line_leaves_open() {
 /// says so. How good the methods are is asked of [`the_bundled_splats_are_as_near_to_the_truth_as_they_were`].
 #[test]
 fn a_folder_of_truth_is_read_and_scored() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let (teapot, city, sunset) = (asset("teapot.ply"), asset("city.hdr"), asset("sunset.hdr"));
     for inside in ["truth/envs", "truth/dev/teapot/gt/sunset"] {
         fs::create_dir_all(folder.path(inside)).expect("room");
@@ -370,35 +335,22 @@ fn a_folder_of_truth_is_read_and_scored() {
     assert!(folder.path("report/truth.md").is_file());
 
     // What is not there is told.
-    let output = run(&[&report[..], &["--objects", "kettle"]].concat());
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        message.contains("kettle") && message.contains("teapot"),
-        "{message}"
-    );
+    let other = [&report[..], &["--objects", "kettle"]].concat();
+    run_told(&other, 1, &["kettle", "teapot"]);
     folder.write("truth/MANIFEST.json", manifest.replace("city", "moon"));
-    let output = run(&report);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(message.contains("moon.hdr"), "{message}");
+    run_told(&report, 1, &["moon.hdr"]);
 }
 
 #[test]
 fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let (teapot, sunset) = (asset("teapot.ply"), asset("sunset.hdr"));
     let (light, bake) = (folder.name("light.exr"), folder.name("teapot.bake"));
-    let good = |arguments: &[&str]| {
-        let output = run(arguments);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {message}");
-        String::from_utf8_lossy(&output.stdout).into_owned()
-    };
-    good(&["bake", &teapot, "--device", "cpu", "-o", &bake]);
-    let told = good(&[
-        "estimate", &teapot, "--bake", &bake, "--device", "cpu", "--json", "-o", &light,
-    ]);
-    let told: serde_json::Value = serde_json::from_str(&told).expect("JSON");
-    let told = &told["source_estimate"];
+    run_json(&["bake", &teapot, "--device", "cpu", "-o", &bake]);
+    let estimate = [
+        "estimate", &teapot, "--bake", &bake, "--device", "cpu", "-o", &light,
+    ];
+    let told = &run_json(&estimate)["source_estimate"];
     assert_eq!(told["is_good"], true);
     assert!(told["confidence"].as_f64().expect("a number") > 0.9);
     // Where the sun of the street stands in which it was captured.
@@ -414,47 +366,34 @@ fn a_capture_of_unknown_light_is_relit_from_an_estimate() {
         let relight = [
             "relight", &teapot, "--bake", &bake, "--device", "cpu", "--target", &sunset,
         ];
-        good(&[&relight[..], &["--source", source, "-o", &out]].concat());
+        run_json(&[&relight[..], &["--source", source, "-o", &out]].concat());
         fs::read(out).expect("a splat")
     });
     assert!(relit[0] == relit[1]);
     let relit_name = folder.name("relit.ply");
     // A bake that does not fit is told before anything is baked for the estimate.
-    let output = run(&args(
+    let relight = args(
         "relight {} --preset paper --bake {} --source estimate --target {} --device cpu -o {}",
         &[&teapot, &bake, &sunset, &relit_name],
-    ));
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success(), "{message}");
-    assert!(
-        message.contains(&bake) && message.contains("for preset best"),
-        "{message}"
     );
+    run_told(&relight, 1, &[&bake, "for preset best"]);
     // What cannot be told is said, and no light is invented.
     let few = folder.write("few.ply", small_splat(20));
     let none = folder.name("none.exr");
-    let output = run(&["estimate", &few, "--device", "cpu", "-o", &none]);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        !output.status.success() && message.contains("cannot be told"),
-        "{message}"
-    );
+    let estimate = ["estimate", &few, "--device", "cpu", "-o", &none];
+    run_told(&estimate, 1, &["cannot be told"]);
     assert!(!folder.path("none.exr").exists());
     let out = folder.name("few_relit.ply");
-    let output = run(&[
+    let relight = [
         "relight", &few, "--source", "estimate", "--target", &sunset, "--device", "cpu", "-o", &out,
-    ]);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        output.status.success() && message.contains("half of the change is made"),
-        "{message}"
-    );
+    ];
+    run_told(&relight, 0, &["half of the change is made"]);
 }
 
 /// Path-traced. The one splat was laid on a surface that was known, the other trained from pictures.
 #[test]
 fn the_bundled_splats_are_as_near_to_the_truth_as_they_were() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let out = folder.name("report");
     let report = ["report", "--only", "truth", "--quick", "--unknown-light"];
     let told = run_json(&[&report[..], &["--device", "cpu", "-o", &out]].concat());
@@ -501,7 +440,7 @@ fn the_bundled_splats_are_as_near_to_the_truth_as_they_were() {
 
 #[test]
 fn a_report_measures_settings_and_extreme_cases() {
-    let folder = Folder::new();
+    let folder = Folder::empty();
     let out = folder.name("report");
     // Of another splat than the bundled one there is no truth.
     let splat = folder.write("small.ply", small_splat(300));
@@ -550,10 +489,5 @@ fn a_report_measures_settings_and_extreme_cases() {
     let page = fs::read_to_string(folder.path("report/report.html")).expect("the page");
     assert!(page.contains("<svg") && page.ends_with("</html>\n"));
     // A splat of unknown light is asked for one.
-    let output = run(&["report", &splat, "-o", &out]);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        output.status.code() == Some(2) && message.contains("--source"),
-        "{message}"
-    );
+    run_told(&["report", &splat, "-o", &out], 2, &["--source"]);
 }

@@ -10,6 +10,8 @@ use std::thread::ThreadId;
 
 use wgpu::naga;
 
+use crate::WORKGROUP;
+
 /// What can go wrong on the GPU.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -43,24 +45,7 @@ pub enum GpuError {
 pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 
 /// Binding numbers by the names that WGSL gives them.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Bindings(BTreeMap<String, u32>);
-
-impl Bindings {
-    fn of(module: &naga::Module) -> Self {
-        let each = module.global_variables.iter().filter_map(|(_, global)| {
-            let binding = global.binding.as_ref()?.binding;
-            Some((global.name.clone()?, binding))
-        });
-        Self(each.collect())
-    }
-
-    /// The number of a name. One that the shader does not have is refused by the driver.
-    pub fn number(&self, name: &str) -> u32 {
-        debug_assert!(self.0.contains_key(name), "the shader has no {name}");
-        self.0.get(name).copied().unwrap_or(u32::MAX)
-    }
-}
+type Bindings = BTreeMap<String, u32>;
 
 /// A pipeline of one entry point, and what it is bound to by the names in WGSL.
 #[derive(Debug)]
@@ -85,8 +70,6 @@ pub struct Submission(wgpu::SubmissionIndex);
 pub struct Context {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
-    info: wgpu::AdapterInfo,
-    limits: wgpu::Limits,
     /// Format of colour targets: f32 where it can be blended.
     pub(crate) color_format: wgpu::TextureFormat,
     /// Format of the depth channel's target.
@@ -114,13 +97,9 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
 /// # Errors
 /// There is none that can do what this program needs; says what each lacks.
 pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
-    let best = adapters
-        .iter()
-        .filter(|a| is_capable(a))
-        .filter_map(|a| Some((rank(&a.get_info(), true)?, a)))
-        // GL only where nothing better is there.
-        .max_by_key(|(rank, a)| (a.get_info().backend != wgpu::Backend::Gl, *rank));
-    best.map(|(_, adapter)| adapter.clone()).ok_or_else(|| {
+    let capable = adapters.iter().filter(|a| is_capable(a));
+    let best = capable.max_by_key(|a| rank(&a.get_info()));
+    best.cloned().ok_or_else(|| {
         let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
         GpuError::NoAdapter(if names.is_empty() {
             "no graphics driver was found; install one (on Debian: apt-get install libvulkan1 mesa-vulkan-drivers)".into()
@@ -133,16 +112,16 @@ pub fn choose_adapter(adapters: &[wgpu::Adapter]) -> Result<wgpu::Adapter> {
     })
 }
 
-/// How much we want an adapter; `None` where it does not qualify.
-fn rank(info: &wgpu::AdapterInfo, allow_software: bool) -> Option<u8> {
-    Some(match info.device_type {
+/// How much we want an adapter: GL only where nothing better is there.
+fn rank(info: &wgpu::AdapterInfo) -> (bool, u8) {
+    let rank = match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 4,
         wgpu::DeviceType::IntegratedGpu => 3,
         wgpu::DeviceType::VirtualGpu => 2,
         wgpu::DeviceType::Other => 1,
-        wgpu::DeviceType::Cpu if allow_software => 0,
-        wgpu::DeviceType::Cpu => return None,
-    })
+        wgpu::DeviceType::Cpu => 0,
+    };
+    (info.backend != wgpu::Backend::Gl, rank)
 }
 
 impl Context {
@@ -156,14 +135,10 @@ impl Context {
             descriptor.flags = wgpu::InstanceFlags::empty();
             descriptor.backends = backends;
             let instance = wgpu::Instance::new(descriptor);
-            pollster::block_on(instance.enumerate_adapters(backends))
-                .into_iter()
-                .filter_map(|a| {
-                    let rank = rank(&a.get_info(), allow_software)?;
-                    is_capable(&a).then_some((rank, a))
-                })
-                .max_by_key(|(rank, _)| *rank)
-                .map(|(_, adapter)| adapter)
+            let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
+            let software = wgpu::DeviceType::Cpu;
+            adapters.retain(|a| allow_software || a.get_info().device_type != software);
+            choose_adapter(&adapters).ok()
         };
         // GL only where nothing better is there: its libraries write to stderr when they are asked without a display.
         let adapter = best(wgpu::Backends::PRIMARY)
@@ -209,12 +184,9 @@ impl Context {
         let wide = device
             .features()
             .contains(wgpu::Features::FLOAT32_BLENDABLE);
-        let limits = device.limits();
         Self {
             device,
             queue,
-            info: adapter.get_info(),
-            limits,
             adapter: adapter.clone(),
             lost,
             passes: Mutex::default(),
@@ -275,22 +247,23 @@ impl Context {
 
     /// Name of the adapter with its backend.
     pub fn name(&self) -> String {
-        format!("{} ({})", self.info.name, self.info.backend)
+        let info = self.adapter.get_info();
+        format!("{} ({})", info.name, info.backend)
     }
 
     /// Whether the adapter is a driver that computes on the CPU.
     pub fn is_software(&self) -> bool {
-        self.info.device_type == wgpu::DeviceType::Cpu
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
     }
 
     /// The longest edge of a texture.
     pub(crate) fn max_texture(&self) -> usize {
-        self.limits.max_texture_dimension_2d as usize
+        self.device.limits().max_texture_dimension_2d as usize
     }
 
     /// Checks that a pass may bind so many storage buffers.
     pub(crate) fn check_bindings(&self, what: &'static str, needed: u32) -> Result<()> {
-        let available = self.limits.max_storage_buffers_per_shader_stage;
+        let available = self.device.limits().max_storage_buffers_per_shader_stage;
         if needed > available {
             return Err(GpuError::Driver(format!(
                 "{what} needs {needed} storage buffers and {} offers {available}",
@@ -302,10 +275,8 @@ impl Context {
 
     /// Checks that a storage buffer fits into one binding.
     pub(crate) fn check_fits(&self, what: &'static str, bytes: usize) -> Result<()> {
-        let available = self
-            .limits
-            .max_storage_buffer_binding_size
-            .min(self.limits.max_buffer_size);
+        let limits = self.device.limits();
+        let available = (limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
         if bytes as u64 > available {
             return Err(GpuError::TooLarge {
                 what,
@@ -331,7 +302,7 @@ impl Context {
     }
 
     fn compile(&self, source: &str, entry: &str) -> ComputePass {
-        let (module, bindings) = self.shader(source, entry);
+        let (module, bindings) = self.shader(source, &[entry]);
         let pipeline = self
             .device
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -358,7 +329,7 @@ impl Context {
         topology: wgpu::PrimitiveTopology,
         targets: &[wgpu::ColorTargetState],
     ) -> RenderPass {
-        let (module, bindings) = self.shader(source, entry);
+        let (module, bindings) = self.shader(source, &["corner", entry]);
         let targets: Vec<_> = targets.iter().cloned().map(Some).collect();
         let descriptor = wgpu::RenderPipelineDescriptor {
             label: Some(entry),
@@ -413,23 +384,23 @@ impl Context {
         })
     }
 
-    fn shader(&self, source: &str, label: &str) -> (wgpu::ShaderModule, Bindings) {
+    fn shader(&self, source: &str, entries: &[&str]) -> (wgpu::ShaderModule, Bindings) {
         // Parsed once, for the driver and for the names. What does not parse is told by wgpu, in its own words.
         let (bindings, source) = match naga::front::wgsl::parse_str(source) {
             Ok(module) => (
-                Bindings::of(&module),
+                used_bindings(&module, entries).unwrap_or_default(),
                 wgpu::ShaderSource::Naga(Cow::Owned(module)),
             ),
             Err(_) => (Bindings::default(), wgpu::ShaderSource::Wgsl(source.into())),
         };
         let descriptor = wgpu::ShaderModuleDescriptor {
-            label: Some(label),
+            label: entries.last().copied(),
             source,
         };
         (self.device.create_shader_module(descriptor), bindings)
     }
 
-    /// A buffer with data, called by where it is made; an empty slice makes a small buffer, since none may be empty.
+    /// A buffer with data, called by where it is made; an empty slice makes a small buffer, since an array has an element at least.
     #[track_caller]
     pub(crate) fn upload<T: bytemuck::NoUninit>(
         &self,
@@ -437,13 +408,7 @@ impl Context {
         usage: wgpu::BufferUsages,
     ) -> wgpu::Buffer {
         let bytes = bytemuck::cast_slice(data);
-        // Not mapped at creation: that panics where there is no memory, instead of telling it at the next wait.
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(&label(Location::caller())),
-            size: bytes.len().max(16).next_multiple_of(4) as u64,
-            usage: usage | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let buffer = self.buffer(bytes.len(), usage | wgpu::BufferUsages::COPY_DST);
         self.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }
@@ -451,17 +416,22 @@ impl Context {
     /// A storage buffer to be written by a pass and read back.
     #[track_caller]
     pub(crate) fn storage(&self, bytes: usize) -> wgpu::Buffer {
+        let copied = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        self.buffer(bytes, wgpu::BufferUsages::STORAGE | copied)
+    }
+
+    #[track_caller]
+    fn buffer(&self, bytes: usize, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(&label(Location::caller())),
-            size: bytes.max(16).next_multiple_of(4) as u64,
-            usage: wgpu::BufferUsages::STORAGE
-                | wgpu::BufferUsages::COPY_SRC
-                | wgpu::BufferUsages::COPY_DST,
+            size: bytes.max(64).next_multiple_of(4) as u64,
+            usage,
+            // That would panic where there is no memory, instead of telling it at the next wait.
             mapped_at_creation: false,
         })
     }
 
-    /// Anything bound to a pass by the names in WGSL.
+    /// Anything bound to a pass by the names in WGSL, what it does not use left out.
     #[track_caller]
     pub(crate) fn bind_resources<P>(
         &self,
@@ -470,9 +440,11 @@ impl Context {
     ) -> wgpu::BindGroup {
         let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
             .iter()
-            .map(|(name, resource)| wgpu::BindGroupEntry {
-                binding: pass.bindings.number(name),
-                resource: resource.clone(),
+            .filter_map(|(name, resource)| {
+                Some(wgpu::BindGroupEntry {
+                    binding: *pass.bindings.get(*name)?,
+                    resource: resource.clone(),
+                })
             })
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -507,6 +479,11 @@ impl Context {
         self.submit(encoder);
     }
 
+    /// Runs a pass alone, a thread for each of so many.
+    pub(crate) fn run_each(&self, pass: &ComputePass, group: &wgpu::BindGroup, count: usize) {
+        self.run(pass, group, [count.div_ceil(WORKGROUP), 1, 1]);
+    }
+
     pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) {
         self.queue.submit([encoder.finish()]);
     }
@@ -528,27 +505,28 @@ impl Context {
         buffer: &wgpu::Buffer,
         count: usize,
     ) -> Result<Vec<T>> {
-        let bytes = (count * size_of::<T>()) as u64;
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("read back"),
-            size: bytes.next_multiple_of(4),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.encoder();
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes.next_multiple_of(4));
-        self.submit(encoder);
-        self.read_mapped(&staging, |view| {
-            bytemuck::pod_collect_to_vec(&view[..bytes as usize])
+        let bytes = count * size_of::<T>();
+        let size = bytes.next_multiple_of(4);
+        let copy = |encoder: &mut wgpu::CommandEncoder, staging: &wgpu::Buffer| {
+            encoder.copy_buffer_to_buffer(buffer, 0, staging, 0, size as u64);
+        };
+        self.read_back(size, copy, |read| {
+            bytemuck::pod_collect_to_vec(&read[..bytes])
         })
     }
 
-    /// Maps a staging buffer once everything submitted is done.
-    pub(crate) fn read_mapped<R>(
+    /// Reads what is copied into a buffer of so many bytes, once everything submitted is done.
+    pub(crate) fn read_back<R>(
         &self,
-        staging: &wgpu::Buffer,
+        bytes: usize,
+        copy: impl FnOnce(&mut wgpu::CommandEncoder, &wgpu::Buffer),
         take: impl FnOnce(&[u8]) -> R,
     ) -> Result<R> {
+        let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
+        let staging = self.buffer(bytes, usage);
+        let mut encoder = self.encoder();
+        copy(&mut encoder, &staging);
+        self.submit(encoder);
         staging.map_async(wgpu::MapMode::Read, .., |_| {});
         self.wait()?;
         let view = staging
@@ -617,6 +595,25 @@ impl ComputePass {
         pass.set_bind_group(0, bind_group, &[]);
         pass.dispatch_workgroups(groups[0] as u32, groups[1] as u32, groups[2] as u32);
     }
+}
+
+/// What some entry points use, as wgpu finds it for a pipeline's layout: nothing else may be bound.
+fn used_bindings(module: &naga::Module, entries: &[&str]) -> Option<Bindings> {
+    let all = naga::valid::Capabilities::all();
+    let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::empty(), all);
+    let info = validator.validate(module).ok()?;
+    let each = module
+        .global_variables
+        .iter()
+        .filter_map(|(handle, global)| {
+            let mut entry_points = module.entry_points.iter().enumerate();
+            let is_used = entry_points.any(|(i, entry)| {
+                entries.contains(&&*entry.name) && !info.get_entry_point(i)[handle].is_empty()
+            });
+            let binding = global.binding.as_ref().filter(|_| is_used)?.binding;
+            Some((global.name.clone()?, binding))
+        });
+    Some(each.collect())
 }
 
 pub(crate) fn extent([width, height]: [usize; 2]) -> wgpu::Extent3d {

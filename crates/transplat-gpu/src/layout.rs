@@ -8,9 +8,9 @@ pub struct Field {
     pub size: usize,
 }
 
-/// Declares a plain struct of a shader.
+/// Declares plain structs of a shader.
 macro_rules! gpu_struct {
-    (in $shader:literal; $(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty),* $(,)? }) => {
+    (in $shader:literal; $($(#[$meta:meta])* struct $name:ident { $($field:ident: $type:ty),* $(,)? })*) => {$(
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
@@ -31,7 +31,7 @@ macro_rules! gpu_struct {
             ];
             $crate::layout::check($shader, stringify!($name), &fields, size_of::<$name>());
         }
-    };
+    )*};
 }
 pub(crate) use gpu_struct;
 

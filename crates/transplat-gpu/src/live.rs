@@ -252,7 +252,7 @@ impl LiveObject {
             (None, ..) => rasterizer.fill_colors([1.0; 3]),
         }
         if let (Some(_), Some(doubts)) = (key.marks, doubts) {
-            rasterizer.overlay(camera, &doubts.marks);
+            rasterizer.shade(camera, ResidentPaint::Marks(&doubts.marks), PLAIN);
         }
     }
 }
@@ -559,17 +559,16 @@ impl Live {
         }
     }
 
-    /// Reads the screen's picture back, `[height][width][4]`, 0 to 1: for tests, never to show it.
+    /// Reads the screen's picture back, `[height * width]`, 0 to 1, with its size: for tests, never to show it.
     ///
     /// # Errors
     /// The driver failed.
-    pub fn read_screen(&self) -> Result<(Vec<f32>, [usize; 2])> {
-        match &self.screen {
-            Some(screen) => Ok((
-                read_texture(&self.context, &screen.texture, screen.size, 4)?,
-                screen.size,
-            )),
-            None => Ok((Vec::new(), [0, 0])),
-        }
+    pub fn read_screen(&self) -> Result<(Vec<[f32; 3]>, [usize; 2])> {
+        let Some(screen) = &self.screen else {
+            return Ok((Vec::new(), [0, 0]));
+        };
+        let values = read_texture(&self.context, &screen.texture)?;
+        let pixels = values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]);
+        Ok((pixels.collect(), screen.size))
     }
 }

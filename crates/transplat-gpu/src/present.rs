@@ -24,7 +24,6 @@ const MAX_BACKDROP_WIDTH: usize = 8192;
 gpu_struct! {
     in "present";
     /// Uniforms of the pass.
-    #[derive(PartialEq)]
     struct PresentParameters {
         view: [[f32; 4]; 3],
         eye: [f32; 4],
@@ -202,18 +201,10 @@ pub struct PresentPass {
 impl PresentPass {
     /// Compiles the pass.
     pub fn new(context: &Context) -> Self {
-        let sampler = |across| {
-            context.device.create_sampler(&wgpu::SamplerDescriptor {
-                address_mode_u: across,
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            })
-        };
         Self {
             pass: fullscreen_pass(context, &shader::PRESENT.source(), "present", SCREEN_FORMAT),
-            map_sampler: sampler(wgpu::AddressMode::Repeat),
-            ground_sampler: sampler(wgpu::AddressMode::ClampToEdge),
+            map_sampler: sampler(context, wgpu::AddressMode::Repeat),
+            ground_sampler: sampler(context, wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
         }
     }
@@ -229,39 +220,25 @@ impl PresentPass {
         screen: &wgpu::TextureView,
     ) {
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
-        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
-        let views = [
-            view(&sides[0].color),
-            view(&sides[1].color),
-            view(&sides[1].depth),
-        ];
-        let backdrop = |side: usize| backdrops[side].map_or(&self.nothing, |b| &b.0);
+        let pictures = [&sides[0].color, &sides[1].color, &sides[1].depth];
+        let pictures = pictures.map(|t| t.create_view(&Default::default()));
+        let backdrops = backdrops.map(|b| b.map_or(&self.nothing, |b| &b.0));
+        let ground = ground.map(|g| g.map_or(&self.nothing, |g| &g.0));
         let texture = wgpu::BindingResource::TextureView;
+        let sampler = wgpu::BindingResource::Sampler;
         let group = context.bind_resources(
             &self.pass,
             &[
                 ("parameters", parameters.as_entire_binding()),
-                ("before_color", texture(&views[0])),
-                ("after_color", texture(&views[1])),
-                ("after_depth", texture(&views[2])),
-                ("before_map", texture(backdrop(0))),
-                ("after_map", texture(backdrop(1))),
-                (
-                    "ground_before",
-                    texture(ground[0].map_or(&self.nothing, |g| &g.0)),
-                ),
-                (
-                    "ground_after",
-                    texture(ground[1].map_or(&self.nothing, |g| &g.0)),
-                ),
-                (
-                    "map_sampler",
-                    wgpu::BindingResource::Sampler(&self.map_sampler),
-                ),
-                (
-                    "ground_sampler",
-                    wgpu::BindingResource::Sampler(&self.ground_sampler),
-                ),
+                ("before_color", texture(&pictures[0])),
+                ("after_color", texture(&pictures[1])),
+                ("after_depth", texture(&pictures[2])),
+                ("before_map", texture(backdrops[0])),
+                ("after_map", texture(backdrops[1])),
+                ("ground_before", texture(ground[0])),
+                ("ground_after", texture(ground[1])),
+                ("map_sampler", sampler(&self.map_sampler)),
+                ("ground_sampler", sampler(&self.ground_sampler)),
             ],
         );
         let mut encoder = context.encoder();
@@ -269,6 +246,15 @@ impl PresentPass {
         (self.pass).draw(&mut encoder, &[screen], black, &group, (0..3, 0..1));
         context.submit(encoder);
     }
+}
+
+fn sampler(context: &Context, across: wgpu::AddressMode) -> wgpu::Sampler {
+    context.device.create_sampler(&wgpu::SamplerDescriptor {
+        address_mode_u: across,
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        ..Default::default()
+    })
 }
 
 /// Brings the screen's picture to its place in the window.
@@ -282,11 +268,7 @@ impl Blit {
     pub fn new(context: &Context, window: wgpu::TextureFormat) -> Self {
         Self {
             pass: fullscreen_pass(context, &shader::BLIT.source(), "blit", window),
-            sampler: context.device.create_sampler(&wgpu::SamplerDescriptor {
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
+            sampler: sampler(context, wgpu::AddressMode::ClampToEdge),
         }
     }
 

@@ -15,10 +15,9 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, Relit};
 use wgpu::BufferUsages;
 
-use crate::context::{ComputePass, Context, RenderPass, Result, extent};
+use crate::context::{ComputePass, Context, RenderPass, Result};
 use crate::layout::gpu_struct;
-use crate::shader;
-use crate::{CHUNK, WORKGROUP};
+use crate::{CHUNK, shader};
 
 /// Longest edge of one draw; larger pictures are drawn in tiles.
 const MAX_TILE: usize = 4096;
@@ -43,20 +42,14 @@ gpu_struct! {
         first: u32,
         count: u32,
     }
-}
 
-gpu_struct! {
-    in "rasterize_project";
     /// Geometry of a surfel.
     struct Surfel {
         position: [f32; 4],
         axis_a: [f32; 4],
         axis_b: [f32; 4],
     }
-}
 
-gpu_struct! {
-    in "rasterize_project";
     /// A surfel on the screen.
     struct ProjectedSurfel {
         t_u: [f32; 4],
@@ -154,11 +147,7 @@ impl ResidentSh {
             })
             .collect();
         context.submit(encoder);
-        Self {
-            chunks,
-            degree: self.degree,
-            encoding: self.encoding,
-        }
+        Self { chunks, ..*self }
     }
 }
 
@@ -190,6 +179,8 @@ pub enum ResidentPaint<'a> {
     Tau(&'a ResidentSh, &'a ResidentVectors),
     /// Heat map of a ratio that is there already: that of the front, and that of the back `[n][2]`.
     Ratio(&'a ResidentVectors),
+    /// Marks `[n]` over the colours that are there, as much of them as their fourth number says.
+    Marks(&'a ResidentVectors),
 }
 
 /// Surfels in the order in which they are drawn, farthest first.
@@ -438,13 +429,8 @@ impl GpuRasterizer {
                 ("projected", &self.projected),
             ];
             let group = self.context.bind(&self.project, &bindings);
-            self.dispatch(&self.project, &group, chunk.count);
+            self.context.run_each(&self.project, &group, chunk.count);
         }
-    }
-
-    fn dispatch(&self, pass: &ComputePass, group: &wgpu::BindGroup, count: usize) {
-        self.context
-            .run(pass, group, [count.div_ceil(WORKGROUP), 1, 1]);
     }
 
     /// A pass of `rasterize_shade.wgsl`: its source is put together when it is first asked for, and not at each frame.
@@ -462,84 +448,46 @@ impl GpuRasterizer {
 
     /// Colours surfels with what is on the GPU, as seen by the camera.
     pub fn shade(&self, camera: &Camera, paint: ResidentPaint<'_>, space: ColorSpace) {
-        let (entry, part) = match paint {
-            ResidentPaint::Sh(_, part) => ("shade", part),
-            ResidentPaint::Normals(_) => ("shade_normals", Part::Whole),
-            ResidentPaint::Tau(..) => ("shade_tau", Part::Whole),
-            ResidentPaint::Ratio(_) => ("shade_ratio", Part::Whole),
+        let whole = Part::Whole;
+        let (entry, part, sh, vectors) = match paint {
+            ResidentPaint::Sh(sh, part) => ("shade", part, Some(sh), None),
+            ResidentPaint::Normals(v) => ("shade_normals", whole, None, Some(("normals", v))),
+            ResidentPaint::Tau(sh, v) => ("shade_tau", whole, Some(sh), Some(("source_dc", v))),
+            ResidentPaint::Ratio(v) => ("shade_ratio", whole, None, Some(("ratio", v))),
+            ResidentPaint::Marks(v) => ("overlay", whole, None, Some(("marks", v))),
         };
-        let (degree, encoding) = match paint {
-            ResidentPaint::Sh(sh, _) | ResidentPaint::Tau(sh, _) => (sh.degree, sh.encoding),
-            _ => (0, Encoding::Linear),
-        };
+        let (degree, encoding) = sh.map_or((0, Encoding::Linear), |sh| (sh.degree, sh.encoding));
         let coefficients = part.coefficients(coefficient_count(degree));
-        let pass = self.shade_pass(degree, entry);
-        for (i, chunk) in self.chunks.iter().enumerate() {
-            let parameters =
-                self.shade_parameters(camera, i, coefficients.clone(), encoding, space);
-            let mut bindings = vec![("parameters", &parameters), ("colors", &self.colors)];
-            match paint {
-                ResidentPaint::Sh(sh, _) => {
-                    bindings.extend([("positions", &chunk.positions), ("sh", &sh.chunks[i])]);
-                }
-                ResidentPaint::Normals(normals) => {
-                    bindings.extend([("positions", &chunk.positions), ("normals", &normals.0[i])]);
-                }
-                ResidentPaint::Tau(sh, dc) => {
-                    bindings.extend([("sh", &sh.chunks[i]), ("source_dc", &dc.0[i])]);
-                }
-                ResidentPaint::Ratio(ratio) => bindings.push(("ratio", &ratio.0[i])),
-            }
-            let group = self.context.bind(&pass, &bindings);
-            self.dispatch(&pass, &group, chunk.count);
-        }
-    }
-
-    /// Lays marks `[n]` over the colours, as much of them as their fourth number says.
-    pub fn overlay(&self, camera: &Camera, marks: &ResidentVectors) {
-        let pass = self.shade_pass(0, "overlay");
-        for (i, chunk) in self.chunks.iter().enumerate() {
-            let parameters =
-                self.shade_parameters(camera, i, 0..1, Encoding::Linear, ColorSpace::Linear);
-            let bindings = [
-                ("parameters", &parameters),
-                ("colors", &self.colors),
-                ("marks", &marks.0[i]),
-            ];
-            let group = self.context.bind(&pass, &bindings);
-            self.dispatch(&pass, &group, chunk.count);
-        }
-    }
-
-    fn shade_parameters(
-        &self,
-        camera: &Camera,
-        chunk: usize,
-        coefficients: Range<usize>,
-        encoding: Encoding,
-        space: ColorSpace,
-    ) -> wgpu::Buffer {
         let display = match space {
             ColorSpace::Display(display) => Some(display),
             ColorSpace::Linear => None,
         };
-        let parameters = ShadeParameters {
-            eye: camera
-                .eye
-                .extend(display.map_or(1.0, |d| d.exposure.exp2()))
-                .to_array(),
-            first: (chunk * CHUNK) as u32,
-            count: self.chunks[chunk].count as u32,
-            encoding: encoding as u32,
-            linear: u32::from(display.is_none()),
-            tone_map: display.map_or(0, |d| d.tone_map as u32),
-            identity: u32::from(
-                encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity()),
-            ),
-            first_coefficient: coefficients.start as u32,
-            end_coefficient: coefficients.end as u32,
-        };
-        self.context.upload(&[parameters], BufferUsages::STORAGE)
+        let is_identity = encoding == Encoding::Stored && display.is_some_and(|d| d.is_identity());
+        let exposure = display.map_or(1.0, |d| d.exposure.exp2());
+        let pass = self.shade_pass(degree, entry);
+        for (i, chunk) in self.chunks.iter().enumerate() {
+            let parameters = ShadeParameters {
+                eye: camera.eye.extend(exposure).to_array(),
+                first: (i * CHUNK) as u32,
+                count: chunk.count as u32,
+                encoding: encoding as u32,
+                linear: u32::from(display.is_none()),
+                tone_map: display.map_or(0, |d| d.tone_map as u32),
+                identity: u32::from(is_identity),
+                first_coefficient: coefficients.start as u32,
+                end_coefficient: coefficients.end as u32,
+            };
+            let parameters = self.context.upload(&[parameters], BufferUsages::STORAGE);
+            let mut bindings = vec![
+                ("parameters", &parameters),
+                ("positions", &chunk.positions),
+                ("colors", &self.colors),
+            ];
+            bindings.extend(sh.map(|sh| ("sh", &sh.chunks[i])));
+            bindings.extend(vectors.map(|(name, v)| (name, &v.0[i])));
+            let group = self.context.bind(&pass, &bindings);
+            self.context.run_each(&pass, &group, chunk.count);
+        }
     }
 
     /// Blends the surfels into a part of the picture that is of the target's size.
@@ -568,24 +516,17 @@ impl GpuRasterizer {
         }
     }
 
-    fn read_tile(
-        &self,
-        Layer {
-            origin, depth_unit, ..
-        }: Layer,
-        target: &Target,
-        raster: &mut Raster,
-    ) -> Result<()> {
-        let pixels = read_texture(&self.context, &target.color, target.size, 4)?;
-        let depths = read_texture(&self.context, &target.depth, target.size, 1)?;
+    fn read_tile(&self, layer: Layer, target: &Target, raster: &mut Raster) -> Result<()> {
+        let pixels = read_texture(&self.context, &target.color)?;
+        let depths = read_texture(&self.context, &target.depth)?;
         for y in 0..target.size[1] {
             for x in 0..target.size[0] {
                 let from = y * target.size[0] + x;
-                let to = (origin[1] + y) * raster.width + origin[0] + x;
+                let to = (layer.origin[1] + y) * raster.width + layer.origin[0] + x;
                 raster.pixels[to].copy_from_slice(&pixels[4 * from..][..4]);
                 let alpha = pixels[4 * from + 3];
                 raster.depth[to] = if alpha > 0.0 {
-                    depths[from] * depth_unit / alpha
+                    depths[from] * layer.depth_unit / alpha
                 } else {
                     0.0
                 };
@@ -596,65 +537,33 @@ impl GpuRasterizer {
 }
 
 /// A target's values `[height][width][channels]` as f32.
-pub(crate) fn read_texture(
-    context: &Context,
-    texture: &wgpu::Texture,
-    size: [usize; 2],
-    channels: usize,
-) -> Result<Vec<f32>> {
-    let byte = texture.format() == wgpu::TextureFormat::Rgba8Unorm;
-    let half = matches!(
-        texture.format(),
-        wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float
-    );
-    let row_bytes = size[0]
-        * channels
-        * if byte {
-            1
-        } else if half {
-            2
-        } else {
-            4
-        };
+pub(crate) fn read_texture(context: &Context, texture: &wgpu::Texture) -> Result<Vec<f32>> {
+    let (format, height) = (texture.format(), texture.height() as usize);
+    let pixel_bytes = format.block_copy_size(None).unwrap_or_default();
+    let row_bytes = (texture.width() * pixel_bytes) as usize;
     let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
-    let staging = context.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("picture read back"),
-        size: (padded * size[1]) as u64,
-        usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-        mapped_at_creation: false,
-    });
-    let mut encoder = context.encoder();
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &staging,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(padded as u32),
-                rows_per_image: None,
-            },
-        },
-        extent(size),
-    );
-    context.submit(encoder);
-    context.read_mapped(&staging, |bytes| {
-        bytes
-            .chunks_exact(padded)
-            .flat_map(|row| {
-                let row = &row[..row_bytes];
-                if byte {
-                    row.iter().map(|v| f32::from(*v) / 255.0).collect()
-                } else if half {
-                    let values: Vec<u16> = bytemuck::pod_collect_to_vec(row);
-                    values
-                        .into_iter()
-                        .map(|bits| half::f16::from_bits(bits).to_f32())
-                        .collect()
-                } else {
-                    bytemuck::pod_collect_to_vec::<u8, f32>(row)
-                }
-            })
-            .collect()
+    let copy = |encoder: &mut wgpu::CommandEncoder, buffer: &wgpu::Buffer| {
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(padded as u32),
+            rows_per_image: None,
+        };
+        let to = wgpu::TexelCopyBufferInfo { buffer, layout };
+        encoder.copy_texture_to_buffer(texture.as_image_copy(), to, texture.size());
+    };
+    let of_row = |row: &[u8]| -> Vec<f32> {
+        let row = &row[..row_bytes];
+        let as_f32 = |v: &[u8]| half::f16::from_le_bytes([v[0], v[1]]).to_f32();
+        match format {
+            wgpu::TextureFormat::Rgba8Unorm => row.iter().map(|v| f32::from(*v) / 255.0).collect(),
+            wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float => {
+                row.chunks_exact(2).map(as_f32).collect()
+            }
+            _ => bytemuck::pod_collect_to_vec(row),
+        }
+    };
+    context.read_back(padded * height, copy, |bytes| {
+        bytes.chunks_exact(padded).flat_map(of_row).collect()
     })
 }
 

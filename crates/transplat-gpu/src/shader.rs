@@ -2,20 +2,18 @@
 
 mod files;
 mod generated;
-mod numbers;
 mod source;
 
 use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::Nodes;
 
-pub use files::PATCH_BATCH;
 pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, PRESENT, RASTERIZE_PROJECT};
+pub use files::{PATCH_BATCH, background_number};
 use files::{PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
-pub use generated::directional::{fits_by_tables, tables, transfer_directional};
+pub use generated::directional::{tables, transfer_directional};
 pub use generated::harmonic::{TransferShape, transfer_harmonic};
 pub use generated::sh::sh_basis;
-pub use numbers::background_number;
 use source::Source;
 
 /// Source of `project_environment.wgsl` for a degree.

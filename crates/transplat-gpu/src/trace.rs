@@ -15,20 +15,15 @@ gpu_struct! {
         high: [f32; 3],
         discs: u32,
     }
-}
 
-gpu_struct! {
-    in "bake_directional";
     /// A disc.
     struct TraceDisc {
         center: [f32; 3],
         surfel: u32,
         normal: [f32; 3],
         one_sided: u32,
-        axis_a: [f32; 3],
-        unused_b: u32,
-        axis_b: [f32; 3],
-        unused_c: u32,
+        axis_a: [f32; 4],
+        axis_b: [f32; 4],
     }
 }
 
@@ -66,23 +61,14 @@ impl ResidentTracer {
                 surfel: d.surfel,
                 normal: d.normal.to_array(),
                 one_sided: u32::from(d.one_sided),
-                axis_a: d.inverse_axes[0].to_array(),
-                axis_b: d.inverse_axes[1].to_array(),
-                ..Default::default()
+                axis_a: d.inverse_axes[0].extend(0.0).to_array(),
+                axis_b: d.inverse_axes[1].extend(0.0).to_array(),
             })
             .collect();
-        let box_count = boxes.len();
-        // None may be empty.
-        let or_one = |mut boxes: Vec<TraceBox>| {
-            boxes.resize(boxes.len().max(1), TraceBox::default());
-            boxes
-        };
-        let mut discs = discs;
-        discs.resize(discs.len().max(1), TraceDisc::default());
         Self {
-            boxes: context.upload(&or_one(boxes), BufferUsages::STORAGE),
+            boxes: context.upload(&boxes, BufferUsages::STORAGE),
             discs: context.upload(&discs, BufferUsages::STORAGE),
-            box_count,
+            box_count: boxes.len(),
         }
     }
 }

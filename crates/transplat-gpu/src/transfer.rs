@@ -7,8 +7,6 @@ use std::sync::{Arc, OnceLock};
 
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::transfer::directional::DirectionalTransfer;
-use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::context::{Context, Result};
@@ -26,17 +24,10 @@ pub struct GpuTransfer {
 }
 
 enum By {
-    Harmonic {
-        transfer: Box<GpuHarmonic>,
-        prepared: Arc<HarmonicTransfer>,
-        /// Of the asset, in linear light; once it is to be seen.
-        source_dc: OnceLock<ResidentVectors>,
-    },
-    Directional {
-        transfer: Box<GpuDirectional>,
-        prepared: Arc<DirectionalTransfer>,
-        tau: ResidentVectors,
-    },
+    /// With the asset's DC in linear light, once that is to be seen.
+    Harmonic(Box<GpuHarmonic>, OnceLock<ResidentVectors>),
+    /// With the ratio of the last result.
+    Directional(Box<GpuDirectional>, ResidentVectors),
 }
 
 impl GpuTransfer {
@@ -53,26 +44,17 @@ impl GpuTransfer {
                     degree: harmonic.asset_degree,
                     encoding: Encoding::Linear,
                 };
-                let by = By::Harmonic {
-                    source_dc: OnceLock::new(),
-                    prepared: harmonic.clone(),
-                    transfer,
-                };
-                (relit, by)
+                (relit, By::Harmonic(transfer, OnceLock::new()))
             }
             PreparedTransfer::Directional(directional) => {
                 let transfer = Box::new(GpuDirectional::new(context, directional)?);
                 let relit = ResidentSh {
                     chunks: transfer.relit(),
                     degree: directional.asset.nodes.degree,
-                    encoding: transfer.encoding(),
+                    encoding: directional.asset.encoding,
                 };
-                let by = By::Directional {
-                    tau: ResidentVectors(transfer.tau()),
-                    prepared: directional.clone(),
-                    transfer,
-                };
-                (relit, by)
+                let tau = ResidentVectors(transfer.tau());
+                (relit, By::Directional(transfer, tau))
             }
         };
         Ok(Self {
@@ -87,9 +69,9 @@ impl GpuTransfer {
     pub fn warm_up(&self, target: &Illumination) {
         let has_suns = target.beams.as_ref().is_some_and(|b| !b.suns.is_empty());
         match &self.by {
-            By::Directional { transfer, .. } if has_suns => transfer.prepare_suns(),
-            By::Directional { .. } => {}
-            By::Harmonic { .. } => drop(self.ratio_paint()),
+            By::Directional(transfer, _) if has_suns => transfer.prepare_suns(),
+            By::Directional(..) => {}
+            By::Harmonic(..) => drop(self.ratio_paint()),
         }
     }
 
@@ -105,13 +87,11 @@ impl GpuTransfer {
         unseen: &[bool],
     ) -> transplat_core::Result<()> {
         match &self.by {
-            By::Harmonic {
-                transfer, prepared, ..
-            } => transfer.submit(&prepared.light(&target.radiance)),
-            By::Directional {
-                transfer, prepared, ..
-            } => {
-                let light = prepared.light(target.for_directional()?);
+            By::Harmonic(transfer, _) => {
+                transfer.submit(&transfer.prepared.light(&target.radiance));
+            }
+            By::Directional(transfer, _) => {
+                let light = transfer.prepared.light(target.for_directional()?);
                 transfer.set_unseen(unseen);
                 transfer.submit(&light, part);
             }
@@ -134,10 +114,8 @@ impl GpuTransfer {
     /// The driver failed.
     pub fn read(&self) -> Result<Relit> {
         Ok(match &self.by {
-            By::Harmonic {
-                transfer, prepared, ..
-            } => prepared.relit(transfer.read()?, self.part),
-            By::Directional { transfer, .. } => transfer.read()?,
+            By::Harmonic(transfer, _) => transfer.prepared.relit(transfer.read()?, self.part),
+            By::Directional(transfer, _) => transfer.read()?,
         })
     }
 
@@ -149,8 +127,8 @@ impl GpuTransfer {
     /// A part of the last result as a colour.
     pub(crate) fn paint(&self, part: Part) -> ResidentPaint<'_> {
         let part = match self.by {
-            By::Harmonic { .. } => part,
-            By::Directional { .. } => Part::Whole,
+            By::Harmonic(..) => part,
+            By::Directional(..) => Part::Whole,
         };
         ResidentPaint::Sh(&self.relit, part)
     }
@@ -158,18 +136,14 @@ impl GpuTransfer {
     /// The transfer ratio of the last result as a colour.
     pub(crate) fn ratio_paint(&self) -> ResidentPaint<'_> {
         match &self.by {
-            By::Harmonic {
-                prepared,
-                source_dc,
-                ..
-            } => {
+            By::Harmonic(transfer, source_dc) => {
                 let upload = || {
-                    let dc = prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
+                    let dc = transfer.prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
                     ResidentVectors::upload(&self.context, dc)
                 };
                 ResidentPaint::Tau(&self.relit, source_dc.get_or_init(upload))
             }
-            By::Directional { tau, .. } => ResidentPaint::Ratio(tau),
+            By::Directional(_, tau) => ResidentPaint::Ratio(tau),
         }
     }
 }

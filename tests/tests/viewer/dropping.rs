@@ -1,7 +1,7 @@
 //! What is dropped on the window, or opened while something loads.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
@@ -11,7 +11,7 @@ use transplat_tests::{asset, psnr, small_splat};
 
 #[test]
 fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let picture = d.picture();
     let scene = d.viewer().session.scene.clone();
     let ply = fs::read(d.folder.path("teapot.ply")).expect("it is there");
@@ -34,8 +34,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     ];
     for file in &broken {
         d.viewer().session.messages.clear();
-        d.viewer().open(Path::new(file));
-        d.settle();
+        d.after(|v| v.open(Path::new(file)));
         let messages = d.viewer().session.messages.clone();
         let errors: Vec<_> = messages.iter().filter(|m| m.is_error).collect();
         assert_eq!(errors.len(), 1, "{file}: {messages:?}");
@@ -61,8 +60,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
 
     // A splat whose light nobody knows: relit from even light, which is said; upright after one click.
     let splat = d.folder.write("unknown.ply", small_splat(50));
-    d.viewer().open(Path::new(&splat));
-    d.settle();
+    d.after(|v| v.open(Path::new(&splat)));
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.live().has_relit(0));
     assert_eq!(session.light(1).name(), "sunset", "the target stays");
@@ -79,57 +77,48 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
         fs::copy(asset("city.hdr"), lights.join(name)).expect("room for it");
     }
     let count = d.viewer().shelf().len();
-    d.viewer().open(&lights);
-    d.settle();
+    d.after(|v| v.open(&lights));
     assert_eq!(d.viewer().shelf().len(), count + 2);
+}
+
+/// Drops a light at a place of the window.
+fn drop_light(d: &mut Driver, name: &str, at: egui::Pos2) -> PathBuf {
+    let light = d.folder.path(name);
+    fs::copy(asset("interior.hdr"), &light).expect("room for it");
+    d.harness.hover_at(at);
+    d.harness.step();
+    let file = std::sync::Arc::new(Dropped(light.clone()));
+    d.harness.input_mut().dropped_files.push(file);
+    d.harness.step();
+    d.harness.input_mut().dropped_files.clear();
+    d.harness.hover_at(at + egui::vec2(1.0, 0.0));
+    d.settle();
+    light
 }
 
 #[test]
 fn a_light_dropped_on_a_slot_is_that_slots_light() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     for (side, slot) in [(0, "captured under: city"), (1, "relit by: sunset")] {
         let at = d.harness.get_by_label(slot).rect().center();
-        let light = d.folder.path(if side == 0 { "a.hdr" } else { "b.hdr" });
-        fs::copy(asset("interior.hdr"), &light).expect("room for it");
-        d.harness.event(egui::Event::PointerMoved(at));
-        d.harness.step();
-        let file = std::sync::Arc::new(Dropped(light.clone()));
-        d.harness.input_mut().dropped_files.push(file);
-        d.harness.step();
-        d.harness.input_mut().dropped_files.clear();
-        d.harness
-            .event(egui::Event::PointerMoved(at + egui::vec2(1.0, 0.0)));
-        d.settle();
+        let light = drop_light(&mut d, if side == 0 { "a.hdr" } else { "b.hdr" }, at);
         assert_eq!(d.viewer().session.light(side).path, light);
         assert!(d.viewer().shelf().contains(&light));
     }
     // Anywhere else it is the target's.
-    let light = d.folder.path("c.hdr");
-    fs::copy(asset("city.hdr"), &light).expect("room for it");
-    d.harness
-        .event(egui::Event::PointerMoved(egui::pos2(300.0, 300.0)));
-    d.harness
-        .input_mut()
-        .dropped_files
-        .push(std::sync::Arc::new(Dropped(light.clone())));
-    d.harness.step();
-    d.harness.input_mut().dropped_files.clear();
-    d.harness
-        .event(egui::Event::PointerMoved(egui::pos2(301.0, 300.0)));
-    d.settle();
+    let light = drop_light(&mut d, "c.hdr", egui::pos2(300.0, 300.0));
     assert_eq!(d.viewer().session.light(1).path, light);
 }
 
 #[test]
 fn what_is_changed_while_a_splat_loads_is_kept() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let (again, city) = (d.folder.path("again.ply"), d.folder.path("city.hdr"));
     fs::copy(asset("teapot.ply"), &again).expect("room for it");
     d.viewer().open(&again);
     d.viewer().session.set_light(0, city);
     d.viewer().session.object_mut().source.rotation = 12.0;
-    d.viewer().session.object_mut().up = Some(UpAxis::PlusX);
-    d.settle();
+    d.after(|v| v.session.object_mut().up = Some(UpAxis::PlusX));
     let session = &d.viewer().session;
     assert_eq!(session.asset().map(|a| a.name()), Some("again".into()));
     assert_eq!(session.light(0).name(), "city");
@@ -139,12 +128,10 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
     // A file that changed is read anew when it is opened again.
     let light = d.folder.path("edited.hdr");
     fs::copy(asset("city.hdr"), &light).expect("room for it");
-    d.viewer().open(&light);
-    d.settle();
+    d.after(|v| v.open(&light));
     let first = d.viewer().session.light(1).illumination.clone();
     fs::copy(asset("sunset.hdr"), &light).expect("room for it");
-    d.viewer().open(&light);
-    d.settle();
+    d.after(|v| v.open(&light));
     assert_ne!(d.viewer().session.light(1).illumination, first);
 
     // The colour's encoding is the settings': undone and redone it is loaded again.
@@ -157,7 +144,7 @@ fn what_is_changed_while_a_splat_loads_is_kept() {
 }
 
 #[derive(Debug)]
-struct Dropped(std::path::PathBuf);
+struct Dropped(PathBuf);
 
 impl egui::DroppedFile for Dropped {
     fn path(&self) -> &Path {

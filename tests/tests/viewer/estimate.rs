@@ -22,7 +22,7 @@ fn open_own(d: &mut Driver) -> PathBuf {
 
 #[test]
 fn the_light_is_estimated_where_nobody_tells_it() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     open_own(&mut d);
     d.settle();
     d.harness
@@ -38,22 +38,19 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     };
     let before = toward(&mut d);
     // Wherever the asset's up is said to be, its light shines on it from where it did.
-    d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
-    d.settle();
+    d.after(|v| v.session.object_mut().up = Some(UpAxis::MinusY));
     assert!(toward(&mut d).dot(before) > 0.999);
     for (light, is_even) in [("even", true), ("estimate", false)] {
-        d.viewer().session.set_light(0, light.into());
-        d.settle();
+        d.after(|v| v.session.set_light(0, light.into()));
         assert_eq!(d.viewer().session.source_is_assumed(), is_even);
     }
 }
 
 #[test]
 fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let few = d.folder.write("few.ply", small_splat(30));
-    d.viewer().open(Path::new(&few));
-    d.settle();
+    d.after(|v| v.open(Path::new(&few)));
     d.harness
         .get_by_label("captured under: even light (assumed)");
     let session = &d.viewer().session;
@@ -67,10 +64,8 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     );
     // A file that is no light changes nothing of that.
     let broken = d.folder.write("broken.hdr", "no light");
-    d.viewer().session.object_mut().source.strength = 1.5;
-    d.settle();
-    d.viewer().session.set_light(0, broken.into());
-    d.settle();
+    d.after(|v| v.session.object_mut().source.strength = 1.5);
+    d.after(|v| v.session.set_light(0, broken.into()));
     let source = &d.viewer().session.object().source;
     assert!(source.is_estimate() && source.strength == 1.5);
     // The next asset may tell its light.
@@ -79,8 +74,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     assert!(!d.viewer().session.source_is_assumed());
     // Taken as linear it tells another, which is estimated anew.
     let before = d.viewer().session.estimate().cloned();
-    d.viewer().session.object_mut().linear = true;
-    d.settle();
+    d.after(|v| v.session.object_mut().linear = true);
     let session = &d.viewer().session;
     assert!(session.object().source.is_estimate() && session.estimate().is_some());
     assert_ne!(
@@ -91,7 +85,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
 
 #[test]
 fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     // Preset paper's own bake tells nothing of the light: another is made after it.
     d.viewer().session.scene.transfer.method = Method::Harmonic;
     open_own(&mut d);
@@ -110,8 +104,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     d.settle();
     let session = &d.viewer().session;
     assert!(session.estimate().is_none() && session.source_is_assumed());
-    d.viewer().session.ask_for_estimate();
-    d.settle();
+    d.after(|v| v.session.ask_for_estimate());
     let session = &d.viewer().session;
     assert!(session.estimate().is_some_and(|e| e.is_good()));
     assert!(!session.source_is_assumed());
@@ -120,28 +113,25 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
 
 #[test]
 fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let own = open_own(&mut d);
     d.settle();
     let first = d.viewer().session.estimate().cloned().expect("estimated");
     // Another splat, dropped while nothing of the last one's light fits it, and with a method that has no bake for an estimate.
     d.viewer().session.scene.transfer.method = Method::Harmonic;
     let few = d.folder.write("few.ply", small_splat(30));
-    d.viewer().open(Path::new(&few));
-    d.settle();
+    d.after(|v| v.open(Path::new(&few)));
     assert!(d.viewer().session.source_is_assumed());
     // A kept estimate needs no bake.
     fs::remove_file(d.folder.path("own.ply.best.bake")).expect("it was kept");
-    d.viewer().open(&own);
-    d.settle();
+    d.after(|v| v.open(&own));
     let session = &d.viewer().session;
     assert_eq!(session.estimate(), Some(&first));
     assert!(
         !session.source_is_assumed() && !session.state().bakes.contains_key(&Method::Directional)
     );
     // Undone and done again, swapped and swapped back.
-    d.viewer().session.set_light(0, "even".into());
-    d.settle();
+    d.after(|v| v.session.set_light(0, "even".into()));
     d.harness.run_steps(12);
     for (key, is_even) in [
         (egui::Key::Z, false),
@@ -152,8 +142,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
         d.settle();
         assert_eq!(d.viewer().session.source_is_assumed(), is_even, "{key:?}");
     }
-    d.viewer().session.swap_lights();
-    d.settle();
+    d.after(|v| v.session.swap_lights());
     assert_eq!(d.viewer().session.light(1).path, Path::new("estimate"));
     d.viewer().session.swap_lights();
     // A look without a light of the capture leaves that to the asset.
@@ -162,8 +151,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
         few
     );
     let scene = d.folder.write("few.json", scene);
-    d.viewer().open(Path::new(&scene));
-    d.settle();
+    d.after(|v| v.open(Path::new(&scene)));
     let session = &d.viewer().session;
     assert!(session.object().source.is_estimate() && session.source_is_assumed());
 }

@@ -14,7 +14,7 @@ use transplat_tests::psnr;
 
 #[test]
 fn the_gpu_shows_what_the_cpu_relit() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     d.viewer().session.scene.background = Background::Color([0.2; 3]);
     d.picture();
     let session = &d.viewer().session;
@@ -41,8 +41,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
         live.relight(0, &target.light, view.part(), &[])
             .expect("read for best");
         assert!(live.frame(&frame));
-        let (values, _) = live.read_screen().expect("the driver works");
-        let gpu: Vec<[f32; 3]> = values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
+        let (gpu, _) = live.read_screen().expect("the driver works");
         // Both round to eight bits.
         assert!(psnr(&cpu, &gpu) > 60.0, "{view:?}: {}", psnr(&cpu, &gpu));
         pictures.push(gpu);
@@ -58,7 +57,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
 /// Two objects one behind the other are what one of all their surfels is, whichever was opened first.
 #[test]
 fn two_objects_are_drawn_like_one_of_both() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     d.viewer().session.scene.background = Background::Color([0.2; 3]);
     d.viewer().session.scene.view = View::Before;
     let one = d.picture();
@@ -85,8 +84,7 @@ fn two_objects_are_drawn_like_one_of_both() {
             live.set_asset(object, asset);
         }
         assert!(live.frame(&frame));
-        let (values, _) = live.read_screen().expect("the driver works");
-        values.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect()
+        live.read_screen().expect("the driver works").0
     };
     let merged = seen(&[&both]);
     assert!(psnr(&one, &merged) < 30.0, "the far one is not seen");

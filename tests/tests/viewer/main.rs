@@ -15,11 +15,11 @@ use transplat_core::scene::{EVEN, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
-use transplat_tests::{Folder, asset, psnr, run};
+use transplat_tests::{Folder, args, asset, psnr, run_json};
 
 #[test]
 fn controls_run_what_they_touch_and_nothing_else() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let first = d.picture();
     let at_rest = d.viewer().session.passes();
     d.settle();
@@ -119,7 +119,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
 
 #[test]
 fn what_is_saved_is_what_is_shown_and_what_render_makes() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let size = d.viewer().session.viewport;
     let folder = d.folder.path("out");
     fs::create_dir_all(&folder).expect("room for it");
@@ -179,8 +179,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         settings.size = size;
         settings.supersample = 1;
         let saved = folder.join(format!("{i}.png"));
-        d.viewer().export(Task::Screenshot(Some(saved.clone())));
-        d.settle();
+        d.after(|v| v.export(Task::Screenshot(Some(saved.clone()))));
         let saved_picture = transplat_tests::picture(&saved);
         // 8 bits on the screen and in the file, and maps as half floats on the adapter.
         let found = psnr(&shown, &saved_picture);
@@ -193,24 +192,13 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         let to_save = d.viewer().session.scene_to_save();
         transplat_core::files::save_look(&scene, &to_save).expect("it is written");
         let rendered = folder.join(format!("{i}-render.png"));
-        let output = run(&[
-            "render",
-            "--look",
-            &scene.display().to_string(),
-            "--size",
-            &format!("{}x{}", size[0], size[1]),
-            "--device",
-            "auto",
-            "--bake",
-            &d.folder.name("teapot.ply.best.bake"),
-            "-o",
-            &rendered.display().to_string(),
-        ]);
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
+        let [look, out] = [&scene, &rendered].map(|p| p.display().to_string());
+        let size = format!("{}x{}", size[0], size[1]);
+        let bake = d.folder.name("teapot.ply.best.bake");
+        run_json(&args(
+            "render --look {} --size {} --device auto --bake {} -o {}",
+            &[&look, &size, &bake, &out],
+        ));
         let found = psnr(&saved_picture, &transplat_tests::picture(&rendered));
         assert!(
             found > 100.0,
@@ -221,7 +209,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
 
 #[test]
 fn a_look_restores_everything() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     {
         let session = &mut d.viewer().session;
         session.scene.environment.rotation = -70.0;
@@ -273,7 +261,7 @@ fn a_look_restores_everything() {
 
 #[test]
 fn panels_change_settings_and_picture() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let first = d.picture();
     d.click("Self-shadow");
     assert!(!d.viewer().session.scene.transfer.terms.shadow);
@@ -335,7 +323,7 @@ fn panels_change_settings_and_picture() {
 
 #[test]
 fn the_shelf_and_the_matching_toggle_change_the_light() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     d.settle();
     let stops = |d: &mut Driver| {
         d.viewer()
@@ -370,7 +358,7 @@ fn the_shelf_and_the_matching_toggle_change_the_light() {
 
 #[test]
 fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let bakes = |d: &mut Driver| d.viewer().session.stages.bake;
     let before = bakes(&mut d);
     d.click("This side is out");
@@ -400,7 +388,7 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
 
 #[test]
 fn keys_and_the_mouse_do_what_the_sheet_says() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let middle = egui::pos2(330.0, 280.0);
     let drag = |d: &mut Driver, button, modifiers: egui::Modifiers, by: egui::Vec2| {
         let press = |pressed, pos| egui::Event::PointerButton {
@@ -410,13 +398,12 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
             modifiers,
         };
         d.harness.event(egui::Event::ModifiersChanged(modifiers));
-        d.harness.event(egui::Event::PointerMoved(middle));
+        d.harness.hover_at(middle);
         d.harness.step();
         d.harness.event(press(true, middle));
         d.harness.step();
         for i in 1..=4 {
-            d.harness
-                .event(egui::Event::PointerMoved(middle + by * (i as f32 / 4.0)));
+            d.harness.hover_at(middle + by * (i as f32 / 4.0));
             d.harness.step();
         }
         d.harness.event(press(false, middle + by));
@@ -488,7 +475,7 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
 
 #[test]
 fn a_pinned_look_is_compared_with_and_swapped() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let a = d.picture();
     d.click("Pin");
     let interior = d.folder.path("interior.hdr");
@@ -520,7 +507,7 @@ fn a_pinned_look_is_compared_with_and_swapped() {
 /// A scene has room for another object before its splat is there, and what is shown and kept of the first stays.
 #[test]
 fn a_scene_grows_and_shrinks() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let alone = d.picture();
     let object = d.viewer().session.scene.objects[0].clone();
     d.viewer().session.scene.objects.push(object);
@@ -533,7 +520,7 @@ fn a_scene_grows_and_shrinks() {
 
 #[test]
 fn exports_write_what_they_say() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let folder = d.folder.path("out");
     let settings = d.viewer().export_settings();
     settings.folder = folder.display().to_string();
@@ -546,39 +533,27 @@ fn exports_write_what_they_say() {
             .filter(|e| e.file_name().to_string_lossy().ends_with(suffix))
             .count()
     };
-    d.viewer().export(Task::Screenshot(None));
-    d.settle();
+    d.after(|v| v.export(Task::Screenshot(None)));
     assert_eq!(count(".png"), 1);
     let lights = d.viewer().shelf().len();
-    d.viewer().export(Task::EachLight);
-    d.settle();
+    d.after(|v| v.export(Task::EachLight));
     // The one of the screenshot's light is there already: nothing is written over.
     assert_eq!(count(".png"), 1 + lights);
-    d.viewer().export(Task::Turntable);
-    d.settle();
+    d.after(|v| v.export(Task::Turntable));
     assert_eq!(count(".png"), 4 + lights);
-    d.viewer().export(Task::ContactSheet);
-    d.settle();
+    d.after(|v| v.export(Task::ContactSheet));
     assert_eq!(count(".png"), 5 + lights);
     let relit = d.folder.path("relit.ply");
-    d.viewer().export(Task::Splat(relit.clone()));
-    d.settle();
-    let (original, written) = (
-        fs::metadata(d.folder.path("teapot.ply")),
-        fs::metadata(&relit),
-    );
-    assert_eq!(
-        original.expect("it is there").len(),
-        written.expect("it is there").len()
-    );
+    d.after(|v| v.export(Task::Splat(relit.clone())));
+    let bytes = |path| fs::metadata(path).expect("it is there").len();
+    assert_eq!(bytes(d.folder.path("teapot.ply")), bytes(relit));
     // A file's extension decides what is in it.
     for (name, start) in [
         ("a.exr", &[0x76, 0x2f, 0x31, 0x01][..]),
         ("a.png", b"\x89PNG"),
     ] {
         let path = folder.join(name);
-        d.viewer().export(Task::Screenshot(Some(path.clone())));
-        d.settle();
+        d.after(|v| v.export(Task::Screenshot(Some(path.clone()))));
         assert!(
             fs::read(&path).expect("it is there").starts_with(start),
             "{name}"
@@ -587,21 +562,19 @@ fn exports_write_what_they_say() {
     d.viewer().session.messages.clear();
     // A sheet of pictures that are far wider than high.
     d.viewer().export_settings().size = [400, 30];
-    d.viewer().export(Task::ContactSheet);
-    d.settle();
+    d.after(|v| v.export(Task::ContactSheet));
     assert!(!d.viewer().session.messages.iter().any(|m| m.is_error));
     // The capture itself is not written over.
     let capture = d.folder.path("teapot.ply");
     let bytes = fs::read(&capture).expect("it is there");
-    d.viewer().export(Task::Splat(capture.clone()));
-    d.settle();
+    d.after(|v| v.export(Task::Splat(capture.clone())));
     assert_eq!(fs::read(&capture).expect("it is there"), bytes);
     assert!(d.viewer().session.messages.iter().any(|m| m.is_error));
 }
 
 #[test]
 fn a_lost_device_keeps_the_look_and_closes_the_window() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     let recovery = d.folder.path("cache/recovered.json");
     d.viewer().recovery = Some(recovery.clone());
     d.viewer().session.scene.environment.rotation = 33.0;
@@ -622,12 +595,11 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
 /// taken over with `UPDATE_PICTURES=1 cargo test --package transplat-tests --test viewer the_window`.
 #[test]
 fn the_window_looks_as_it_did() {
-    let mut d = Driver::new();
+    let mut d = Driver::bundled();
     for (name, theme) in [("dark", egui::Theme::Dark), ("light", egui::Theme::Light)] {
         d.harness.ctx.set_theme(theme);
         // What differs from machine to machine is said at the window's lower edge.
-        d.viewer().session.messages.clear();
-        d.settle();
+        d.after(|v| v.session.messages.clear());
         let window = d.harness.render().expect("the driver works");
         let cut = image::imageops::crop_imm(&window, 0, 0, window.width(), window.height() - 24)
             .to_image();
@@ -639,7 +611,7 @@ fn the_window_looks_as_it_did() {
         if std::env::var_os("UPDATE_PICTURES").is_some() {
             small.save(&path).expect("it is written");
         }
-        let folder = Folder::new();
+        let folder = Folder::empty();
         let now = folder.path("now.png");
         small.save(&now).expect("it is written");
         let found = psnr(

@@ -1,6 +1,5 @@
 //! The rays of the directional method's bake. CPU twin: [`transplat_core::bake::directional`].
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use transplat_core::bake::patches::{
@@ -22,13 +21,8 @@ gpu_struct! {
     struct DirectionalParameters {
         count: u32,
         box_count: u32,
-        unused_a: u32,
-        unused_b: u32,
     }
-}
 
-gpu_struct! {
-    in "bake_directional";
     /// A surfel that rays start from.
     struct DirectionalBakeSurfel {
         position: [f32; 3],
@@ -39,8 +33,8 @@ gpu_struct! {
 }
 
 struct Chunk {
-    /// Where its surfels are in the tracer's order.
-    range: Range<usize>,
+    /// Which surfels it has.
+    order: Vec<u32>,
     parameters: wgpu::Buffer,
     surfels: wgpu::Buffer,
 }
@@ -49,7 +43,6 @@ struct Chunk {
 pub struct GpuTracer {
     context: Arc<Context>,
     pass: Arc<ComputePass>,
-    order: Vec<u32>,
     chunks: Vec<Chunk>,
     resident: ResidentTracer,
     found: wgpu::Buffer,
@@ -63,10 +56,8 @@ impl GpuTracer {
     pub fn new(context: &Arc<Context>, tracer: &Tracer) -> Result<Self> {
         ResidentTracer::check_fits(context, tracer)?;
         let resident = ResidentTracer::upload(context, tracer);
-        let n = tracer.order.len();
-        let chunks = (0..n).step_by(CHUNK).map(|first| {
-            let range = first..n.min(first + CHUNK);
-            let surfels: Vec<DirectionalBakeSurfel> = tracer.order[range.clone()]
+        let chunks = tracer.order.chunks(CHUNK).map(|order| {
+            let surfels: Vec<DirectionalBakeSurfel> = order
                 .iter()
                 .map(|i| {
                     let s = &tracer.surfels[*i as usize];
@@ -79,12 +70,11 @@ impl GpuTracer {
                 })
                 .collect();
             let parameters = DirectionalParameters {
-                count: range.len() as u32,
+                count: order.len() as u32,
                 box_count: resident.box_count as u32,
-                ..Default::default()
             };
             Chunk {
-                range,
+                order: order.to_vec(),
                 parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
                 surfels: context.upload(&surfels, BufferUsages::STORAGE),
             }
@@ -93,10 +83,9 @@ impl GpuTracer {
         context.wait()?;
         Ok(Self {
             pass: context.compute_pass(&shader::BAKE_DIRECTIONAL.source(), "trace_patches"),
-            order: tracer.order.clone(),
             chunks,
             resident,
-            found: context.storage(4 * PATCH_BATCH * CHUNK.min(n)),
+            found: context.storage(4 * PATCH_BATCH * CHUNK.min(tracer.order.len())),
             context: context.clone(),
         })
     }
@@ -114,7 +103,7 @@ impl GpuTracer {
         let all = directions();
         let closed: Vec<wgpu::Buffer> = (self.chunks.iter())
             .map(|chunk| {
-                let of = self.order[chunk.range.clone()].iter();
+                let of = chunk.order.iter();
                 let closed = of.map(|i| u32::from(found[*i as usize].back_is_closed));
                 let closed: Vec<u32> = closed.collect();
                 self.context.upload(&closed, BufferUsages::STORAGE)
@@ -146,7 +135,7 @@ impl GpuTracer {
         found: &mut [Found],
     ) -> Result<()> {
         let context = &self.context;
-        let count = chunk.range.len();
+        let count = chunk.order.len();
         let bindings = [
             ("parameters", &chunk.parameters),
             ("directions", rays),
@@ -157,14 +146,11 @@ impl GpuTracer {
             ("closed", closed),
         ];
         let group = context.bind(&self.pass, &bindings);
-        context.run(
-            &self.pass,
-            &group,
-            [count.div_ceil(WORKGROUP), patches.len(), 1],
-        );
+        let groups = [count.div_ceil(WORKGROUP), patches.len(), 1];
+        context.run(&self.pass, &group, groups);
         let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
         for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
-            for (i, packed) in self.order[chunk.range.clone()].iter().zip(row) {
+            for (i, packed) in chunk.order.iter().zip(row) {
                 let open =
                     std::array::from_fn(|place| packed >> (SURFEL_BITS as usize + place) & 1 == 1);
                 let met = (packed >> 31 == 1).then_some(packed & (MOST_SURFELS as u32 - 1));

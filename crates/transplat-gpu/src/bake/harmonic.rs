@@ -31,20 +31,14 @@ gpu_struct! {
         batch: u32,
         batches: u32,
     }
-}
 
-gpu_struct! {
-    in "bake_harmonic";
     /// A direction and its map's axes.
     struct MapFrame {
         right: [f32; 4],
         up: [f32; 4],
         direction: [f32; 4],
     }
-}
 
-gpu_struct! {
-    in "bake_harmonic";
     /// A surfel as occluder and receiver.
     struct BakeSurfel {
         position: [f32; 4],
@@ -56,27 +50,6 @@ gpu_struct! {
 
 fn wide(v: Vec3, w: f32) -> [f32; 4] {
     v.extend(w).to_array()
-}
-
-impl From<&CoreSurfel> for BakeSurfel {
-    fn from(s: &CoreSurfel) -> Self {
-        Self {
-            position: wide(s.position, s.bias),
-            axis_a: wide(s.axes[0], 0.0),
-            axis_b: wide(s.axes[1], 0.0),
-            normal: wide(s.normal, 0.0),
-        }
-    }
-}
-
-impl From<&CoreFrame> for MapFrame {
-    fn from(f: &CoreFrame) -> Self {
-        Self {
-            right: wide(f.right, 0.0),
-            up: wide(f.up, 0.0),
-            direction: wide(f.direction, 0.0),
-        }
-    }
 }
 
 /// Surfels on the GPU with how many they are.
@@ -137,29 +110,27 @@ impl<'a> Baker<'a> {
     fn new(context: &'a Context, input: &BakeInput) -> Self {
         let source = shader::BAKE_HARMONIC.source();
         let texel = 2.0 / input.resolution as f32;
-        let upload = |surfels: &[BakeSurfel], chunk: usize| -> Vec<SurfelChunk> {
-            surfels
-                .chunks(chunk)
-                .map(|chunk| (context.upload(chunk, BufferUsages::STORAGE), chunk.len()))
-                .collect()
+        let upload = |surfels: &[&CoreSurfel], at_once: usize| -> Vec<SurfelChunk> {
+            let convert = |s: &&CoreSurfel| BakeSurfel {
+                position: wide(s.position, s.bias),
+                axis_a: wide(s.axes[0], 0.0),
+                axis_b: wide(s.axes[1], 0.0),
+                normal: wide(s.normal, 0.0),
+            };
+            let chunks = surfels.chunks(at_once).map(|chunk| {
+                let converted: Vec<BakeSurfel> = chunk.iter().map(convert).collect();
+                let surfels = context.upload(&converted, BufferUsages::STORAGE);
+                (surfels, chunk.len())
+            });
+            chunks.collect()
         };
-        let receivers: Vec<BakeSurfel> = input.surfels.iter().map(BakeSurfel::from).collect();
-        let edge = |s: &CoreSurfel| {
+        let is_small = |s: &&CoreSurfel| {
             let reach = s.axes[0].length_squared() + s.axes[1].length_squared();
-            2.0 * reach.sqrt() / texel + 2.0
+            (2.0 * reach.sqrt() / texel + 2.0).powi(2) <= SMALL_TEXELS
         };
-        let casts = |s: &CoreSurfel| s.axes[0] != Vec3::ZERO;
-        let (mut small, mut large) = (Vec::new(), Vec::new());
-        for (s, converted) in input.surfels.iter().zip(&receivers) {
-            if !casts(s) {
-                continue;
-            }
-            if edge(s).powi(2) <= SMALL_TEXELS {
-                small.push(*converted);
-            } else {
-                large.push(*converted);
-            }
-        }
+        let receivers: Vec<&CoreSurfel> = input.surfels.iter().collect();
+        let casting = input.surfels.iter().filter(|s| s.axes[0] != Vec3::ZERO);
+        let (small, large): (Vec<_>, Vec<_>) = casting.partition(is_small);
         Self {
             context,
             resolution: input.resolution,
@@ -182,61 +153,51 @@ impl<'a> Baker<'a> {
     ) -> Result<()> {
         // A short batch repeats its last direction; what comes of it is dropped at read-back.
         let frames: Vec<MapFrame> = (0..DIRECTION_BATCH)
-            .map(|i| MapFrame::from(&frames[i.min(frames.len() - 1)]))
+            .map(|i| &frames[i.min(frames.len() - 1)])
+            .map(|f| MapFrame {
+                right: wide(f.right, 0.0),
+                up: wide(f.up, 0.0),
+                direction: wide(f.direction, 0.0),
+            })
             .collect();
         let frames = self.context.upload(&frames, BufferUsages::UNIFORM);
-        let parameters = |count: usize| {
+        let bind = |pass: &ComputePass, chunk: &SurfelChunk, open: Option<&wgpu::Buffer>| {
             let parameters = HarmonicParameters {
-                count: count as u32,
+                count: chunk.1 as u32,
                 resolution: self.resolution as u32,
                 batch: batch as u32,
                 batches: batches as u32,
             };
-            self.context.upload(&[parameters], BufferUsages::UNIFORM)
+            let parameters = self.context.upload(&[parameters], BufferUsages::UNIFORM);
+            let mut bindings = vec![
+                ("parameters", &parameters),
+                ("frames", &frames),
+                ("surfels", &chunk.0),
+                ("maps", &self.maps),
+                ("finished", &self.maps),
+            ];
+            bindings.extend(open.map(|open| ("open", open)));
+            self.context.bind(pass, &bindings)
         };
         let mut encoder = self.context.encoder();
         encoder.clear_buffer(&self.maps, 0, None);
-        for (surfels, count) in &self.small {
-            let bindings = [
-                ("parameters", &parameters(*count)),
-                ("frames", &frames),
-                ("surfels", surfels),
-                ("maps", &self.maps),
-            ];
-            let group = self.context.bind(&self.draw_small, &bindings);
-            self.draw_small.dispatch(
-                &mut encoder,
-                &group,
-                [count.div_ceil(WORKGROUP), DIRECTION_BATCH, 1],
-            );
+        for chunk in &self.small {
+            let group = bind(&self.draw_small, chunk, None);
+            let groups = [chunk.1.div_ceil(WORKGROUP), DIRECTION_BATCH, 1];
+            self.draw_small.dispatch(&mut encoder, &group, groups);
         }
         self.context.submit(encoder);
-        for (surfels, count) in &self.large {
-            let bindings = [
-                ("parameters", &parameters(*count)),
-                ("frames", &frames),
-                ("surfels", surfels),
-                ("maps", &self.maps),
-            ];
-            let group = self.context.bind(&self.draw_large, &bindings);
-            let mut encoder = self.context.encoder();
-            self.draw_large
-                .dispatch(&mut encoder, &group, [*count, DIRECTION_BATCH, 1]);
-            self.context.submit(encoder);
+        for chunk in &self.large {
+            let group = bind(&self.draw_large, chunk, None);
+            let groups = [chunk.1, DIRECTION_BATCH, 1];
+            self.context.run(&self.draw_large, &group, groups);
             self.context.wait()?;
         }
         let mut encoder = self.context.encoder();
-        for ((surfels, count), result) in self.receivers.iter().zip(results) {
-            let bindings = [
-                ("parameters", &parameters(*count)),
-                ("frames", &frames),
-                ("surfels", surfels),
-                ("finished", &self.maps),
-                ("open", result),
-            ];
-            let group = self.context.bind(&self.look_up, &bindings);
-            self.look_up
-                .dispatch(&mut encoder, &group, [count.div_ceil(WORKGROUP), 1, 1]);
+        for (chunk, result) in self.receivers.iter().zip(results) {
+            let group = bind(&self.look_up, chunk, Some(result));
+            let groups = [chunk.1.div_ceil(WORKGROUP), 1, 1];
+            self.look_up.dispatch(&mut encoder, &group, groups);
         }
         self.context.submit(encoder);
         // Keeps a driver's queue short, and the progress honest.

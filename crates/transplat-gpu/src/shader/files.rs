@@ -24,12 +24,21 @@ use transplat_core::transfer::directional::{
 };
 use transplat_core::transfer::harmonic::MAX_RADIANCE;
 
-use super::numbers::background_number;
 use super::source::Source;
 use crate::{CHUNK, WORKGROUP};
 
 /// Patches that one dispatch of the bake for the directional method traces.
 pub const PATCH_BATCH: usize = 8;
+
+/// Number of a background in WGSL; on a screen, what is transparent shows the checkerboard.
+pub fn background_number(background: Background) -> u32 {
+    match background {
+        Background::Color(_) => 0,
+        Background::Gradient(..) => 1,
+        Background::Environment => 2,
+        Background::Checker | Background::Transparent => 3,
+    }
+}
 
 /// A file of `shaders/`.
 pub struct File {
@@ -104,6 +113,7 @@ pub(super) static RASTERIZE_SHADE: File = file!("rasterize_shade", |s| s
     .number("MAX_STORED", MAX_STORED));
 
 pub static PRESENT: File = file!("present", |s| {
+    let number = background_number;
     let black = [0.0; 3];
     let bands = FALSE_COLORS.map(|(to, [r, g, b])| [r, g, b, to.min(1e30)]);
     s.count("LAYOUT_BEFORE", View::Before as u32)
@@ -111,18 +121,12 @@ pub static PRESENT: File = file!("present", |s| {
         .count("LAYOUT_SIDE_BY_SIDE", View::SideBySide as u32)
         .count("LAYOUT_DIFFERENCE", View::Difference as u32)
         .count("LAYOUT_DEPTH", View::Depth as u32)
-        .count(
-            "BACKGROUND_COLOR",
-            background_number(Background::Color(black)),
-        )
+        .count("BACKGROUND_COLOR", number(Background::Color(black)))
         .count(
             "BACKGROUND_GRADIENT",
-            background_number(Background::Gradient(black, black)),
+            number(Background::Gradient(black, black)),
         )
-        .count(
-            "BACKGROUND_ENVIRONMENT",
-            background_number(Background::Environment),
-        )
+        .count("BACKGROUND_ENVIRONMENT", number(Background::Environment))
         .count("CHECKER_EDGE", CHECKER_EDGE)
         .vector("CHECKER_GREYS", &CHECKER_GREYS)
         .vector("WIPE_LINE", &WIPE_LINE)

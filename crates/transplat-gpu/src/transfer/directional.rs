@@ -3,8 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use transplat_core::bake::patches::{DIRECTIONS, WORDS, directions};
-use transplat_core::color::Encoding;
-use transplat_core::environment::{Beam, MAX_SUNS};
+use transplat_core::environment::MAX_SUNS;
 use transplat_core::settings::skips::Skip;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
@@ -13,9 +12,8 @@ use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
-use crate::shader;
 use crate::trace::ResidentTracer;
-use crate::{CHUNK, WORKGROUP};
+use crate::{CHUNK, shader};
 
 gpu_struct! {
     in "transfer_directional";
@@ -23,13 +21,8 @@ gpu_struct! {
     struct DirectionalChunk {
         count: u32,
         first: u32,
-        unused_a: u32,
-        unused_b: u32,
     }
-}
 
-gpu_struct! {
-    in "transfer_directional";
     /// What changes with the light.
     struct DirectionalSettings {
         least: [f32; 3],
@@ -45,10 +38,7 @@ gpu_struct! {
         trust: f32,
         unused: u32,
     }
-}
 
-gpu_struct! {
-    in "transfer_directional";
     /// Light from one direction.
     struct DirectionalBeam {
         direction: [f32; 3],
@@ -56,10 +46,7 @@ gpu_struct! {
         energy: [f32; 3],
         unused_b: u32,
     }
-}
 
-gpu_struct! {
-    in "transfer_directional";
     /// What the transfer needs of a surfel besides its colours.
     struct DirectionalSurfel {
         normal: [f32; 3],
@@ -84,41 +71,10 @@ gpu_struct! {
     }
 }
 
-impl From<&Beam> for DirectionalBeam {
-    fn from(beam: &Beam) -> Self {
-        Self {
-            direction: beam.direction.to_array(),
-            energy: beam.energy,
-            ..Default::default()
-        }
-    }
-}
-
-struct Chunk {
-    count: usize,
-    buffers: Buffers,
-    gather: wgpu::BindGroup,
-    /// From the first radiance to the second, and back.
-    bounce: [wgpu::BindGroup; 2],
-    finish: wgpu::BindGroup,
-    /// Where a surfel has two sides.
-    add_back: Option<wgpu::BindGroup>,
-}
-
-struct Passes {
-    gather: Arc<ComputePass>,
-    bounce: Arc<ComputePass>,
-    finish: Arc<ComputePass>,
-    /// Where any surfel has two sides.
-    add_back: Option<Arc<ComputePass>>,
-}
-
-/// What only a light with suns needs.
-struct Suns {
+/// A pass with its bindings to each chunk that it has work in.
+struct Step {
     pass: Arc<ComputePass>,
-    box_count: usize,
-    /// One a chunk.
-    groups: Vec<wgpu::BindGroup>,
+    groups: Vec<Option<wgpu::BindGroup>>,
 }
 
 /// Bytes that every adapter binds.
@@ -140,12 +96,17 @@ struct Shared {
 /// A prepared transfer on the GPU: a new light is one small upload and a few dispatches a chunk.
 pub struct GpuDirectional {
     context: Arc<Context>,
-    prepared: Arc<DirectionalTransfer>,
-    passes: Passes,
+    pub(crate) prepared: Arc<DirectionalTransfer>,
     shared: Shared,
     chunks: Vec<Chunk>,
-    /// Compiled and uploaded with the first sun.
-    suns: OnceLock<Suns>,
+    gather: Step,
+    /// From the first radiance to the second, and back.
+    bounce: [Step; 2],
+    finish: Step,
+    /// Where any surfel has two sides.
+    add_back: Option<Step>,
+    /// With how many boxes there are; compiled and uploaded with the first sun.
+    see_suns: OnceLock<(Step, usize)>,
 }
 
 impl GpuDirectional {
@@ -175,16 +136,6 @@ impl GpuDirectional {
             .min(EVERY_BINDING / (12 * asset.nodes.count()));
         context.check_fits("what the surfels radiate", 32 * n)?;
         ResidentTracer::check_fits(context, &asset.bake.tracer)?;
-        let source = shader::transfer_directional(&asset.nodes, asset.encoding);
-        let pass = |entry| context.compute_pass(&source, entry);
-        let has_two_sides = asset.bake.two_sided.iter().any(|t| *t > 0.0);
-        let passes = Passes {
-            gather: pass("gather"),
-            bounce: pass("bounce"),
-            finish: pass("finish"),
-            add_back: (has_two_sides && prepared.settings.terms.two_sided)
-                .then(|| pass("add_back")),
-        };
         let directions: Vec<[f32; 4]> = directions()
             .iter()
             .map(|d| d.extend(0.0).to_array())
@@ -198,21 +149,33 @@ impl GpuDirectional {
             tables: context.upload(&tables, BufferUsages::STORAGE),
             radiance: [0, 1].map(|_| context.storage(32 * n)),
         };
-        let chunks = (0..n)
-            .step_by(chunk)
-            .map(|first| {
-                let count = chunk.min(n - first);
-                upload_chunk(context, prepared, &passes, &shared, first, count)
-            })
-            .collect();
+        let upload = |first| Chunk::upload(context, prepared, first, chunk.min(n - first));
+        let chunks: Vec<Chunk> = (0..n).step_by(chunk).map(upload).collect();
+        let source = shader::transfer_directional(&asset.nodes, asset.encoding);
+        let step = |entry, from| {
+            let pass = context.compute_pass(&source, entry);
+            let bind = |chunk: &Chunk| {
+                let has_work = entry != "add_back" || chunk.has_two_sides;
+                has_work.then(|| chunk.bind(context, &pass, &shared, from, &[]))
+            };
+            let groups = chunks.iter().map(bind).collect();
+            Step { pass, groups }
+        };
+        let adds_back = prepared.settings.terms.two_sided && chunks.iter().any(|c| c.has_two_sides);
+        let (gather, finish) = (step("gather", 1), step("finish", TURNS % 2));
+        let bounce = [0, 1].map(|from| step("bounce", from));
+        let add_back = adds_back.then(|| step("add_back", 0));
         context.wait()?;
         Ok(Self {
             context: context.clone(),
             prepared: prepared.clone(),
-            passes,
             shared,
             chunks,
-            suns: OnceLock::new(),
+            gather,
+            bounce,
+            finish,
+            add_back,
+            see_suns: OnceLock::new(),
         })
     }
 
@@ -226,51 +189,38 @@ impl GpuDirectional {
                 bits[i / 32] |= u32::from(is_unseen) << (i % 32);
             }
             let queue = &self.context.queue;
-            queue.write_buffer(&chunk.buffers.unseen, 0, bytemuck::cast_slice(&bits));
+            queue.write_buffer(&chunk.unseen, 0, bytemuck::cast_slice(&bits));
             first += chunk.count;
         }
     }
 
     /// Makes what suns need, before there is one.
     pub fn prepare_suns(&self) {
-        self.suns();
+        self.see_suns();
     }
 
-    fn suns(&self) -> &Suns {
-        self.suns.get_or_init(|| {
+    fn see_suns(&self) -> &(Step, usize) {
+        self.see_suns.get_or_init(|| {
             let (context, asset) = (&self.context, &self.prepared.asset);
             let tracer = ResidentTracer::upload(context, &asset.bake.tracer);
             let source = shader::transfer_directional(&asset.nodes, asset.encoding);
             let pass = context.compute_pass(&source, "see_suns");
-            let group = |chunk: &Chunk| {
-                let bindings = [
-                    ("chunk", &chunk.buffers.chunk),
-                    ("settings", &self.shared.settings),
-                    ("beams", &self.shared.beams),
-                    ("surfels", &chunk.buffers.surfels),
-                    ("boxes", &tracer.boxes),
-                    ("discs", &tracer.discs),
-                    ("irradiance", &chunk.buffers.irradiance),
-                ];
-                context.bind(&pass, &bindings)
-            };
-            Suns {
-                groups: self.chunks.iter().map(group).collect(),
-                box_count: tracer.box_count,
-                pass,
-            }
+            let traced = [("boxes", &tracer.boxes), ("discs", &tracer.discs)];
+            let bind = |c: &Chunk| Some(c.bind(context, &pass, &self.shared, 0, &traced));
+            let groups = self.chunks.iter().map(bind).collect();
+            (Step { pass, groups }, tracer.box_count)
         })
     }
 
     /// Relights without waiting: what is submitted afterwards sees the result.
     pub fn submit(&self, light: &DirectionalLight, part: Part) {
         let terms = self.prepared.settings.terms;
-        let see_suns = (!light.suns.is_empty()).then(|| self.suns());
+        let see_suns = (!light.suns.is_empty()).then(|| self.see_suns());
         let settings = DirectionalSettings {
             least: light.least,
             suns: light.suns.len() as u32,
             start: self.prepared.mean_ratio(light),
-            box_count: see_suns.map_or(0, |s| s.box_count as u32),
+            box_count: see_suns.map_or(0, |(_, boxes)| *boxes as u32),
             matte: f32::from(part != Part::Specular),
             mirrored: f32::from(part != Part::Diffuse),
             residual: f32::from(part == Part::Whole && terms.residual),
@@ -282,57 +232,45 @@ impl GpuDirectional {
         };
         let mut beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
         let (suns, sky) = beams.split_at_mut(MAX_SUNS);
-        for (to, from) in suns.iter_mut().zip(&light.suns) {
-            *to = from.into();
-        }
-        for (to, from) in sky.iter_mut().zip(&light.sky) {
-            *to = from.into();
+        let suns = suns.iter_mut().zip(&light.suns);
+        for (to, from) in suns.chain(sky.iter_mut().zip(&light.sky)) {
+            to.direction = from.direction.to_array();
+            to.energy = from.energy;
         }
         let queue = &self.context.queue;
         queue.write_buffer(&self.shared.settings, 0, bytemuck::bytes_of(&settings));
         queue.write_buffer(&self.shared.beams, 0, bytemuck::cast_slice(&beams));
-        if let Some(suns) = see_suns {
-            self.run(&suns.pass, |i| Some(&suns.groups[i]));
+        if let Some((see_suns, _)) = see_suns {
+            self.run(see_suns);
         }
-        self.run(&self.passes.gather, |i| Some(&self.chunks[i].gather));
+        self.run(&self.gather);
         // One turn or TURNS: both are odd, and end in the same buffer.
         for turn in 0..self.prepared.turns() {
-            self.run(&self.passes.bounce, |i| {
-                Some(&self.chunks[i].bounce[turn % 2])
-            });
+            self.run(&self.bounce[turn % 2]);
         }
-        self.run(&self.passes.finish, |i| Some(&self.chunks[i].finish));
-        if let (Some(add_back), true) = (&self.passes.add_back, part != Part::Specular) {
-            self.run(add_back, |i| self.chunks[i].add_back.as_ref());
+        self.run(&self.finish);
+        if let (Some(add_back), true) = (&self.add_back, part != Part::Specular) {
+            self.run(add_back);
         }
     }
 
     /// A submission a chunk: drivers stop work that takes seconds.
-    fn run<'a>(&'a self, pass: &ComputePass, group: impl Fn(usize) -> Option<&'a wgpu::BindGroup>) {
-        for (i, chunk) in self.chunks.iter().enumerate() {
-            if let Some(group) = group(i) {
-                self.context
-                    .run(pass, group, [chunk.count.div_ceil(WORKGROUP), 1, 1]);
+    fn run(&self, step: &Step) {
+        for (chunk, group) in self.chunks.iter().zip(&step.groups) {
+            if let Some(group) = group {
+                self.context.run_each(&step.pass, group, chunk.count);
             }
         }
     }
 
-    /// How the result is to be read.
-    pub fn encoding(&self) -> Encoding {
-        self.prepared.asset.encoding
-    }
-
     /// The last result where it is: SH `[count][K][3]` of each chunk.
     pub(crate) fn relit(&self) -> Vec<wgpu::Buffer> {
-        self.chunks
-            .iter()
-            .map(|c| c.buffers.relit.clone())
-            .collect()
+        self.chunks.iter().map(|c| c.relit.clone()).collect()
     }
 
     /// How much the matte light of each surfel's two sides changed: a vector a side, `[count][2]` of each chunk.
     pub(crate) fn tau(&self) -> Vec<wgpu::Buffer> {
-        self.chunks.iter().map(|c| c.buffers.tau.clone()).collect()
+        self.chunks.iter().map(|c| c.tau.clone()).collect()
     }
 
     /// The last result; of surfels that nobody sees it holds nothing in particular.
@@ -343,15 +281,15 @@ impl GpuDirectional {
         let k = coefficient_count(self.prepared.asset.nodes.degree);
         let (mut sh, mut tau) = (Vec::new(), Vec::new());
         for chunk in &self.chunks {
-            let read: Vec<[f32; 3]> = self.context.read(&chunk.buffers.relit, chunk.count * k)?;
+            let read: Vec<[f32; 3]> = self.context.read(&chunk.relit, chunk.count * k)?;
             sh.extend(read);
-            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.buffers.tau, chunk.count)?;
+            let read: Vec<[[f32; 4]; 2]> = self.context.read(&chunk.tau, chunk.count)?;
             tau.extend(read.iter().map(|[[r, g, b, _], _]| [*r, *g, *b]));
         }
         Ok(Relit {
             sh,
             degree: self.prepared.asset.nodes.degree,
-            encoding: self.encoding(),
+            encoding: self.prepared.asset.encoding,
             tau,
         })
     }
@@ -409,138 +347,80 @@ fn surfels_of(
     (surfels, hits)
 }
 
-fn upload_chunk(
-    context: &Context,
-    p: &DirectionalTransfer,
-    passes: &Passes,
-    shared: &Shared,
-    first: usize,
+/// Some of the surfels.
+struct Chunk {
     count: usize,
-) -> Chunk {
-    let (k, q) = (
-        coefficient_count(p.asset.nodes.degree),
-        p.asset.nodes.count(),
-    );
-    let (surfels, hits) = surfels_of(p, first, count);
-    let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
-    let parameters = DirectionalChunk {
-        count: count as u32,
-        first: first as u32,
-        ..Default::default()
-    };
-    let storage = BufferUsages::STORAGE;
-    let buffers = Buffers {
-        chunk: context.upload(&[parameters], BufferUsages::UNIFORM),
-        surfels: context.upload(&surfels, storage),
-        hits: context.upload(&hits, storage),
-        matte: context.upload(&p.matte[first * q..][..count * q], storage),
-        residual: context.upload(&p.residual[first * k..][..count * k], storage),
-        stored: has_two_sides
-            .then(|| context.upload(&p.asset.sh[first * k..][..count * k], storage)),
-        irradiance: context.storage(32 * count),
-        tau: context.storage(32 * count),
-        unseen: context.upload(&[0u32; CHUNK / 32], BufferUsages::UNIFORM),
-        relit: context.storage(12 * count * k),
-    };
-    bind(
-        context,
-        passes,
-        shared,
-        buffers,
-        count,
-        shader::fits_by_tables(k),
-    )
-}
-
-/// A chunk's own buffers.
-struct Buffers {
-    chunk: wgpu::Buffer,
+    has_two_sides: bool,
+    parameters: wgpu::Buffer,
     surfels: wgpu::Buffer,
     hits: wgpu::Buffer,
     matte: wgpu::Buffer,
     residual: wgpu::Buffer,
     /// What the asset stores, where a surfel has two sides.
-    stored: Option<wgpu::Buffer>,
+    stored: wgpu::Buffer,
     irradiance: wgpu::Buffer,
     tau: wgpu::Buffer,
     unseen: wgpu::Buffer,
     relit: wgpu::Buffer,
 }
 
-/// The passes' bindings for a chunk.
-fn bind(
-    context: &Context,
-    passes: &Passes,
-    shared: &Shared,
-    buffers: Buffers,
-    count: usize,
-    fits_by_tables: bool,
-) -> Chunk {
-    let bounce = |from: usize| {
-        let bindings = [
-            ("chunk", &buffers.chunk),
+impl Chunk {
+    fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
+        let (k, q) = (
+            coefficient_count(p.asset.nodes.degree),
+            p.asset.nodes.count(),
+        );
+        let (surfels, hits) = surfels_of(p, first, count);
+        let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
+        let parameters = DirectionalChunk {
+            count: count as u32,
+            first: first as u32,
+        };
+        let of_two_sides = if has_two_sides { count * k } else { 0 };
+        let storage = BufferUsages::STORAGE;
+        Self {
+            count,
+            has_two_sides,
+            parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
+            surfels: context.upload(&surfels, storage),
+            hits: context.upload(&hits, storage),
+            matte: context.upload(&p.matte[first * q..][..count * q], storage),
+            residual: context.upload(&p.residual[first * k..][..count * k], storage),
+            stored: context.upload(&p.asset.sh[first * k..][..of_two_sides], storage),
+            irradiance: context.storage(32 * count),
+            tau: context.storage(32 * count),
+            unseen: context.upload(&[0u32; CHUNK / 32], BufferUsages::UNIFORM),
+            relit: context.storage(12 * count * k),
+        }
+    }
+
+    /// Binds a pass, which reads what surfels radiate from one of the two buffers and writes it to the other.
+    fn bind(
+        &self,
+        context: &Context,
+        pass: &ComputePass,
+        shared: &Shared,
+        from: usize,
+        more: &[(&str, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        let all = [
+            ("chunk", &self.parameters),
             ("settings", &shared.settings),
+            ("beams", &shared.beams),
             ("directions", &shared.directions),
-            ("surfels", &buffers.surfels),
-            ("hits", &buffers.hits),
-            ("irradiance", &buffers.irradiance),
+            ("tables", &shared.tables),
             ("radiance", &shared.radiance[from]),
             ("next_radiance", &shared.radiance[1 - from]),
-            ("tau", &buffers.tau),
+            ("surfels", &self.surfels),
+            ("hits", &self.hits),
+            ("matte", &self.matte),
+            ("residual", &self.residual),
+            ("stored", &self.stored),
+            ("irradiance", &self.irradiance),
+            ("tau", &self.tau),
+            ("unseen", &self.unseen),
+            ("relit", &self.relit),
         ];
-        context.bind(&passes.bounce, &bindings)
-    };
-    let mut finish = vec![
-        ("chunk", &buffers.chunk),
-        ("settings", &shared.settings),
-        ("beams", &shared.beams),
-        ("directions", &shared.directions),
-        ("surfels", &buffers.surfels),
-        ("hits", &buffers.hits),
-        ("radiance", &shared.radiance[TURNS % 2]),
-        ("tau", &buffers.tau),
-        ("matte", &buffers.matte),
-        ("residual", &buffers.residual),
-        ("relit", &buffers.relit),
-        ("unseen", &buffers.unseen),
-    ];
-    if fits_by_tables {
-        finish.push(("tables", &shared.tables));
-    }
-    Chunk {
-        count,
-        gather: context.bind(
-            &passes.gather,
-            &[
-                ("chunk", &buffers.chunk),
-                ("settings", &shared.settings),
-                ("beams", &shared.beams),
-                ("surfels", &buffers.surfels),
-                ("irradiance", &buffers.irradiance),
-                ("next_radiance", &shared.radiance[0]),
-            ],
-        ),
-        bounce: [bounce(0), bounce(1)],
-        finish: context.bind(&passes.finish, &finish),
-        add_back: buffers
-            .stored
-            .as_ref()
-            .zip(passes.add_back.as_ref())
-            .map(|(stored, pass)| {
-                context.bind(
-                    pass,
-                    &[
-                        ("chunk", &buffers.chunk),
-                        ("settings", &shared.settings),
-                        ("surfels", &buffers.surfels),
-                        ("tau", &buffers.tau),
-                        ("relit", &buffers.relit),
-                        ("stored", stored),
-                        ("tables", &shared.tables),
-                        ("unseen", &buffers.unseen),
-                    ],
-                )
-            }),
-        buffers,
+        context.bind(pass, &[&all[..], more].concat())
     }
 }

@@ -6,21 +6,10 @@ use transplat_core::sh::LightOperator;
 use transplat_core::transfer::harmonic::HarmonicTransfer;
 use wgpu::BufferUsages;
 
+use crate::CHUNK;
 use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
 use crate::shader::{self, TransferShape};
-use crate::{CHUNK, WORKGROUP};
-
-gpu_struct! {
-    in "transfer_harmonic";
-    /// Uniforms of the pass.
-    struct TransferParameters {
-        count: u32,
-        stride: u32,
-        unused_a: u32,
-        unused_b: u32,
-    }
-}
 
 gpu_struct! {
     in "transfer_harmonic";
@@ -40,11 +29,11 @@ struct Chunk {
 /// A prepared transfer on the GPU: a new light is one upload of its operator and one dispatch a chunk.
 pub struct GpuHarmonic {
     context: Arc<Context>,
+    pub(crate) prepared: Arc<HarmonicTransfer>,
     pass: Arc<ComputePass>,
     operator: wgpu::Buffer,
     operator_floats: usize,
     chunks: Vec<Chunk>,
-    coefficients: usize,
 }
 
 impl GpuHarmonic {
@@ -52,7 +41,7 @@ impl GpuHarmonic {
     ///
     /// # Errors
     /// The driver failed.
-    pub fn new(context: &Arc<Context>, prepared: &HarmonicTransfer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, prepared: &Arc<HarmonicTransfer>) -> Result<Self> {
         let shape = TransferShape::of(prepared);
         let pass = context.compute_pass(&shader::transfer_harmonic(shape), "relight");
         let operator_floats = 4 * shape.operator_vectors();
@@ -66,17 +55,17 @@ impl GpuHarmonic {
             .step_by(CHUNK)
             .map(|first| {
                 let count = CHUNK.min(prepared.surfels - first);
-                upload_chunk(context, &pass, &operator, prepared, shape, first, count)
+                upload_chunk(context, &pass, &operator, prepared, first, count)
             })
             .collect();
         context.wait()?;
         Ok(Self {
             context: context.clone(),
+            prepared: prepared.clone(),
             pass,
             operator,
             operator_floats,
             chunks,
-            coefficients: prepared.coefficients(),
         })
     }
 
@@ -93,13 +82,7 @@ impl GpuHarmonic {
             .queue
             .write_buffer(&self.operator, 0, bytemuck::cast_slice(&floats));
         for chunk in &self.chunks {
-            let mut encoder = self.context.encoder();
-            self.pass.dispatch(
-                &mut encoder,
-                &chunk.group,
-                [chunk.count.div_ceil(WORKGROUP), 1, 1],
-            );
-            self.context.submit(encoder);
+            self.context.run_each(&self.pass, &chunk.group, chunk.count);
         }
     }
 
@@ -108,11 +91,11 @@ impl GpuHarmonic {
     /// # Errors
     /// The driver failed.
     pub fn read(&self) -> Result<Vec<[f32; 3]>> {
-        let mut out = Vec::new();
+        let (mut out, k) = (Vec::new(), self.prepared.coefficients());
         for chunk in &self.chunks {
             out.extend(
                 self.context
-                    .read::<[f32; 3]>(&chunk.relit, chunk.count * self.coefficients)?,
+                    .read::<[f32; 3]>(&chunk.relit, chunk.count * k)?,
             );
         }
         Ok(out)
@@ -124,7 +107,6 @@ fn upload_chunk(
     pass: &ComputePass,
     operator: &wgpu::Buffer,
     p: &HarmonicTransfer,
-    shape: TransferShape,
     first: usize,
     count: usize,
 ) -> Chunk {
@@ -146,29 +128,19 @@ fn upload_chunk(
     let attenuation: Vec<f32> = (0..bands * 3)
         .flat_map(|j| (first..first + count).map(move |i| p.attenuation[i * bands + j / 3][j % 3]))
         .collect();
-    let parameters = TransferParameters {
-        count: count as u32,
-        stride: count as u32,
-        ..Default::default()
-    };
     let relit = context.storage(count * p.coefficients() * 12);
-    let parameters = context.upload(&[parameters], BufferUsages::UNIFORM);
+    let count_on_gpu = context.upload(&[count as u32], BufferUsages::UNIFORM);
     let surfels = context.upload(&surfels, BufferUsages::STORAGE);
     let visibility = context.upload(&visibility, BufferUsages::STORAGE);
     let attenuation = context.upload(&attenuation, BufferUsages::STORAGE);
-    // A layout is made from what the shader uses, so what it leaves out must not be bound.
-    let mut bindings = vec![
-        ("parameters", &parameters),
+    let bindings = [
+        ("count", &count_on_gpu),
         ("surfels", &surfels),
         ("relit", &relit),
         ("operator_of_light", operator),
+        ("visibility", &visibility),
+        ("attenuation", &attenuation),
     ];
-    if shape.shadow {
-        bindings.push(("visibility", &visibility));
-    }
-    if bands > 0 {
-        bindings.push(("attenuation", &attenuation));
-    }
     Chunk {
         count,
         group: context.bind(pass, &bindings),

@@ -8,8 +8,7 @@ use transplat_core::transfer::directional::{Nodes, WIDTHS};
 
 use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror};
 use crate::shader::files::TRANSFER_DIRECTIONAL;
-use crate::shader::source::Source;
-use crate::shader::source::{line, literal};
+use crate::shader::source::{Source, line, literal};
 
 /// The nodes' matrices one after the other, and where each begins: `evaluate` and `project` of both sides, the heights, the fit.
 pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
@@ -29,11 +28,6 @@ pub fn tables(nodes: &Nodes) -> (Vec<f32>, [(&'static str, usize); 4]) {
         (name, offset)
     });
     (all, offsets)
-}
-
-/// Whether the fit of that many coefficients is a loop over the tables, since its compiler would take minutes written out.
-pub fn fits_by_tables(k: usize) -> bool {
-    k > MAX_STRAIGHT_COEFFICIENTS
 }
 
 /// Source of `transfer_directional.wgsl`.
@@ -128,7 +122,8 @@ fn lobes(nodes: &Nodes) -> String {
 
 /// Stored colour at the nodes and its fit into `s`; returns the sum over the nodes.
 fn fit_nodes(nodes: &Nodes, k: usize, q: usize) -> String {
-    let straight = !fits_by_tables(k);
+    // Of more coefficients the fit is a loop over the tables, since its compiler would take minutes written out.
+    let straight = k <= MAX_STRAIGHT_COEFFICIENTS;
     let mut out = String::new();
     if !straight {
         line!(out, "var<private> at_nodes: array<vec3f, {q}>;");

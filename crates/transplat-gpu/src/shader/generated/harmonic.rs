@@ -7,8 +7,7 @@ use transplat_core::transfer::harmonic::HarmonicTransfer;
 
 use super::sh::{MAX_STRAIGHT_COEFFICIENTS, mirror, sh_basis};
 use crate::shader::files::TRANSFER_HARMONIC;
-use crate::shader::source::Source;
-use crate::shader::source::{line, literal};
+use crate::shader::source::{Source, line, literal};
 
 /// What the transfer's source depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,18 +88,15 @@ fn shadow_light(shape: TransferShape, k: usize) -> String {
         if shape.shadow && k > MAX_STRAIGHT_COEFFICIENTS {
             line!(
                 out,
-                "    for (var k = 0u; k < {k}u; k++) {{\n        var sum = 0.0;"
+                "    for (var k = 0u; k < {k}u; k++) {{
+        var sum = 0.0;
+        for (var q = 0u; q < {k}u; q++) {{
+            let at = ({channel}u * {k}u + k) * {k}u + q;
+            sum += operator_of_light[at / 4u][at % 4u] * v[q];
+        }}
+        s[k] = sum;
+    }}"
             );
-            line!(out, "        for (var q = 0u; q < {k}u; q++) {{");
-            line!(
-                out,
-                "            let at = ({channel}u * {k}u + k) * {k}u + q;"
-            );
-            line!(
-                out,
-                "            sum += operator_of_light[at / 4u][at % 4u] * v[q];\n        }}"
-            );
-            line!(out, "        s[k] = sum;\n    }}");
         } else {
             for i in 0..k {
                 let row = (channel * k + i) * k;
@@ -140,10 +136,7 @@ fn prepare(shape: TransferShape, k: usize) -> String {
     let mut out = String::from("fn prepare(i: u32, n: vec3f) {\n");
     if shape.shadow {
         for q in 0..k {
-            line!(
-                out,
-                "    v[{q}] = visibility[{q}u * parameters.stride + i];"
-            );
+            line!(out, "    v[{q}] = visibility[{q}u * count + i];");
         }
     }
     if shape.reflection && shape.specular_degree > 0 {
@@ -164,7 +157,7 @@ fn write_specular(shape: TransferShape) -> String {
         }
         line!(
             out,
-            "    let a_{l} = attenuation[({}u + channel) * parameters.stride + i];",
+            "    let a_{l} = attenuation[({}u + channel) * count + i];",
             3 * (l - 1)
         );
         if shape.reflection {

@@ -50,15 +50,11 @@ pub(super) fn mirror(degree: usize) -> String {
     for name in ["cos_1", "sin_1", "cos_2", "sin_2"] {
         line!(out, "var<private> {name}: array<f32, {}>;", degree + 1);
     }
-    line!(out, "fn prepare_mirror(n: vec3f) {{");
-    line!(
-        out,
-        "    let r = length(n.xy);\n    let azimuth = select(vec2f(1.0, 0.0), n.xy / r, r > 1e-12);"
-    );
-    line!(
-        out,
-        "    let double = vec2f(n.z * n.z - r * r, 2.0 * n.z * r);"
-    );
+    out += "fn prepare_mirror(n: vec3f) {
+    let r = length(n.xy);
+    let azimuth = select(vec2f(1.0, 0.0), n.xy / r, r > 1e-12);
+    let double = vec2f(n.z * n.z - r * r, 2.0 * n.z * r);
+";
     for (name, base) in [("1", "azimuth"), ("2", "double")] {
         line!(out, "    cos_{name}[0] = 1.0;\n    sin_{name}[0] = 0.0;");
         for m in 1..=degree {
