@@ -451,6 +451,21 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     let fine = d.viewer().session.scene.environment.rotation;
     assert!((nudged - fine - 1.0).abs() < 1e-9);
 
+    // What stays for a second is a step to come back to, also where nothing else makes a frame; then the window rests.
+    d.viewer().session.messages.clear();
+    d.settle();
+    d.viewer().session.scene.difference_scale = 3.0;
+    let mut frames = 0;
+    loop {
+        d.harness.step();
+        let root = &d.harness.output().viewport_output[&egui::ViewportId::ROOT];
+        if root.repaint_delay > Duration::from_secs(2) {
+            break;
+        }
+        frames += 1;
+    }
+    assert!(frames > 3, "{frames} frames of a quarter of a second");
+
     // Undo and redo of a setting.
     d.viewer().session.scene.transfer.sh_degree = 6;
     d.harness.run_steps(12);

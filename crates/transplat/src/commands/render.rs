@@ -121,9 +121,12 @@ fn view_asked(
             "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
         );
     }
-    if relit == targets.is_empty() {
+    if relit && targets.is_empty() {
+        usage("a light to relight by is missing: --target, or the target's file in the look");
+    }
+    if !relit && !targets.is_empty() {
         usage(
-            "--source and --target belong together; --source estimate stands for a light that nobody knows",
+            "the light of the capture is missing: --source, or the source's file in the look; --source estimate stands for one that nobody knows",
         );
     }
     if scene.background == Background::Environment && !relit {
@@ -160,7 +163,7 @@ fn frames(args: &RenderArgs, pipeline: &Pipeline) -> Result<Vec<(usize, Camera)>
     let count = all.len();
     let [first, last] = args.frames.unwrap_or([0, count - 1]);
     if first >= count {
-        bail!("--frames {first}-{last}: there are {count} frames, numbered from 0");
+        bail!("--frames {first}-{last}: the frames are 0 to {}", count - 1);
     }
     Ok(all
         .into_iter()

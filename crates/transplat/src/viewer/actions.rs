@@ -5,11 +5,11 @@ use transplat_core::present::Background;
 
 use super::app::Viewer;
 use super::export::Task;
-use super::files::{Dialog, ask};
+use super::files::ask;
 use super::menus::COMPARE;
 use super::navigation;
 use super::panels;
-use super::session::{SaveKind, TARGET};
+use super::session::{Dialog, SaveKind, TARGET};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
 
 impl Viewer {

@@ -11,10 +11,10 @@ use transplat_gpu::Context;
 
 use super::asset::OpenedWith;
 use super::export::{self, Task};
-use super::files::{Dialog, PathField, ask};
+use super::files::{PathField, ask};
 use super::preferences::Preferences;
 use super::probes::Probe;
-use super::session::{Event, SOURCE, SaveKind, Session, TARGET};
+use super::session::{Dialog, Event, SOURCE, SaveKind, Session, TARGET};
 use super::shelf::Shelf;
 use super::viewport::Viewport;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
@@ -269,6 +269,10 @@ impl Viewer {
 
     /// Writes to a file that the user named: never over what is open, and over anything else only when `replace` says so.
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
+        if kind == SaveKind::Folder {
+            self.preferences.export.folder = path.display().to_string();
+            return;
+        }
         let path = if path.extension().is_some() {
             path.to_owned()
         } else {
@@ -337,16 +341,21 @@ impl Viewer {
                     self.open(&path);
                 }
             }
-            Event::SaveTo(path, SaveKind::Folder) => {
-                self.preferences.export.folder = path.display().to_string();
-            }
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
             Event::NoLight(path) => self.shelf.forget(&path),
-            Event::NoDialog => {
-                let note =
-                    "The desktop shows no file dialog (neither a portal nor zenity answers).";
-                self.shown.path_field = Some(PathField::new(Some(note)));
+            Event::NoDialog(dialog) => {
+                let folder = match dialog {
+                    Dialog::Save(SaveKind::Look | SaveKind::Splat, _) => {
+                        self.session.asset().and_then(|a| a.path.parent())
+                    }
+                    _ => None,
+                };
+                let folder = folder.map_or_else(
+                    || self.preferences.export.folder.clone().into(),
+                    Path::to_owned,
+                );
+                self.shown.path_field = Some(PathField::of(dialog, &folder));
             }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
         }

@@ -1,35 +1,63 @@
 //! Files in and out: dialogs, drops, and the bundled scene.
 
+use std::path::Path;
 use std::time::Instant;
 
 use super::jobs::Kind;
-use super::session::{Event, SaveKind, Session};
+use super::session::{Dialog, Event, SaveKind, Session};
 
 /// What the window "By path" asks for.
 pub struct PathField {
     pub text: String,
     /// Whether it gets the keyboard.
     pub is_new: bool,
-    /// Why it was opened, if not by the user.
-    pub note: Option<&'static str>,
+    /// The dialog that it stands for, if it is one.
+    pub dialog: Option<Dialog>,
 }
 
 impl PathField {
-    pub fn new(note: Option<&'static str>) -> Self {
+    /// For anything.
+    pub fn new() -> Self {
         Self {
             text: String::new(),
             is_new: true,
-            note,
+            dialog: None,
         }
     }
-}
 
-/// What a file dialog is for.
-#[derive(Clone, Debug)]
-pub enum Dialog {
-    Open,
-    OpenFolder,
-    Save(SaveKind, String),
+    /// In the place of a dialog, with what it would propose.
+    pub fn of(dialog: Dialog, folder: &Path) -> Self {
+        let text = match &dialog {
+            Dialog::Open | Dialog::OpenFolder => String::new(),
+            Dialog::Save(_, name) => folder.join(name).display().to_string(),
+        };
+        Self {
+            text,
+            dialog: Some(dialog),
+            ..Self::new()
+        }
+    }
+
+    /// What can be done with the path: nothing stands for opening it. Enter does the first.
+    pub fn actions(&self) -> &'static [(&'static str, Option<SaveKind>)] {
+        match self.dialog {
+            None => &[
+                ("Open", None),
+                ("Save look", Some(SaveKind::Look)),
+                ("Save picture", Some(SaveKind::Screenshot)),
+                ("Export splat", Some(SaveKind::Splat)),
+            ],
+            Some(Dialog::Open | Dialog::OpenFolder) => &[("Open", None)],
+            Some(Dialog::Save(SaveKind::Look, _)) => &[("Save look", Some(SaveKind::Look))],
+            Some(Dialog::Save(SaveKind::Splat, _)) => &[("Export splat", Some(SaveKind::Splat))],
+            Some(Dialog::Save(SaveKind::Screenshot, _)) => {
+                &[("Save picture", Some(SaveKind::Screenshot))]
+            }
+            Some(Dialog::Save(SaveKind::Folder, _)) => {
+                &[("Save pictures there", Some(SaveKind::Folder))]
+            }
+        }
+    }
 }
 
 /// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown, the window "By path" serves.
@@ -40,8 +68,9 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
     let work = move |_: &_| {
         let start = Instant::now();
         // A person takes longer than this to say no: there was nobody to ask.
-        let none = || (start.elapsed().as_secs_f32() < 0.3).then_some(Event::NoDialog);
-        Ok(show(dialog).or_else(none))
+        let none =
+            || (start.elapsed().as_secs_f32() < 0.3).then(|| Event::NoDialog(dialog.clone()));
+        Ok(show(dialog.clone()).or_else(none))
     };
     let label = "waiting for the file dialog";
     session.start(Kind::Dialog, label, work, |session, event| {
@@ -83,5 +112,33 @@ fn show(dialog: Dialog) -> Option<Event> {
                 .save_file()
                 .map(|path| Event::SaveTo(path, kind))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Enter does the first.
+    #[test]
+    fn a_path_in_the_place_of_a_dialog_is_for_what_the_dialog_was_for() {
+        let actions = |dialog| PathField::of(dialog, Path::new("folder")).actions();
+        for kind in [
+            SaveKind::Look,
+            SaveKind::Splat,
+            SaveKind::Screenshot,
+            SaveKind::Folder,
+        ] {
+            let asked = actions(Dialog::Save(kind, "name".into()));
+            assert!(matches!(asked, [(_, Some(does))] if *does == kind));
+        }
+        for dialog in [Dialog::Open, Dialog::OpenFolder] {
+            assert!(matches!(actions(dialog), [(_, None)]));
+        }
+        let field = PathField::of(
+            Dialog::Save(SaveKind::Look, "a.json".into()),
+            Path::new("folder"),
+        );
+        assert_eq!(Path::new(&field.text), Path::new("folder").join("a.json"));
     }
 }

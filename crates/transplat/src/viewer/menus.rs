@@ -9,9 +9,9 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use super::app::Viewer;
 use super::asset::OpenedWith;
 use super::export::Task;
-use super::files::{Dialog, PathField, ask};
+use super::files::{PathField, ask};
 use super::preferences::Preferences;
-use super::session::SaveKind;
+use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
@@ -57,7 +57,7 @@ impl Viewer {
         self.item(ui, "Open…", Action::Open, true);
         self.item(ui, "Open folder of environments…", Action::OpenFolder, true);
         if entry(ui, "Open or save by path…") {
-            self.shown.path_field = Some(PathField::new(None));
+            self.shown.path_field = Some(PathField::new());
         }
         let recent = self.preferences.recent.clone();
         ui.menu_button("Open recent", |ui| {

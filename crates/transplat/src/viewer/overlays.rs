@@ -9,7 +9,7 @@ use transplat_core::settings::skips::Skipped;
 use super::app::Viewer;
 use super::jobs::{Job, Kind, Work};
 use super::probes::{Key as ProbeKey, Probe};
-use super::session::{SIDES, SOURCE, SaveKind, Session, TARGET};
+use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands};
 use crate::words::milliseconds;
@@ -259,10 +259,17 @@ impl Viewer {
             .open(&mut is_shown)
             .resizable(false)
             .show(context, |ui| {
-                if let Some(note) = field.note {
-                    ui.label(note);
-                }
-                let label = ui.label("A file or folder to open, or the name of a file to write:");
+                let label = ui.label(match &field.dialog {
+                    None => "A file or folder to open, or the name of a file to write:",
+                    Some(Dialog::Open) => "The desktop shows no file dialog. A file to open:",
+                    Some(Dialog::OpenFolder) => {
+                        "The desktop shows no file dialog. A folder to open:"
+                    }
+                    Some(Dialog::Save(SaveKind::Folder, _)) => {
+                        "The desktop shows no file dialog. A folder for pictures:"
+                    }
+                    Some(Dialog::Save(..)) => "The desktop shows no file dialog. A file to write:",
+                });
                 let edit = egui::TextEdit::singleline(&mut field.text).desired_width(420.0);
                 let response = ui.add(edit).labelled_by(label.id);
                 let asked_again = ui.input(|i| i.modifiers.command && i.key_pressed(Key::O));
@@ -271,11 +278,17 @@ impl Viewer {
                 }
                 open &= !ui.input(|i| i.key_pressed(Key::Escape));
                 if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
-                    act = Some(None);
+                    act = field.actions().first().map(|(_, kind)| *kind);
                 }
                 let named = !field.text.trim().is_empty();
-                ui.add_enabled_ui(named, |ui| {
-                    ui.horizontal(|ui| act = path_buttons(ui).or(act));
+                ui.horizontal(|ui| {
+                    for (name, kind) in field.actions() {
+                        let button = egui::Button::new(*name);
+                        if ui.add_enabled(named, button).clicked() {
+                            act = Some(*kind);
+                        }
+                    }
+                    open &= !ui.button("Cancel").clicked();
                 });
             });
         match act {
@@ -330,18 +343,6 @@ impl Viewer {
             Color32::WHITE,
         );
     }
-}
-
-/// What a path is for: nothing where it is to be opened.
-fn path_buttons(ui: &mut Ui) -> Option<Option<SaveKind>> {
-    let buttons = [
-        ("Open", None),
-        ("Save look", Some(SaveKind::Look)),
-        ("Save picture", Some(SaveKind::Screenshot)),
-        ("Export splat", Some(SaveKind::Splat)),
-    ];
-    let clicked = |(name, kind)| ui.button(name).clicked().then_some(kind);
-    buttons.into_iter().filter_map(clicked).last()
 }
 
 fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {

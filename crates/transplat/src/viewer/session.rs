@@ -42,7 +42,7 @@ pub enum Event {
     Clipboard([usize; 2], Vec<u8>),
     SaveTo(PathBuf, SaveKind),
     /// The desktop shows no dialogs.
-    NoDialog,
+    NoDialog(Dialog),
     /// A file that is no light.
     NoLight(PathBuf),
 }
@@ -54,6 +54,14 @@ pub enum SaveKind {
     Splat,
     Screenshot,
     Folder,
+}
+
+/// What a file dialog is for.
+#[derive(Clone, Debug)]
+pub enum Dialog {
+    Open,
+    OpenFolder,
+    Save(SaveKind, String),
 }
 
 /// A message to the user.

@@ -3,9 +3,13 @@
 use eframe::egui::{self, Key, Ui};
 
 use super::app::{STORAGE_KEY, Viewer};
-use super::files::{Dialog, ask};
+use super::files::ask;
 use super::panels;
+use super::session::Dialog;
 use super::shelf;
+
+/// Once settings have stayed for a second they are a step to come back to.
+const UNDO_STEP_S: f32 = 1.05;
 
 impl eframe::App for Viewer {
     fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
@@ -22,6 +26,10 @@ impl eframe::App for Viewer {
         // While a splat is loading, its look is still to come.
         if !self.session.is_loading_asset() {
             self.undoer.feed_state(time, &self.session.scene);
+            // That is seen only when there is a frame.
+            if self.undoer.is_in_flux() {
+                context.request_repaint_after_secs(UNDO_STEP_S);
+            }
         }
         self.shelve_lights();
         self.remember_opened();

@@ -4,8 +4,8 @@ use eframe::egui::{self, Ui};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
-use crate::viewer::files::{Dialog, ask};
-use crate::viewer::session::SaveKind;
+use crate::viewer::files::ask;
+use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::widgets::{button, choice, named};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
