@@ -44,8 +44,8 @@ pub enum GpuError {
 /// `Result` with [`GpuError`].
 pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 
-/// Binding numbers by the names that WGSL gives them.
-type Bindings = BTreeMap<String, u32>;
+/// Binding numbers by the names that WGSL gives them; none of what a pass does not use.
+type Bindings = BTreeMap<String, Option<u32>>;
 
 /// A pipeline of one entry point, and what it is bound to by the names in WGSL.
 #[derive(Debug)]
@@ -400,7 +400,7 @@ impl Context {
         (self.device.create_shader_module(descriptor), bindings)
     }
 
-    /// A buffer with data, called by where it is made; an empty slice makes a small buffer, since an array has an element at least.
+    /// A buffer with data, called by where it is made; an empty slice makes room for one element, as an array has at least.
     #[track_caller]
     pub(crate) fn upload<T: bytemuck::NoUninit>(
         &self,
@@ -408,7 +408,8 @@ impl Context {
         usage: wgpu::BufferUsages,
     ) -> wgpu::Buffer {
         let bytes = bytemuck::cast_slice(data);
-        let buffer = self.buffer(bytes.len(), usage | wgpu::BufferUsages::COPY_DST);
+        let room = bytes.len().max(size_of::<T>());
+        let buffer = self.buffer(room, usage | wgpu::BufferUsages::COPY_DST);
         self.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }
@@ -441,8 +442,10 @@ impl Context {
         let entries: Vec<wgpu::BindGroupEntry<'_>> = resources
             .iter()
             .filter_map(|(name, resource)| {
+                let known = pass.bindings.get(*name);
+                debug_assert!(known.is_some(), "the shader has no {name}");
                 Some(wgpu::BindGroupEntry {
-                    binding: *pass.bindings.get(*name)?,
+                    binding: (*known?)?,
                     resource: resource.clone(),
                 })
             })
@@ -597,7 +600,7 @@ impl ComputePass {
     }
 }
 
-/// What some entry points use, as wgpu finds it for a pipeline's layout: nothing else may be bound.
+/// All bindings, with the numbers of those that some entry points use, as wgpu finds it for a pipeline's layout: nothing else may be bound.
 fn used_bindings(module: &naga::Module, entries: &[&str]) -> Option<Bindings> {
     let all = naga::valid::Capabilities::all();
     let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::empty(), all);
@@ -610,8 +613,8 @@ fn used_bindings(module: &naga::Module, entries: &[&str]) -> Option<Bindings> {
             let is_used = entry_points.any(|(i, entry)| {
                 entries.contains(&&*entry.name) && !info.get_entry_point(i)[handle].is_empty()
             });
-            let binding = global.binding.as_ref().filter(|_| is_used)?.binding;
-            Some((global.name.clone()?, binding))
+            let binding = global.binding.as_ref()?.binding;
+            Some((global.name.clone()?, is_used.then_some(binding)))
         });
     Some(each.collect())
 }

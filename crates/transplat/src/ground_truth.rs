@@ -147,7 +147,7 @@ impl TruthObject {
             cameras: file(&format!("{name}_cameras.json"))?,
             source: light("city")?,
             targets: vec![light("sunset")?, light("interior")?],
-            pictures: file(&format!("truth/{name}"))?,
+            pictures: assets.join("truth").join(name),
         })
     }
 
@@ -175,9 +175,9 @@ impl TruthObject {
     }
 }
 
-/// A path, if there is something.
+/// A path, if there is a file.
 fn there(path: PathBuf) -> Result<PathBuf> {
-    if !path.exists() {
+    if !path.is_file() {
         bail!("{}: is missing", path.display());
     }
     Ok(path)

@@ -77,7 +77,7 @@ impl Summary {
         }]);
     }
 
-    /// The same with what it saved.
+    /// Notes what was left out, and what that saved; each once.
     pub fn skipped(&mut self, all: impl IntoIterator<Item = Skipped>) {
         for skipped in all {
             if !self.skipped.contains(&skipped) {

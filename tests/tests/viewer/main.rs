@@ -455,15 +455,12 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     d.viewer().session.messages.clear();
     d.settle();
     d.viewer().session.scene.difference_scale = 3.0;
-    let mut frames = 0;
-    loop {
+    let mut rests = || {
         d.harness.step();
         let root = &d.harness.output().viewport_output[&egui::ViewportId::ROOT];
-        if root.repaint_delay > Duration::from_secs(2) {
-            break;
-        }
-        frames += 1;
-    }
+        root.repaint_delay > Duration::from_secs(2)
+    };
+    let frames = (0..40).find(|_| rests()).expect("the window rests");
     assert!(frames > 3, "{frames} frames of a quarter of a second");
 
     // Undo and redo of a setting.

@@ -53,6 +53,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
             let (cloud, report, header) = ply::read(path, &mut reader, metadata.len())?;
             (cloud, report, AssetFormat::Ply(header))
         }
+        Err(error @ Error::Io { .. }) => return Err(error),
         _ => {
             let message = match metadata.len() {
                 0 => "the file is empty; a splat in PLY is expected",

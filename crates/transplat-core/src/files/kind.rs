@@ -35,7 +35,9 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         return Err(Error::invalid(path, "the file is empty"));
     }
     Ok(match &start[..] {
-        [b'p', b'l', b'y', after, ..] if after.is_ascii_whitespace() => FileKind::Ply,
+        [b'p', b'l', b'y', after @ ..] if after.first().is_none_or(u8::is_ascii_whitespace) => {
+            FileKind::Ply
+        }
         _ if start.starts_with(b"#?") => FileKind::Hdr,
         _ if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) => FileKind::Exr,
         _ if start.starts_with(b"\x89PNG") || start.starts_with(&[0xff, 0xd8, 0xff]) => {

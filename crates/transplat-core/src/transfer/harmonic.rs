@@ -510,6 +510,9 @@ fn attenuation(
     source: &IncidentRadiance,
     settings: &TransferSettings,
 ) -> Vec<[f32; 3]> {
+    if degree == 0 {
+        return Vec::new();
+    }
     let norms = |l: usize| std::array::from_fn(|c| band_norm(&source.coefficients, l, c));
     let source_norms = &(0..=degree).map(norms).collect::<Vec<[f32; 3]>>();
     linear

@@ -270,7 +270,12 @@ impl Viewer {
     /// Writes to a file that the user named: never over what is open, and over anything else only when `replace` says so.
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         if kind == SaveKind::Folder {
-            self.preferences.export.folder = path.display().to_string();
+            if path.is_file() {
+                let why = "is a file; the folder for pictures is asked for";
+                self.session.error(format!("{}: {why}", path.display()));
+            } else {
+                self.preferences.export.folder = path.display().to_string();
+            }
             return;
         }
         let path = if path.extension().is_some() {

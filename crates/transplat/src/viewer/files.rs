@@ -29,6 +29,7 @@ impl PathField {
     pub fn of(dialog: Dialog, folder: &Path) -> Self {
         let text = match &dialog {
             Dialog::Open | Dialog::OpenFolder => String::new(),
+            Dialog::Save(SaveKind::Folder, _) => folder.display().to_string(),
             Dialog::Save(_, name) => folder.join(name).display().to_string(),
         };
         Self {
