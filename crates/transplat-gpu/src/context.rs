@@ -47,6 +47,13 @@ pub type Result<T, E = GpuError> = std::result::Result<T, E>;
 /// Binding numbers by the names that WGSL gives them; none of what a pass does not use.
 type Bindings = BTreeMap<String, Option<u32>>;
 
+/// A compiled file, and its bindings: their numbers, and the entry points that use them.
+#[derive(Debug)]
+struct Shader {
+    module: wgpu::ShaderModule,
+    bindings: BTreeMap<String, (u32, Vec<String>)>,
+}
+
 /// A pipeline of one entry point, and what it is bound to by the names in WGSL.
 #[derive(Debug)]
 pub(crate) struct Pass<P> {
@@ -80,6 +87,8 @@ pub struct Context {
     lost: Arc<AtomicBool>,
     /// Compiled pipelines by source and entry point.
     passes: Mutex<HashMap<(String, String), Arc<ComputePass>>>,
+    /// By source.
+    shaders: Mutex<HashMap<String, Arc<Shader>>>,
 }
 
 /// What this program asks of an adapter: all that it offers, since an asset may be large.
@@ -190,6 +199,7 @@ impl Context {
             adapter: adapter.clone(),
             lost,
             passes: Mutex::default(),
+            shaders: Mutex::default(),
             color_format: if wide {
                 wgpu::TextureFormat::Rgba32Float
             } else {
@@ -384,20 +394,40 @@ impl Context {
         })
     }
 
+    /// A shader, compiled when it is first asked for, and what some of its entry points are bound to.
     fn shader(&self, source: &str, entries: &[&str]) -> (wgpu::ShaderModule, Bindings) {
+        let kept = (self.shaders.lock().ok()).and_then(|s| s.get(source).cloned());
+        let shader = kept.unwrap_or_else(|| {
+            let shader = Arc::new(self.compiled(source, entries));
+            if let Ok(mut shaders) = self.shaders.lock() {
+                shaders.insert(source.to_owned(), shader.clone());
+            }
+            shader
+        });
+        let uses = |used: &[String]| used.iter().any(|e| entries.contains(&&**e));
+        let each = shader.bindings.iter();
+        let bindings =
+            each.map(|(name, (number, used))| (name.clone(), uses(used).then_some(*number)));
+        (shader.module.clone(), bindings.collect())
+    }
+
+    fn compiled(&self, source: &str, entries: &[&str]) -> Shader {
         // Parsed once, for the driver and for the names. What does not parse is told by wgpu, in its own words.
-        let (bindings, source) = match naga::front::wgsl::parse_str(source) {
+        let (bindings, wgsl) = match naga::front::wgsl::parse_str(source) {
             Ok(module) => (
-                used_bindings(&module, entries).unwrap_or_default(),
+                bindings_of(&module).unwrap_or_default(),
                 wgpu::ShaderSource::Naga(Cow::Owned(module)),
             ),
-            Err(_) => (Bindings::default(), wgpu::ShaderSource::Wgsl(source.into())),
+            Err(_) => (BTreeMap::default(), wgpu::ShaderSource::Wgsl(source.into())),
         };
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: entries.last().copied(),
-            source,
+            source: wgsl,
         };
-        (self.device.create_shader_module(descriptor), bindings)
+        Shader {
+            module: self.device.create_shader_module(descriptor),
+            bindings,
+        }
     }
 
     /// A buffer with data, called by where it is made; an empty slice makes room for one element, as an array has at least.
@@ -600,22 +630,20 @@ impl ComputePass {
     }
 }
 
-/// All bindings, with the numbers of those that some entry points use, as wgpu finds it for a pipeline's layout: nothing else may be bound.
-fn used_bindings(module: &naga::Module, entries: &[&str]) -> Option<Bindings> {
+/// All bindings by name: their numbers, and which entry points use them, as wgpu finds it for a pipeline's layout.
+fn bindings_of(module: &naga::Module) -> Option<BTreeMap<String, (u32, Vec<String>)>> {
     let all = naga::valid::Capabilities::all();
     let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::empty(), all);
     let info = validator.validate(module).ok()?;
-    let each = module
-        .global_variables
-        .iter()
-        .filter_map(|(handle, global)| {
-            let mut entry_points = module.entry_points.iter().enumerate();
-            let is_used = entry_points.any(|(i, entry)| {
-                entries.contains(&&*entry.name) && !info.get_entry_point(i)[handle].is_empty()
-            });
-            let binding = global.binding.as_ref()?.binding;
-            Some((global.name.clone()?, is_used.then_some(binding)))
-        });
+    let each = (module.global_variables.iter()).filter_map(|(handle, global)| {
+        let entries = module.entry_points.iter().enumerate();
+        let using = entries.filter(|(i, _)| !info.get_entry_point(*i)[handle].is_empty());
+        let using = using.map(|(_, entry)| entry.name.clone()).collect();
+        Some((
+            global.name.clone()?,
+            (global.binding.as_ref()?.binding, using),
+        ))
+    });
     Some(each.collect())
 }
 
