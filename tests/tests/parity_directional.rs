@@ -203,9 +203,9 @@ fn bake() {
     let (mut rays, mut hits) = (0, 0);
     for i in 0..cloud.len() {
         rays += (0..DIRECTIONS)
-            .filter(|j| cpu.is_open(i, *j) != got.is_open(i, *j))
+            .filter(|j| cpu.sight.is_open(i, *j) != got.sight.is_open(i, *j))
             .count();
-        for (c, g) in cpu.hits_of(i).iter().zip(got.hits_of(i)) {
+        for (c, g) in cpu.sight.hits_of(i).iter().zip(got.sight.hits_of(i)) {
             // Of discs in one plane either may be met first.
             let [a, b] = [c, g].map(|h| h.surfel());
             let apart = cloud.positions[a] - cloud.positions[b];
@@ -213,16 +213,20 @@ fn bake() {
                 && cloud.stored_normal(a).dot(cloud.stored_normal(b)).abs() > 0.9999;
             hits += usize::from(c.patch() != g.patch() || !plane);
         }
-        hits += cpu.hits_of(i).len().abs_diff(got.hits_of(i).len());
+        hits += cpu
+            .sight
+            .hits_of(i)
+            .len()
+            .abs_diff(got.sight.hits_of(i).len());
     }
     println!(
         "bake for best: {rays} of {} rays and {hits} of {} hits differ from the CPU",
         cloud.len() * DIRECTIONS,
-        cpu.hits.len()
+        cpu.sight.hits.len()
     );
     // A ray that grazes a rim may round to either side of it.
     assert!(rays * 2000 < cloud.len() * DIRECTIONS);
-    assert!(hits * 1000 < cpu.hits.len());
+    assert!(hits * 1000 < cpu.sight.hits.len());
     let stop = |_| ControlFlow::Break(());
     let mut found = vec![Found::default(); cloud.len()];
     let stopped = on_gpu.trace(&[0, 1], &mut found, &stop);

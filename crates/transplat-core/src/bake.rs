@@ -7,6 +7,7 @@ mod hierarchy;
 pub mod open_object;
 pub mod patches;
 pub mod scaled;
+pub mod surroundings;
 pub mod trace;
 pub(crate) mod transmittance;
 
@@ -164,9 +165,9 @@ impl Bake {
             Self::Harmonic(v) => v.open.len(),
             Self::Directional(o) => {
                 size_of_val(&o.tracer.fronts.of[..])
-                    + size_of_val(&o.open[..])
-                    + size_of_val(&o.starts[..])
-                    + size_of_val(&o.hits[..])
+                    + size_of_val(&o.sight.open[..])
+                    + size_of_val(&o.sight.starts[..])
+                    + size_of_val(&o.sight.hits[..])
             }
         }
     }
@@ -230,7 +231,7 @@ impl Bake {
             Self::Directional(o) => patches::directions()
                 .into_iter()
                 .enumerate()
-                .map(|(j, d)| (d, f32::from(u8::from(o.is_open(i, j)))))
+                .map(|(j, d)| (d, f32::from(u8::from(o.sight.is_open(i, j)))))
                 .collect(),
         }
     }

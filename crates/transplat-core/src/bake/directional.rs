@@ -38,11 +38,35 @@ pub const CLOSED_SIDES_ERROR: f32 = 3e-3;
 /// a few rays pass behind.
 pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
 
+/// What each surfel sees in each direction.
+#[derive(Clone, Debug)]
+pub struct Sight {
+    /// Whether the direction is open, a bit each. `[n][WORDS]`
+    pub open: Vec<[u64; WORDS]>,
+    /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
+    pub starts: Vec<u32>,
+    /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
+    pub hits: Vec<Hit>,
+}
+
+impl Sight {
+    /// Blocked directions of surfel `i` that know what they meet.
+    pub fn hits_of(&self, i: usize) -> &[Hit] {
+        &self.hits[self.starts[i] as usize..self.starts[i + 1] as usize]
+    }
+
+    /// Whether surfel `i` sees all the way out towards direction `j`.
+    #[inline(always)]
+    pub fn is_open(&self, i: usize, j: usize) -> bool {
+        is_open(&self.open[i], j)
+    }
+}
+
 /// What the directional method needs of the geometry.
 #[derive(Clone, Debug)]
 pub struct DirectionalBake {
-    /// Whether the direction is open, a bit each. `[n][WORDS]`
-    pub open: Vec<[u64; WORDS]>,
+    /// What each surfel sees.
+    pub sight: Sight,
     /// Unit normals of the surface, towards the front. `[n]`
     pub normals: Vec<Vec3>,
     /// How much each surfel makes up of what is seen of the asset, sums to 1. `[n]`
@@ -51,10 +75,6 @@ pub struct DirectionalBake {
     pub ambiguous_share: f32,
     /// How much of a two-sided surfel it is, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
-    /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
-    pub starts: Vec<u32>,
-    /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
-    pub hits: Vec<Hit>,
     /// How many stored normals pointed to the back.
     pub flipped: usize,
     /// Surfels that are closed on both sides.
@@ -212,7 +232,6 @@ impl DirectionalBake {
             starts.push(hits.len() as u32);
         }
         Self {
-            open: found.iter().map(|f| f.open).collect(),
             flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
             buried: (found.iter().zip(&normals))
                 .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
@@ -224,8 +243,11 @@ impl DirectionalBake {
             closed_share: closed_share(&tracer, directions, found),
             normals,
             two_sided,
-            starts,
-            hits,
+            sight: Sight {
+                open: found.iter().map(|f| f.open).collect(),
+                starts,
+                hits,
+            },
             tracer,
             open_object_error: None,
         }
@@ -246,21 +268,10 @@ impl DirectionalBake {
         self.normals.is_empty()
     }
 
-    /// Blocked directions of surfel `i` that know what they meet.
-    pub fn hits_of(&self, i: usize) -> &[Hit] {
-        &self.hits[self.starts[i] as usize..self.starts[i + 1] as usize]
-    }
-
-    /// Whether surfel `i` sees all the way out towards direction `j`.
-    #[inline(always)]
-    pub fn is_open(&self, i: usize, j: usize) -> bool {
-        is_open(&self.open[i], j)
-    }
-
     /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
     pub fn openness(&self) -> Vec<f32> {
         let directions = directions();
-        (self.open.par_iter())
+        (self.sight.open.par_iter())
             .zip(&self.normals)
             .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
             .collect()
@@ -447,7 +458,7 @@ mod tests {
             let wrong = (0..DIRECTIONS)
                 .filter(|j| {
                     let cosine = n.dot(directions[*j]);
-                    cosine.abs() > 0.2 && baked.is_open(i, *j) != (cosine > 0.0)
+                    cosine.abs() > 0.2 && baked.sight.is_open(i, *j) != (cosine > 0.0)
                 })
                 .count();
             assert!(wrong < 4, "surfel {i}: {wrong}");
@@ -467,8 +478,8 @@ mod tests {
                 let direction = directions[j].as_dvec3();
                 let exact = oracle::first_hit(surfels, i, direction);
                 all += 1;
-                differ += usize::from(exact.is_none() != baked.is_open(i, j));
-                let hit = baked.hits_of(i).iter().find(|h| h.patch() == j);
+                differ += usize::from(exact.is_none() != baked.sight.is_open(i, j));
+                let hit = baked.sight.hits_of(i).iter().find(|h| h.patch() == j);
                 let knows = j < PATCHES && baked.normals[i].dot(directions[j]) > 0.0;
                 differ += usize::from(knows && hit.is_some() != exact.is_some());
                 if let (Some(hit), Some(exact)) = (hit, exact) {
@@ -489,7 +500,7 @@ mod tests {
         let directions = directions();
         let mut sum = [0f32; 2];
         for i in &asked {
-            let sides = openness(&baked.open[*i], &directions, baked.normals[*i]);
+            let sides = openness(&baked.sight.open[*i], &directions, baked.normals[*i]);
             sum = [sum[0] + sides[0], sum[1] + sides[1]];
         }
         let two_sided = asked.iter().filter(|i| baked.two_sided[**i] > 0.5).count();
@@ -547,7 +558,7 @@ mod tests {
     fn a_lone_sheet_is_two_sided() {
         let baked = all_rays(&synthetic::sheet(20));
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
-        assert!(baked.hits.is_empty());
+        assert!(baked.sight.hits.is_empty());
     }
 
     #[test]

@@ -82,6 +82,11 @@ impl Hit {
         self.0 & Self::BACK != 0
     }
 
+    /// The same of an object whose surfels follow others.
+    pub(super) fn counted_from(self, first: u32) -> Self {
+        Self(self.0 + first)
+    }
+
     pub(super) fn on(self, back: bool) -> Self {
         Self(self.0 & !Self::BACK | if back { Self::BACK } else { 0 })
     }

@@ -92,6 +92,26 @@ pub struct Tracer {
     pub fronts: Fronts,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
+    /// Where these coordinates have their origin, in the asset's.
+    pub center: Vec3,
+    /// What 1 in these coordinates is, in the asset's units.
+    pub radius: f32,
+}
+
+/// What the rays of a packet met first.
+#[derive(Clone, Copy, Debug)]
+pub struct Met {
+    /// The surfel, or [`MISS`].
+    pub surfel: [u32; PACKET],
+    /// How far away, in units of the object's radius; of rays that stop at anything, and of those that miss, it says nothing.
+    pub distance: [f32; PACKET],
+}
+
+impl Met {
+    /// Ray by ray.
+    pub fn each(&self) -> impl Iterator<Item = (u32, f32)> {
+        self.surfel.into_iter().zip(self.distance)
+    }
 }
 
 /// The origins of [`PACKET`] rays of one direction.
@@ -149,6 +169,8 @@ impl Tracer {
             .collect();
         let (hierarchy, order) = Hierarchy::new(&boxes);
         Self {
+            center: object.center,
+            radius: object.radius,
             hierarchy,
             discs: order
                 .iter()
@@ -180,7 +202,47 @@ impl Tracer {
         stack: &mut Vec<u32>,
     ) -> [u32; PACKET] {
         let packet = Packet::new(&self.surfels, of, direction);
+        walk(self, &packet, direction, any, stack).surfel
+    }
+
+    /// The same with how far away the surfels are that are met first.
+    pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Vec<u32>) -> Met {
+        let packet = Packet::new(&self.surfels, of, direction);
+        walk(self, &packet, direction, false, stack)
+    }
+
+    /// What rays towards a direction meet first, or at all, that start anywhere, in these coordinates; at most [`PACKET`].
+    pub fn met_from(
+        &self,
+        origins: &[Vec3],
+        direction: Vec3,
+        any: bool,
+        stack: &mut Vec<u32>,
+    ) -> Met {
+        let start = |lane: usize| origins[lane.min(origins.len() - 1)];
+        let packet = Packet {
+            origin: std::array::from_fn(|axis| std::array::from_fn(|lane| start(lane)[axis])),
+            nearest: [0.0; PACKET],
+            stack: [0.0; PACKET],
+        };
         walk(self, &packet, direction, any, stack)
+    }
+
+    /// A ball that holds all that casts a shadow: its middle and its radius, in these coordinates.
+    pub fn reach(&self) -> (Vec3, f32) {
+        let casting = || self.surfels.iter().filter(|s| s.casts());
+        let [low, high] = casting().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], s| {
+            [low.min(s.position), high.max(s.position)]
+        });
+        let middle = 0.5 * (low + high);
+        let farthest = |r: f32, s: &RaySurfel| {
+            let [a, b] = s.axes.map(Vec3::length);
+            r.max(s.position.distance(middle) + a.max(b))
+        };
+        if low.x > high.x {
+            return (Vec3::ZERO, 0.0);
+        }
+        (middle, casting().fold(0.0, farthest))
     }
 
     /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
@@ -212,13 +274,7 @@ fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn walk(
-    tracer: &Tracer,
-    packet: &Packet,
-    d: Vec3,
-    any: bool,
-    stack: &mut Vec<u32>,
-) -> [u32; PACKET] {
+fn walk(tracer: &Tracer, packet: &Packet, d: Vec3, any: bool, stack: &mut Vec<u32>) -> Met {
     let toward = Toward::new(d);
     let mut farthest: Lanes = [f32::MAX; PACKET];
     let mut hit = [MISS; PACKET];
@@ -247,5 +303,8 @@ fn walk(
             }
         }
     }
-    hit
+    Met {
+        surfel: hit,
+        distance: farthest,
+    }
 }

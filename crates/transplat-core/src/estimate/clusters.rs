@@ -174,14 +174,14 @@ impl Clusters {
                     normal += *share * n;
                     position += *share * bake.tracer.surfels[i].position;
                     for (j, d) in directions.iter().enumerate() {
-                        if bake.is_open(i, j) {
+                        if bake.sight.is_open(i, j) {
                             seen[j] += share * n.dot(*d).max(0.0) * (omega / DIRECTIONS as f32);
                         }
                     }
                     for c in 0..3 {
                         mean[0][c] += w * f64::from(radiance[i][0][c]);
                     }
-                    for hit in bake.hits_of(i) {
+                    for hit in bake.sight.hits_of(i) {
                         let cosine = n.dot(directions[hit.patch()]).max(0.0);
                         let b = radiance[hit.surfel()][usize::from(hit.is_back())];
                         let scale = w * f64::from(cosine * omega / PATCHES as f32);

@@ -29,7 +29,7 @@ fn lit(
         let n = bake.normals[i];
         let mut e = [0f32; 3];
         for (j, (d, l)) in toward.iter().enumerate() {
-            if bake.is_open(i, j) {
+            if bake.sight.is_open(i, j) {
                 e = std::array::from_fn(|c| e[c] + omega * n.dot(*d).max(0.0) * l[c]);
             }
         }
@@ -51,7 +51,7 @@ fn lit(
     let with_bounce: Vec<[f32; 3]> = (0..cloud.len())
         .map(|i| {
             let mut e = direct(i);
-            for hit in bake.hits_of(i) {
+            for hit in bake.sight.hits_of(i) {
                 let cosine = patch * bake.normals[i].dot(toward[hit.patch()].0).max(0.0);
                 e = std::array::from_fn(|c| e[c] + cosine * first[hit.surfel()][c]);
             }

@@ -163,9 +163,9 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
             Bake::Harmonic(visibility) => out.write_all(&visibility.open),
             Bake::Directional(directional) => {
                 out.write_all(bytemuck::cast_slice(&directional.tracer.fronts.of))?;
-                out.write_all(bytemuck::cast_slice(&directional.open))?;
-                out.write_all(bytemuck::cast_slice(&directional.starts))?;
-                out.write_all(bytemuck::cast_slice(&directional.hits))
+                out.write_all(bytemuck::cast_slice(&directional.sight.open))?;
+                out.write_all(bytemuck::cast_slice(&directional.sight.starts))?;
+                out.write_all(bytemuck::cast_slice(&directional.sight.hits))
             }
         }
     })
@@ -281,8 +281,11 @@ mod tests {
             match (&baked, &back) {
                 (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                 (Bake::Directional(a), Bake::Directional(b)) => {
-                    assert_eq!((&a.open, &a.starts), (&b.open, &b.starts));
-                    assert_eq!((&a.hits, &a.two_sided), (&b.hits, &b.two_sided));
+                    assert_eq!(
+                        (&a.sight.open, &a.sight.starts),
+                        (&b.sight.open, &b.sight.starts)
+                    );
+                    assert_eq!((&a.sight.hits, &a.two_sided), (&b.sight.hits, &b.two_sided));
                     assert_eq!(a.tracer.fronts, b.tracer.fronts);
                     assert_eq!(a.prominence, b.prominence);
                 }

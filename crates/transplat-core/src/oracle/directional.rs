@@ -234,7 +234,7 @@ impl<'a> OracleDirectional<'a> {
                         e = rgb(|c| e[c] + cosine * energy[c]);
                     };
                     for (j, (d, energy)) in light.sky.iter().enumerate() {
-                        if self.bake.is_open(i, j) {
+                        if self.bake.sight.is_open(i, j) {
                             add(*d, energy);
                         }
                     }
@@ -254,7 +254,7 @@ impl<'a> OracleDirectional<'a> {
     /// All irradiance, with what bounces.
     fn gathered(&self, i: usize, light: &OracleLight, radiance: &[FrontAndBack]) -> FrontAndBack {
         let mut e = light.irradiance[i];
-        for hit in self.bake.hits_of(i) {
+        for hit in self.bake.sight.hits_of(i) {
             let cosine = self.n(i).dot(self.directions[hit.patch()]);
             let b = radiance[hit.surfel()][usize::from(hit.is_back())];
             let side = &mut e[usize::from(cosine < 0.0)];
@@ -301,7 +301,7 @@ impl<'a> OracleDirectional<'a> {
         let share = 4.0 * PI / DIRECTIONS as f64;
         let mut rays = Vec::new();
         for p in 0..PATCHES {
-            let hit = self.bake.hits_of(i).iter().find(|h| h.patch() == p);
+            let hit = self.bake.sight.hits_of(i).iter().find(|h| h.patch() == p);
             let met = hit.map_or(radiance[i][0], |h| {
                 radiance[h.surfel()][usize::from(h.is_back())]
             });
@@ -310,7 +310,7 @@ impl<'a> OracleDirectional<'a> {
                 if n.dot(self.directions[j]) <= 0.0 {
                     continue;
                 }
-                let (d, e) = if self.bake.is_open(i, j) {
+                let (d, e) = if self.bake.sight.is_open(i, j) {
                     light.sky[j]
                 } else {
                     (self.directions[j], met.map(|b| share * b))
@@ -606,7 +606,7 @@ impl<'a> OracleDirectional<'a> {
     pub fn condition(&self, i: usize) -> f64 {
         let n = self.n(i);
         let sky = self.source.sky.iter().enumerate();
-        let sky = sky.map(|(j, (d, e))| (*d, *e, self.bake.is_open(i, j)));
+        let sky = sky.map(|(j, (d, e))| (*d, *e, self.bake.sight.is_open(i, j)));
         let suns = self.source.suns.iter();
         let suns = suns.map(|(d, e, open)| (*d, *e, open[i]));
         let beams: Vec<(DVec3, Rgb, bool)> = sky.chain(suns).collect();

@@ -9,6 +9,7 @@ mod lobe;
 mod neighbors;
 mod nodes;
 mod rays;
+mod together;
 
 use std::sync::Arc;
 
@@ -37,6 +38,7 @@ pub use nodes::Nodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use rays::Rays;
+pub use together::{Member, relight_together};
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -112,7 +114,7 @@ impl DirectionalAsset {
     fn explain(
         &self,
         i: usize,
-        (gloss, light): (&Gloss, &Incident),
+        (gloss, light): (&Gloss, &Incident<'_>),
         scratch: &mut Scratch,
         matte: &mut [[f32; 3]],
         residual: &mut [[f32; 3]],
@@ -139,7 +141,7 @@ impl DirectionalAsset {
         &self,
         i: usize,
         gloss: &Gloss,
-        light: &Incident,
+        light: &Incident<'_>,
         radiance: &[FrontAndBack],
         scratch: &mut Scratch,
     ) {
@@ -207,7 +209,7 @@ impl DirectionalTransfer {
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
-        let light = asset.incident(light, settings);
+        let light = asset.incident(light, settings, None);
         let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
             .into_par_iter()
             .map(|i| {
@@ -274,7 +276,7 @@ impl DirectionalTransfer {
     /// By how much each surfel's front changes in matte light. `[n]`
     pub fn ratio(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
         let start = self.mean_ratio(&light);
-        let light = self.asset.incident(light, &self.settings);
+        let light = self.asset.incident(light, &self.settings, None);
         self.bounce(&light, start)
             .into_iter()
             .map(|t| t[0])
@@ -286,9 +288,21 @@ impl DirectionalTransfer {
     pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
         let start = self.mean_ratio(&light);
-        let light = asset.incident(light, &self.settings);
+        let light = asset.incident(light, &self.settings, None);
         let tau = self.bounce(&light, start);
         let radiance = asset.radiance(&tau);
+        self.shown((&light, part), tau, &radiance, unseen)
+    }
+
+    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`.
+    fn shown(
+        &self,
+        (light, part): (&Incident<'_>, Part),
+        tau: Vec<FrontAndBack>,
+        radiance: &[FrontAndBack],
+        unseen: &[bool],
+    ) -> Relit {
+        let asset = &*self.asset;
         let k = coefficient_count(asset.nodes.degree);
         let mut sh = vec![[0f32; 3]; asset.bake.len() * k];
         sh.par_chunks_exact_mut(k).enumerate().for_each_init(
@@ -297,7 +311,7 @@ impl DirectionalTransfer {
                 if unseen.get(i).is_some_and(|u| *u) {
                     out.copy_from_slice(&asset.sh[i * k..][..k]);
                 } else {
-                    self.relight_surfel(i, (&light, part), tau[i], &radiance, scratch, out);
+                    self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
                 }
             },
         );
@@ -317,7 +331,7 @@ impl DirectionalTransfer {
     /// Turns of the fixed point that this asset needs: where no light bounces, the first one is right.
     pub fn turns(&self) -> usize {
         let Terms { shadow, bounce, .. } = self.settings.terms;
-        let bounces = shadow && bounce && !self.asset.bake.hits.is_empty();
+        let bounces = shadow && bounce && !self.asset.bake.sight.hits.is_empty();
         if bounces || !self.settings.skips.has(Skip::Bounces) {
             TURNS
         } else {
@@ -326,37 +340,45 @@ impl DirectionalTransfer {
     }
 
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
-    fn bounce(&self, light: &Incident, start: [f32; 3]) -> Vec<FrontAndBack> {
+    fn bounce(&self, light: &Incident<'_>, start: [f32; 3]) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         let mut tau = vec![[start; 2]; asset.bake.len()];
         for _ in 0..self.turns() {
-            let radiance = asset.radiance(&tau);
-            tau = (0..asset.bake.len())
-                .into_par_iter()
-                .map(|i| {
-                    let e = added(light.irradiance[i], asset.bounced(i, light, &radiance));
-                    let [front, back]: FrontAndBack = std::array::from_fn(|s| {
-                        std::array::from_fn(|c| {
-                            e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE)
-                        })
-                    });
-                    let two_sided = self.settings.terms.two_sided;
-                    [front, if two_sided { back } else { front }]
-                })
-                .collect();
+            tau = self.turn(light, &asset.radiance(&tau));
         }
+        self.trusted(&mut tau);
+        tau
+    }
+
+    /// A turn of the fixed point: how much the matte light changes where the surfels radiate that. `[n]`
+    fn turn(&self, light: &Incident<'_>, radiance: &[FrontAndBack]) -> Vec<FrontAndBack> {
+        let asset = &*self.asset;
+        (0..asset.bake.len())
+            .into_par_iter()
+            .map(|i| {
+                let e = added(light.irradiance[i], asset.bounced(i, light, radiance));
+                let [front, back]: FrontAndBack = std::array::from_fn(|s| {
+                    std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
+                });
+                let two_sided = self.settings.terms.two_sided;
+                [front, if two_sided { back } else { front }]
+            })
+            .collect()
+    }
+
+    /// Believes a change only as far as its source.
+    fn trusted(&self, tau: &mut [FrontAndBack]) {
         if self.trust < 1.0 {
             for value in tau.iter_mut().flatten().flatten() {
                 *value = value.powf(self.trust);
             }
         }
-        tau
     }
 
     fn relight_surfel(
         &self,
         i: usize,
-        (light, part): (&Incident, Part),
+        (light, part): (&Incident<'_>, Part),
         tau: FrontAndBack,
         radiance: &[FrontAndBack],
         scratch: &mut Scratch,
@@ -526,9 +548,9 @@ impl Relight for DirectionalTransfer {
 
     fn bytes(&self) -> usize {
         let bake = &self.asset.bake;
-        size_of_val(&bake.open[..])
+        size_of_val(&bake.sight.open[..])
             + size_of_val(&bake.normals[..])
-            + size_of_val(&bake.hits[..])
+            + size_of_val(&bake.sight.hits[..])
             + size_of_val(&self.asset.means[..])
             + size_of_val(&self.gloss[..])
             + size_of_val(&self.divisor[..])

@@ -308,7 +308,7 @@ fn surfels_of(
         .map(|i| {
             let first_hit = hits.len() as u32;
             if terms.shadow && terms.bounce {
-                hits.extend(bake.hits_of(i).iter().map(|h| h.0));
+                hits.extend(bake.sight.hits_of(i).iter().map(|h| h.0));
             }
             let surfel = &bake.tracer.surfels[i];
             let ([front_divisor, back_divisor], [front_mean, back_mean]) =
@@ -336,7 +336,7 @@ fn surfels_of(
                 reflectance: gloss.reflectance,
                 encoded_mean: p.encoded_mean[i],
                 open: if terms.shadow {
-                    bytemuck::cast(bake.open[i])
+                    bytemuck::cast(bake.sight.open[i])
                 } else {
                     [u32::MAX; 2 * WORDS]
                 },

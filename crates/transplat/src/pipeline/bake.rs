@@ -276,7 +276,10 @@ mod tests {
                 match (&*first.bake, other) {
                     (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                     (Bake::Directional(a), Bake::Directional(b)) => {
-                        assert_eq!((&a.open, &a.hits.len()), (&b.open, &b.hits.len()));
+                        assert_eq!(
+                            (&a.sight.open, &a.sight.hits.len()),
+                            (&b.sight.open, &b.sight.hits.len())
+                        );
                     }
                     _ => panic!("of another kind"),
                 }

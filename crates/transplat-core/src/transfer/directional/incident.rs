@@ -8,7 +8,9 @@ use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, planes};
 use super::rays::Rays;
+use crate::bake::directional::Sight;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
+use crate::bake::surroundings::Surroundings;
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::settings::skips::{Skip, Skips};
 use crate::settings::{Terms, TransferSettings};
@@ -24,7 +26,11 @@ type PatchPlanes = [[f32; PATCHES]; 3];
 const LANES: usize = 16;
 
 /// A light as the surfels of an asset meet it.
-pub(super) struct Incident {
+pub(super) struct Incident<'a> {
+    /// What each of them sees.
+    sight: &'a Sight,
+    /// The first of them among those whose radiance is given.
+    first: usize,
     /// What shines from around each direction, from where most of it does.
     sky: Sky,
     /// With the surfels that see them.
@@ -93,19 +99,22 @@ impl DirectionalAsset {
         }
     }
 
-    /// A light as the surfels meet it.
-    pub(super) fn incident(
-        &self,
+    /// A light as the surfels meet it, alone or among others.
+    pub(super) fn incident<'a>(
+        &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-    ) -> Incident {
+        among: Option<&'a Surroundings>,
+    ) -> Incident<'a> {
         let terms = settings.terms;
         let mut light = Incident {
+            sight: among.map_or(&self.bake.sight, |a| &a.sight),
+            first: among.map_or(0, |a| a.first),
             sky: Sky::new(&light.sky),
             suns: light
                 .suns
                 .iter()
-                .map(|s| (*s, self.seen_from(s, terms)))
+                .map(|s| (*s, self.seen_from(s, terms, among)))
                 .collect(),
             irradiance: Vec::new(),
             least: light.least,
@@ -135,7 +144,7 @@ impl DirectionalAsset {
     }
 
     /// Which surfels a sun shines on, on either side where both count. `[n]`
-    fn seen_from(&self, sun: &Beam, terms: Terms) -> Vec<bool> {
+    fn seen_from(&self, sun: &Beam, terms: Terms, among: Option<&Surroundings>) -> Vec<bool> {
         let bake = &self.bake;
         if !terms.shadow {
             return vec![true; self.bake.len()];
@@ -144,29 +153,16 @@ impl DirectionalAsset {
             let i = i as usize;
             bake.two_sided[i] > 0.0 || bake.normals[i].dot(sun.direction) > 0.0
         };
-        bake.tracer.open_towards(sun.direction, faces)
-    }
-
-    fn open(&self, i: usize, terms: Terms) -> &[u64; WORDS] {
-        if terms.shadow {
-            &self.bake.open[i]
-        } else {
-            &[u64::MAX; WORDS]
-        }
-    }
-
-    fn hits(&self, i: usize, terms: Terms) -> &[Hit] {
-        if terms.shadow && terms.bounce {
-            self.bake.hits_of(i)
-        } else {
-            &[]
+        match among {
+            Some(others) => others.open_towards(&bake.tracer, sun.direction, faces),
+            None => bake.tracer.open_towards(sun.direction, faces),
         }
     }
 
     /// Irradiance of surfel `i`, front and back, with epsilon's share.
-    fn irradiance(&self, i: usize, light: &Incident) -> FrontAndBack {
+    fn irradiance(&self, i: usize, light: &Incident<'_>) -> FrontAndBack {
         let n = self.bake.normals[i];
-        let mut sides = open_irradiance(n, self.open(i, light.terms), &light.sky);
+        let mut sides = open_irradiance(n, light.open(i), &light.sky);
         for (sun, open) in &light.suns {
             if open[i] {
                 let cosine = n.dot(sun.direction);
@@ -182,13 +178,13 @@ impl DirectionalAsset {
     pub(super) fn bounced(
         &self,
         i: usize,
-        light: &Incident,
+        light: &Incident<'_>,
         radiance: &[FrontAndBack],
     ) -> FrontAndBack {
         let scale = 4.0 * PI / PATCHES as f32;
         let n = self.bake.normals[i];
         let mut sides = FrontAndBack::default();
-        for hit in self.hits(i, light.terms) {
+        for hit in light.hits(i) {
             let cosine = scale * n.dot(self.directions[hit.patch()]);
             let b = radiance_of(radiance, *hit);
             for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
@@ -202,7 +198,7 @@ impl DirectionalAsset {
     pub(super) fn rays_of(
         &self,
         i: usize,
-        light: &Incident,
+        light: &Incident<'_>,
         radiance: &[FrontAndBack],
         out: &mut Rays,
     ) {
@@ -210,21 +206,39 @@ impl DirectionalAsset {
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
         let near = if light.terms.bounce { scale } else { 0.0 };
-        let [r, g, b] = radiance[i][0].map(|v| v * near);
+        let [r, g, b] = radiance[light.first + i][0].map(|v| v * near);
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
-        for hit in self.hits(i, light.terms) {
+        for hit in light.hits(i) {
             let b = radiance_of(radiance, *hit);
             for c in 0..3 {
                 met[c][hit.patch()] = b[c] * scale;
             }
         }
-        let open = self.open(i, light.terms);
+        let open = light.open(i);
         out.clear();
         patches(n, open, &self.planes, &light.sky, &met, out);
         for (k, (sun, open)) in light.suns.iter().enumerate() {
             if open[i] && n.dot(sun.direction) > 0.0 {
                 out.set(PATCHES + k, sun);
             }
+        }
+    }
+}
+
+impl Incident<'_> {
+    fn open(&self, i: usize) -> &[u64; WORDS] {
+        if self.terms.shadow {
+            &self.sight.open[i]
+        } else {
+            &[u64::MAX; WORDS]
+        }
+    }
+
+    fn hits(&self, i: usize) -> &[Hit] {
+        if self.terms.shadow && self.terms.bounce {
+            self.sight.hits_of(i)
+        } else {
+            &[]
         }
     }
 }

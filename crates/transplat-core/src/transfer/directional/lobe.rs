@@ -131,7 +131,7 @@ struct Moments {
 /// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
-pub(super) fn find_gloss(asset: &DirectionalAsset, light: &Incident, white: f32) -> Vec<Gloss> {
+pub(super) fn find_gloss(asset: &DirectionalAsset, light: &Incident<'_>, white: f32) -> Vec<Gloss> {
     let n = asset.bake.len();
     if asset.nodes.degree == 0 || n == 0 {
         return vec![Gloss::default(); n];

@@ -158,7 +158,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let settings = TransferSettings::default();
         let beams = source.for_directional().expect("with beams");
         let light = asset.light(beams, 1.0, &settings, [0.0; 3]);
-        let light = asset.incident(light, &settings);
+        let light = asset.incident(light, &settings, None);
         let mut rays = Rays::default();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {

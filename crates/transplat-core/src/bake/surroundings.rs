@@ -1,0 +1,287 @@
+//! What the surfels of an object see among other objects: what its own bake says, and the others where they are met first.
+//!
+//! The directions are those of the object's own bake, so that where nothing stands in the way the light is the same to the bit: a ratio of
+//! the two tells what the others change, and nothing else.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::{Affine3A, Vec3};
+use rayon::prelude::*;
+
+use super::directional::{DirectionalBake, Sight};
+use super::patches::{Hit, MOST_SURFELS, PATCHES, WORDS, directions};
+use super::trace::{MISS, PACKET, Tracer};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+
+/// Surfels whose rays are packed together.
+const NEIGHBORHOOD: usize = 16 * PACKET;
+
+/// An object of a scene, as rays see it.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// What it sees alone.
+    pub bake: Arc<DirectionalBake>,
+    /// From its coordinates to the scene's: a turn, a move, and one scale for all axes.
+    pub scene_from_object: Affine3A,
+}
+
+impl Placed {
+    fn scene_from_rays(&self) -> Affine3A {
+        let tracer = &self.bake.tracer;
+        let scale = Affine3A::from_scale(Vec3::splat(tracer.radius));
+        self.scene_from_object * Affine3A::from_translation(tracer.center) * scale
+    }
+}
+
+/// Another object, seen from one.
+#[derive(Clone, Debug)]
+struct Other {
+    bake: Arc<DirectionalBake>,
+    /// From the one's coordinates for rays to its own.
+    other_from_own: Affine3A,
+    /// What 1 in the one's coordinates is in its own.
+    scale: f32,
+    /// A ball around all that casts a shadow, in its coordinates.
+    ball: (Vec3, f32),
+    /// Its first surfel among those of the scene.
+    first: u32,
+}
+
+impl Other {
+    fn direction(&self, own: Vec3) -> Vec3 {
+        self.other_from_own.transform_vector3(own) / self.scale
+    }
+
+    /// What a ray towards a direction meets, both in its coordinates: the side that it comes from.
+    fn hit(&self, patch: usize, surfel: u32, toward: Vec3) -> Hit {
+        let i = surfel as usize;
+        let on_back = self.bake.two_sided[i] > 0.0 && self.bake.normals[i].dot(toward) > 0.0;
+        Hit::new(patch, self.first + surfel).on(on_back)
+    }
+
+    /// Whether a ray, in this object's coordinates, may meet it.
+    fn is_near(&self, origin: Vec3, direction: Vec3) -> bool {
+        let (middle, radius) = self.ball;
+        let away = middle - origin;
+        let (along, squared) = (away.dot(direction), away.length_squared());
+        squared < radius * radius || along > 0.0 && squared - along * along < radius * radius
+    }
+}
+
+/// What surrounds the surfels of an object in a scene.
+#[derive(Clone, Debug)]
+pub struct Surroundings {
+    /// What each of them sees; hits count the surfels of all objects of the scene.
+    pub sight: Sight,
+    /// The object's first surfel among those of the scene.
+    pub first: usize,
+    /// How many of its surfels see another object.
+    pub changed: usize,
+    others: Vec<Other>,
+}
+
+/// Of a surfel, what changes where other objects are.
+#[derive(Clone, Default)]
+struct Change {
+    /// Directions that are not open any more.
+    closed: [u64; WORDS],
+    /// What is met now.
+    hits: Vec<Hit>,
+}
+
+impl Surroundings {
+    /// Traces the rays of one of the objects of a scene that may meet another.
+    ///
+    /// # Errors
+    /// The objects have more surfels than can be told apart, or [`Error::Cancelled`] when `progress` asked for it.
+    pub fn trace(objects: &[Placed], which: usize, progress: Progress<'_>) -> Result<Self> {
+        let own = &objects[which];
+        let mut firsts = vec![0];
+        for object in objects {
+            firsts.push(firsts[firsts.len() - 1] + object.bake.len());
+        }
+        let total = firsts[objects.len()];
+        if total > MOST_SURFELS {
+            return Err(Error::Mismatch(format!(
+                "{total} surfels in one scene; preset best can be baked for up to {MOST_SURFELS}"
+            )));
+        }
+        let others: Vec<Other> = (0..objects.len())
+            .filter(|o| *o != which && !objects[*o].bake.is_empty())
+            .map(|o| {
+                let other_from_own = objects[o].scene_from_rays().inverse() * own.scene_from_rays();
+                Other {
+                    bake: objects[o].bake.clone(),
+                    scale: other_from_own.transform_vector3(Vec3::X).length(),
+                    other_from_own,
+                    ball: objects[o].bake.tracer.reach(),
+                    first: firsts[o] as u32,
+                }
+            })
+            .collect();
+        let first = firsts[which];
+        let changes = changes(&own.bake, &others, progress)?;
+        Ok(Self {
+            changed: changes.iter().filter(|c| c.is_any()).count(),
+            sight: changed(&own.bake, first as u32, &changes),
+            first,
+            others,
+        })
+    }
+
+    /// Which surfels of those that are `asked` see all the way out towards a direction. `[n]`, false for the others
+    pub fn open_towards(
+        &self,
+        own: &Tracer,
+        direction: Vec3,
+        asked: impl Fn(u32) -> bool,
+    ) -> Vec<bool> {
+        let mut open = own.open_towards(direction, asked);
+        for other in &self.others {
+            let toward = other.direction(direction);
+            let rays: Vec<(u32, Vec3)> = (own.order.iter().filter(|i| open[**i as usize]))
+                .map(|i| (*i, own.surfels[*i as usize].start(direction).0))
+                .map(|(i, origin)| (i, other.other_from_own.transform_point3(origin)))
+                .filter(|(_, origin)| other.is_near(*origin, toward))
+                .collect();
+            let blocked = rays.par_chunks(PACKET).map_init(Vec::new, |stack, rays| {
+                let origins: Vec<Vec3> = rays.iter().map(|(_, origin)| *origin).collect();
+                let met = other.bake.tracer.met_from(&origins, toward, true, stack);
+                met.surfel.map(|s| s != MISS)
+            });
+            let blocked: Vec<_> = blocked.collect();
+            for (rays, blocked) in rays.chunks(PACKET).zip(blocked) {
+                for ((i, _), blocked) in rays.iter().zip(blocked) {
+                    open[*i as usize] &= !blocked;
+                }
+            }
+        }
+        open
+    }
+}
+
+impl Change {
+    /// Closes a direction, unless the surfel's own object does so.
+    fn close(&mut self, j: usize, was_open: bool) {
+        self.closed[j / 64] |= u64::from(was_open) << (j % 64);
+    }
+
+    fn is_any(&self) -> bool {
+        !self.hits.is_empty() || self.closed.iter().any(|c| *c != 0)
+    }
+}
+
+/// What others change for each surfel. `[n]`
+fn changes(own: &DirectionalBake, others: &[Other], progress: Progress<'_>) -> Result<Vec<Change>> {
+    let (order, directions) = (&own.tracer.order, directions());
+    let done = AtomicUsize::new(0);
+    let traced: Vec<Vec<Change>> = order
+        .par_chunks(NEIGHBORHOOD)
+        .map(|of| {
+            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
+            if progress(so_far as f64 / order.len() as f64).is_break() {
+                return Err(Error::Cancelled);
+            }
+            Ok(neighborhood(own, others, &directions, of))
+        })
+        .collect::<Result<_>>()?;
+    let mut all = vec![Change::default(); own.len()];
+    for (i, change) in order.iter().zip(traced.into_iter().flatten()) {
+        all[*i as usize] = change;
+    }
+    Ok(all)
+}
+
+/// The same of surfels that are neighbours.
+fn neighborhood(
+    own: &DirectionalBake,
+    others: &[Other],
+    directions: &[Vec3],
+    of: &[u32],
+) -> Vec<Change> {
+    let mut stack = Vec::new();
+    let mut changes = vec![Change::default(); of.len()];
+    // Patches whose first ray meets the object itself.
+    let patches = |i: &u32| {
+        let hits = own.sight.hits_of(*i as usize).iter();
+        hits.fold(0u128, |all, h| all | 1 << h.patch())
+    };
+    let meet_itself: Vec<u128> = of.iter().map(patches).collect();
+    for (j, direction) in directions.iter().enumerate() {
+        let patch = (j < PATCHES).then_some(j);
+        // Where the object itself is met it may be behind another one; only a patch's first ray knows.
+        let meets_itself = |lane: usize| patch.is_some_and(|p| meet_itself[lane] >> p & 1 == 1);
+        let mut nearest: Vec<Option<(f32, Hit)>> = vec![None; of.len()];
+        for other in others {
+            let toward = other.direction(*direction);
+            let rays: Vec<(usize, Vec3)> = (of.iter().map(|i| *i as usize).enumerate())
+                .filter(|(lane, i)| own.sight.is_open(*i, j) || meets_itself(*lane))
+                .map(|(lane, i)| (lane, own.tracer.surfels[i].start(*direction).0))
+                .map(|(lane, origin)| (lane, other.other_from_own.transform_point3(origin)))
+                .filter(|(_, origin)| other.is_near(*origin, toward))
+                .collect();
+            for rays in rays.chunks(PACKET) {
+                let origins: Vec<Vec3> = rays.iter().map(|(_, origin)| *origin).collect();
+                let tracer = &other.bake.tracer;
+                let met = tracer.met_from(&origins, toward, patch.is_none(), &mut stack);
+                for ((lane, _), (surfel, distance)) in rays.iter().zip(met.each()) {
+                    if surfel == MISS {
+                        continue;
+                    }
+                    changes[*lane].close(j, !meets_itself(*lane));
+                    let distance = distance / other.scale;
+                    if nearest[*lane].is_none_or(|(before, _)| distance < before) {
+                        let hit = other.hit(patch.unwrap_or_default(), surfel, toward);
+                        nearest[*lane] = Some((distance, hit));
+                    }
+                }
+            }
+        }
+        if patch.is_none() {
+            continue;
+        }
+        let in_doubt: Vec<usize> = (0..of.len())
+            .filter(|lane| nearest[*lane].is_some() && meets_itself(*lane))
+            .collect();
+        for lanes in in_doubt.chunks(PACKET) {
+            let asked: Vec<u32> = lanes.iter().map(|lane| of[*lane]).collect();
+            let met = own.tracer.met(&asked, *direction, &mut stack);
+            for (lane, (surfel, distance)) in lanes.iter().zip(met.each()) {
+                if surfel != MISS && nearest[*lane].is_some_and(|(other, _)| distance < other) {
+                    nearest[*lane] = None;
+                }
+            }
+        }
+        for (change, nearest) in changes.iter_mut().zip(nearest) {
+            change.hits.extend(nearest.map(|(_, hit)| hit));
+        }
+    }
+    changes
+}
+
+/// What the surfels see with these changes.
+fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
+    let directions = directions();
+    let (mut open, mut starts, mut hits) = (own.sight.open.clone(), vec![0u32], Vec::new());
+    for (i, change) in changes.iter().enumerate() {
+        for (word, closed) in open[i].iter_mut().zip(change.closed) {
+            *word &= !closed;
+        }
+        let counts = |hit: &&Hit| {
+            own.two_sided[i] > 0.0 || own.normals[i].dot(directions[hit.patch()]) > 0.0
+        };
+        let from = hits.len();
+        let is_behind = |hit: &&Hit| change.hits.iter().any(|h| h.patch() == hit.patch());
+        let itself = own.sight.hits_of(i).iter().filter(|h| !is_behind(h));
+        hits.extend(itself.map(|hit| hit.counted_from(first)));
+        hits.extend(change.hits.iter().filter(counts));
+        hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
+        starts.push(hits.len() as u32);
+    }
+    Sight { open, starts, hits }
+}
+
+#[cfg(test)]
+mod tests;

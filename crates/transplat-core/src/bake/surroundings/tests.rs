@@ -1,0 +1,145 @@
+use glam::{Quat, Vec3};
+
+use super::*;
+use crate::progress::no_progress;
+use crate::settings::skips::Skips;
+use crate::surfels::SurfelCloud;
+use crate::synthetic;
+
+/// All rays, also where a ball needs none.
+fn placed(cloud: &SurfelCloud, scene_from_object: Affine3A) -> Placed {
+    let all = (&[1][..], &Skips::NONE);
+    let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
+    Placed {
+        bake: Arc::new(bake.expect("not cancelled")),
+        scene_from_object,
+    }
+}
+
+/// A slab, and a ball over it that has another size and stands another way up in its own coordinates.
+fn slab_and_ball() -> ([SurfelCloud; 2], [Affine3A; 2]) {
+    let mut slab = synthetic::sheet(24);
+    slab.add(&synthetic::sheet(24), 1.0, -0.2 * Vec3::Z);
+    let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.4, -1.1, 2.0);
+    let place = |scale, at| Affine3A::from_scale_rotation_translation(Vec3::splat(scale), turn, at);
+    let in_scene = place(1.0, Vec3::new(3.0, -1.0, 2.0));
+    let over_the_slab = in_scene * place(0.4, Vec3::new(0.1, 0.2, 0.75));
+    ([slab, synthetic::sphere(700)], [in_scene, over_the_slab])
+}
+
+/// One cloud of the first and the second, in the coordinates of the first.
+fn merged(clouds: [&SurfelCloud; 2], first_from_second: Affine3A) -> SurfelCloud {
+    let scale = first_from_second.transform_vector3(Vec3::X).length();
+    let mut moved = clouds[1].clone();
+    for (p, t) in moved.positions.iter_mut().zip(&mut moved.tangents) {
+        *p = first_from_second.transform_point3(*p);
+        *t = t.map(|t| first_from_second.transform_vector3(t) / scale);
+    }
+    for s in &mut moved.scales {
+        *s *= scale;
+    }
+    let mut all = clouds[0].clone();
+    all.add(&moved, 1.0, Vec3::ZERO);
+    all
+}
+
+/// What an object sees among others is what it sees as a part of one cloud of them all.
+#[test]
+fn objects_see_each_other_as_parts_of_one_do() {
+    let (clouds, places) = slab_and_ball();
+    let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
+    let directions = directions();
+    for (own, other) in [(0, 1), (1, 0)] {
+        let around = Surroundings::trace(&objects, own, &no_progress).expect("not cancelled");
+        let all = merged(
+            [&clouds[own], &clouds[other]],
+            places[own].inverse() * places[other],
+        );
+        let expected = placed(&all, Affine3A::IDENTITY).bake;
+        // In the scene the objects are in their own order; in the one cloud the one that sees comes first.
+        let firsts = [0, clouds[0].len()];
+        let in_the_cloud = |surfel: usize| match surfel.checked_sub(firsts[1]) {
+            None if own == 0 => surfel,
+            None => clouds[1].len() + surfel,
+            Some(second) if own == 0 => clouds[0].len() + second,
+            Some(second) => second,
+        };
+        // Of overlapping discs in one plane either may be named.
+        let are_neighbors = |a: usize, b: usize| {
+            all.positions[a].distance(all.positions[b]) < 4.0 * all.scales[a].x
+        };
+        let hit = |sight: &Sight, i: usize, j: usize| {
+            let found = sight.hits_of(i).iter().find(|h| h.patch() == j);
+            found.map(|h| h.surfel())
+        };
+        let (mut rays, mut differ, mut named, mut others) = (0, 0, 0, 0);
+        for i in 0..clouds[own].len() {
+            for (j, direction) in directions.iter().enumerate() {
+                if expected.normals[i].dot(*direction) < 0.05 {
+                    continue;
+                }
+                rays += 1;
+                let open = around.sight.is_open(i, j);
+                differ += usize::from(open != expected.sight.is_open(i, j));
+                others += usize::from(!open && objects[own].bake.sight.is_open(i, j));
+                if j < PATCHES {
+                    let found = hit(&around.sight, i, j).map(in_the_cloud);
+                    let wanted = hit(&expected.sight, i, j);
+                    named += usize::from(match (found, wanted) {
+                        (Some(found), Some(wanted)) => !are_neighbors(found, wanted),
+                        (found, wanted) => found != wanted,
+                    });
+                }
+            }
+        }
+        assert!(others * 100 > rays, "{others} of {rays} meet the other");
+        // A ray that grazes a rim may round to either side of it.
+        assert!(differ * 500 < rays, "{differ} of {rays}");
+        assert!(named * 200 < rays, "{named} of {rays}");
+    }
+}
+
+#[test]
+fn suns_are_blocked_by_the_others_too() {
+    let (clouds, places) = slab_and_ball();
+    let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
+    let around = Surroundings::trace(&objects, 0, &no_progress).expect("not cancelled");
+    let sun = Vec3::new(0.1, -0.2, 0.97).normalize();
+    let tracer = &objects[0].bake.tracer;
+    let open = around.open_towards(tracer, sun, |_| true);
+    let all = merged([&clouds[0], &clouds[1]], places[0].inverse() * places[1]);
+    let all = placed(&all, Affine3A::IDENTITY).bake;
+    let expected = all.tracer.open_towards(sun, |_| true);
+    let alone = tracer.open_towards(sun, |_| true);
+    let differ = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| a != b).count();
+    assert!(differ(&open, &expected) * 100 < open.len());
+    assert!(differ(&open, &alone) * 50 > open.len(), "there is a shadow");
+}
+
+#[test]
+fn what_is_out_of_sight_changes_nothing() {
+    let ball = placed(&synthetic::sphere(300), Affine3A::IDENTITY);
+    let above = Placed {
+        scene_from_object: Affine3A::from_translation(4.0 * Vec3::Z),
+        ..ball.clone()
+    };
+    let objects = [ball.clone(), above];
+    let around = Surroundings::trace(&objects, 0, &no_progress).expect("not cancelled");
+    for i in (0..ball.bake.len()).filter(|i| ball.bake.normals[*i].z < -0.6) {
+        let alone = &ball.bake.sight;
+        assert_eq!(around.sight.open[i], alone.open[i], "surfel {i}");
+        assert_eq!(around.sight.hits_of(i), alone.hits_of(i), "surfel {i}");
+    }
+    assert!(around.changed > 0 && around.changed < ball.bake.len());
+    let alone = Surroundings::trace(&objects[..1], 0, &no_progress).expect("not cancelled");
+    assert_eq!((alone.changed, alone.first), (0, 0));
+    assert_eq!(alone.sight.open, ball.bake.sight.open);
+}
+
+#[test]
+fn cancelling_stops() {
+    let ball = placed(&synthetic::sphere(50), Affine3A::IDENTITY);
+    let stop = |_: f64| std::ops::ControlFlow::Break(());
+    let result = Surroundings::trace(&[ball.clone(), ball], 0, &stop);
+    assert!(matches!(result, Err(Error::Cancelled)));
+}

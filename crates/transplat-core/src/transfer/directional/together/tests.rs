@@ -1,0 +1,137 @@
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec3};
+
+use super::*;
+use crate::bake::directional::DirectionalBake;
+use crate::bake::surroundings::Placed;
+use crate::environment::Illumination;
+use crate::progress::no_progress;
+use crate::settings::TransferSettings;
+use crate::settings::skips::Skips;
+use crate::surfels::SurfelCloud;
+use crate::synthetic;
+use crate::transfer::directional::DirectionalAsset;
+
+/// Objects where they stand, each captured under even light of radiance 1, relit together by that light.
+fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
+    let light = Illumination::even(3);
+    let light = light.for_directional().expect("with beams");
+    let settings = TransferSettings::default();
+    let transfers: Vec<DirectionalTransfer> = (objects.iter())
+        .map(|(cloud, _)| {
+            let all = (&[1][..], &Skips::NONE);
+            let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
+            let bake = Arc::new(bake.expect("not cancelled"));
+            let asset = Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()));
+            DirectionalTransfer::new(&asset, &Illumination::even(3), &settings).expect("with beams")
+        })
+        .collect();
+    let placed: Vec<Placed> = (transfers.iter().zip(objects))
+        .map(|(t, (_, place))| Placed {
+            bake: t.asset.bake.clone(),
+            scene_from_object: *place,
+        })
+        .collect();
+    let around: Vec<Surroundings> = (0..placed.len())
+        .map(|i| Surroundings::trace(&placed, i, &no_progress).expect("not cancelled"))
+        .collect();
+    let members: Vec<Member<'_>> = (transfers.iter().zip(&around))
+        .map(|(transfer, surroundings)| Member {
+            transfer,
+            surroundings,
+            light: transfer.light(light),
+            radiance_of_color: 1.0,
+        })
+        .collect();
+    let alone = transfers
+        .iter()
+        .map(|t| t.relight(t.light(light), Part::Whole, &[]));
+    (relight_together(&members, Part::Whole), alone.collect())
+}
+
+#[test]
+fn an_object_alone_and_objects_out_of_sight_are_relit_as_ever() {
+    let cloud = synthetic::glossy_sphere_over_plate(300, 2);
+    let (together, alone) = relit(&[(cloud.clone(), Affine3A::IDENTITY)]);
+    assert_eq!(
+        (&together[0].sh, &together[0].tau),
+        (&alone[0].sh, &alone[0].tau)
+    );
+    // A sheet on edge, far away: one direction in 384 sees further than that.
+    let far = Affine3A::from_translation(Vec3::new(0.0, 500.0, 0.0));
+    let (together, alone) = relit(&[(cloud.clone(), Affine3A::IDENTITY), (cloud, far)]);
+    for (together, alone) in together.iter().zip(alone) {
+        assert_eq!((&together.sh, &together.tau), (&alone.sh, &alone.tau));
+    }
+}
+
+/// A ball of radius r at height d over a plate takes `(r / d)^2` of the light of an even sky from the point right below it (the form factor of a
+/// sphere), and gives what it radiates itself from there.
+#[test]
+fn a_plate_loses_what_the_ball_over_it_takes_and_gains_what_it_throws() {
+    let (radius, height) = (0.5, 1.0);
+    let factor = radius * radius / (height * height);
+    for color in [0.0, 0.5] {
+        let mut ball = synthetic::sphere(2000);
+        let mut plate = synthetic::sheet(41);
+        // Black, so that nothing comes back to the ball from it.
+        plate.sh.fill([0.0; 3]);
+        for f in &mut ball.sh {
+            *f = f.map(|v| 2.0 * color * v);
+        }
+        let place = Affine3A::from_scale_rotation_translation(
+            Vec3::splat(radius),
+            glam::Quat::from_rotation_x(0.7),
+            height * Vec3::Z,
+        );
+        let (together, _) = relit(&[(plate.clone(), Affine3A::IDENTITY), (ball.clone(), place)]);
+        let middle = (0..plate.len())
+            .filter(|i| plate.positions[*i].length() < 0.2)
+            .map(|i| together[0].tau[i][1])
+            .collect::<Vec<_>>();
+        let mean = middle.iter().sum::<f32>() / middle.len() as f32;
+        // What it radiates downwards: darker than it was captured, since the plate blocks its light.
+        let below = |i: &usize| place.transform_vector3(ball.positions[*i]).z < -0.8 * radius;
+        let below: Vec<usize> = (0..ball.len()).filter(below).collect();
+        let radiates = below
+            .iter()
+            .map(|i| color * together[1].tau[*i][1])
+            .sum::<f32>()
+            / below.len() as f32;
+        let expected = 1.0 - factor + factor * radiates;
+        assert!((mean - expected).abs() < 0.02, "{color}: {mean} {expected}");
+        // At the corners far from it little changes.
+        let corner = together[0].tau[0][1];
+        assert!(corner > 0.93 && corner <= 1.0, "{corner}");
+    }
+}
+
+/// Where a scene stands and which way it is turned is nothing to it.
+#[test]
+fn a_scene_that_is_turned_as_a_whole_is_relit_alike() {
+    let cloud = synthetic::glossy_sphere_over_plate(300, 1);
+    let beside = Affine3A::from_translation(Vec3::new(1.7, 0.2, 0.3))
+        * Affine3A::from_scale(Vec3::splat(0.6));
+    let whole = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(3.0),
+        glam::Quat::from_rotation_y(1.0),
+        Vec3::new(-2.0, 5.0, 1.0),
+    );
+    let scene =
+        |whole: Affine3A| relit(&[(cloud.clone(), whole), (cloud.clone(), whole * beside)]).0;
+    let (straight, turned) = (scene(Affine3A::IDENTITY), scene(whole));
+    for (a, b) in straight.iter().zip(&turned) {
+        let off = |(a, b): (&[f32; 3], &[f32; 3])| {
+            (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max)
+        };
+        // A ray at a rim may go either way: a direction of 384.
+        let far =
+            a.sh.iter()
+                .zip(&b.sh)
+                .map(off)
+                .filter(|d| *d > 0.02)
+                .count();
+        assert!(far * 100 < a.sh.len(), "{far} of {}", a.sh.len());
+    }
+}
