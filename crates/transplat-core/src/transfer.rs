@@ -6,6 +6,7 @@
 pub mod directional;
 pub mod harmonic;
 mod relit;
+pub mod together;
 
 use std::sync::Arc;
 

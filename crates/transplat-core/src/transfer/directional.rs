@@ -9,7 +9,6 @@ mod lobe;
 mod neighbors;
 mod nodes;
 mod rays;
-mod together;
 
 use std::sync::Arc;
 
@@ -26,7 +25,7 @@ use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack};
-use incident::Incident;
+pub(super) use incident::Incident;
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
 pub(crate) use lobe::{
@@ -38,7 +37,6 @@ pub use nodes::Nodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use rays::Rays;
-pub use together::{Member, relight_together};
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -295,7 +293,7 @@ impl DirectionalTransfer {
     }
 
     /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`.
-    fn shown(
+    pub(super) fn shown(
         &self,
         (light, part): (&Incident<'_>, Part),
         tau: Vec<FrontAndBack>,
@@ -351,7 +349,11 @@ impl DirectionalTransfer {
     }
 
     /// A turn of the fixed point: how much the matte light changes where the surfels radiate that. `[n]`
-    fn turn(&self, light: &Incident<'_>, radiance: &[FrontAndBack]) -> Vec<FrontAndBack> {
+    pub(super) fn turn(
+        &self,
+        light: &Incident<'_>,
+        radiance: &[FrontAndBack],
+    ) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         (0..asset.bake.len())
             .into_par_iter()
@@ -367,7 +369,7 @@ impl DirectionalTransfer {
     }
 
     /// Believes a change only as far as its source.
-    fn trusted(&self, tau: &mut [FrontAndBack]) {
+    pub(super) fn trusted(&self, tau: &mut [FrontAndBack]) {
         if self.trust < 1.0 {
             for value in tau.iter_mut().flatten().flatten() {
                 *value = value.powf(self.trust);

@@ -93,7 +93,7 @@ impl DirectionalAsset {
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
-    pub(super) fn radiance(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
+    pub(in crate::transfer) fn radiance(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
         self.means
             .iter()
             .zip(tau)

@@ -26,7 +26,7 @@ type PatchPlanes = [[f32; PATCHES]; 3];
 const LANES: usize = 16;
 
 /// A light as the surfels of an asset meet it.
-pub(super) struct Incident<'a> {
+pub(in crate::transfer) struct Incident<'a> {
     /// What each of them sees.
     sight: &'a Sight,
     /// The first of them among those whose radiance is given.
@@ -100,7 +100,7 @@ impl DirectionalAsset {
     }
 
     /// A light as the surfels meet it, alone or among others.
-    pub(super) fn incident<'a>(
+    pub(in crate::transfer) fn incident<'a>(
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,

@@ -2,9 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::asset::{DirectionalLight, FrontAndBack};
-use super::incident::Incident;
-use super::{DirectionalTransfer, Part, Relit, TURNS};
+use super::directional::{DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, TURNS};
+use super::relit::{Part, Relit};
 use crate::bake::surroundings::Surroundings;
 
 /// An object of a scene, ready to be relit with the others.
