@@ -1,12 +1,13 @@
 //! The asset: 2D Gaussian surfels with view-dependent colour.
 
-use glam::{Vec2, Vec3};
+use glam::{DMat3, Quat, Vec2, Vec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::{band, coefficient_count};
+use crate::sh::{band, coefficient_count, rotate_coefficients};
 
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
@@ -65,6 +66,27 @@ impl SurfelCloud {
         self.scales.extend(other.scales.iter().map(|s| scale * *s));
         self.opacities.extend(&other.opacities);
         self.sh.extend(&other.sh);
+    }
+
+    /// The cloud elsewhere: scaled, turned with its colour, and moved.
+    pub fn transformed(&self, scale: f32, turn: Quat, offset: Vec3) -> Self {
+        let turn_of_colors = DMat3::from_quat(turn.as_dquat());
+        let place = |p: &Vec3| turn * (scale * *p) + offset;
+        Self {
+            positions: self.positions.iter().map(place).collect(),
+            tangents: (self.tangents.iter())
+                .map(|t| t.map(|t| turn * t))
+                .collect(),
+            scales: self.scales.iter().map(|s| scale * *s).collect(),
+            opacities: self.opacities.clone(),
+            sh: (self.sh.par_chunks_exact(coefficient_count(self.sh_degree)))
+                .flat_map_iter(|f| rotate_coefficients(turn_of_colors, self.sh_degree, f))
+                .collect(),
+            sh_degree: self.sh_degree,
+            encoding: self.encoding,
+            up: self.up,
+            outside_from: self.outside_from.iter().map(place).collect(),
+        }
     }
 
     /// At most `count` surfels of it, taken evenly from their order and so much larger that they cover as much.
@@ -297,12 +319,12 @@ impl UpAxis {
     /// The rotation that brings the Z-up world of the lights into the asset's coordinates.
     ///
     /// Turning the light with it is turning the asset against it, and leaves every number of the asset alone.
-    pub fn asset_from_world(self) -> glam::DMat3 {
+    pub fn asset_from_world(self) -> DMat3 {
         let up = self.direction().as_dvec3();
         if up.z < -0.5 {
-            return glam::DMat3::from_rotation_x(std::f64::consts::PI);
+            return DMat3::from_rotation_x(std::f64::consts::PI);
         }
-        glam::DMat3::from_quat(glam::DQuat::from_rotation_arc(glam::DVec3::Z, up))
+        DMat3::from_quat(glam::DQuat::from_rotation_arc(glam::DVec3::Z, up))
     }
 }
 

@@ -2,16 +2,19 @@
 
 use std::path::PathBuf;
 
-use glam::{Quat, Vec3};
+use glam::{Affine3A, Quat, Vec3};
 
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, ensure};
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
 
 /// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
 pub const MOST_PLACES: usize = 32;
 const FARTHEST: f32 = 1e12;
+
+/// Range of an object's scale.
+pub const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 
 /// A splat in a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,6 +51,7 @@ impl Object {
                 "outside_from: up to {MOST_PLACES} places of three numbers below {FARTHEST:e} are expected"
             )));
         }
+        self.transform.validate()?;
         self.hide.validate()?;
         self.source.validate("source")
     }
@@ -64,6 +68,28 @@ pub struct Transform {
     pub translation: Vec3,
 }
 
+impl Transform {
+    /// From the object's coordinates to the scene's, which are those of the first object as it was captured.
+    pub fn scene_from_object(&self) -> Affine3A {
+        let scale = Vec3::splat(self.scale);
+        Affine3A::from_scale_rotation_translation(scale, self.rotation, self.translation)
+    }
+
+    /// An object's splat where it stands; highlights turn with it.
+    pub fn place(&self, cloud: &SurfelCloud) -> SurfelCloud {
+        cloud.transformed(self.scale, self.rotation, self.translation)
+    }
+
+    fn validate(&self) -> Result<()> {
+        let good = SCALES.contains(&self.scale)
+            && self.rotation.is_normalized()
+            && self.translation.abs().max_element() < FARTHEST;
+        ensure(good, || {
+            "an object's transform is out of range (scale 1e-6 to 1e6, rotation a unit quaternion, translation three numbers)".into()
+        })
+    }
+}
+
 impl Default for Transform {
     /// Where it was captured.
     fn default() -> Self {
@@ -72,5 +98,57 @@ impl Default for Transform {
             rotation: Quat::IDENTITY,
             translation: Vec3::ZERO,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::present::PLAIN;
+    use crate::rasterize::shade;
+    use crate::synthetic;
+
+    fn somewhere() -> Transform {
+        Transform {
+            scale: 1.7,
+            rotation: Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.2, -2.0),
+            translation: Vec3::new(0.4, -3.0, 2.0),
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_turned_shows_the_same_to_an_eye_that_is_turned_with_it() {
+        let cloud = synthetic::glossy_sphere_over_plate(200, 3);
+        let (transform, eye) = (somewhere(), Vec3::new(2.0, -1.5, 3.0));
+        let (placed, scene_from_object) = (transform.place(&cloud), transform.scene_from_object());
+        let seen =
+            |c: &SurfelCloud, eye| shade(&c.positions, &c.sh, c.sh_degree, c.encoding, eye, PLAIN);
+        let there = scene_from_object.transform_point3(eye);
+        for (a, b) in seen(&cloud, eye).iter().zip(seen(&placed, there)) {
+            assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-4), "{a:?} {b:?}");
+        }
+        for i in 0..cloud.len() {
+            let normal = transform.rotation * cloud.stored_normal(i);
+            assert!(placed.stored_normal(i).distance(normal) < 1e-5);
+            let place = scene_from_object.transform_point3(cloud.positions[i]);
+            assert!(placed.positions[i].distance(place) < 1e-5);
+            assert!(placed.scales[i].distance(1.7 * cloud.scales[i]) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn transforms_that_are_none_are_refused() {
+        let refused = |change: fn(&mut Transform)| {
+            let mut object = Object {
+                transform: somewhere(),
+                ..Object::default()
+            };
+            assert!(object.validate().is_ok());
+            change(&mut object.transform);
+            object.validate().is_err()
+        };
+        assert!(refused(|t| t.scale = 0.0) && refused(|t| t.scale = f32::NAN));
+        assert!(refused(|t| t.rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 2.0)));
+        assert!(refused(|t| t.translation.x = f32::INFINITY));
     }
 }
