@@ -18,4 +18,4 @@ pub use basis::{BasisConstants, Real, basis_constants, evaluate_basis, evaluate_
 pub use product::{LightOperator, light_operator, triple_product_tensor};
 pub(crate) use quadrature::gauss_legendre;
 pub use quadrature::{fibonacci_sphere, lattice, refining_order, sphere_quadrature};
-pub use rotation::{ExchangeEntry, Mirror, exchange_yz, rotate_coefficients};
+pub use rotation::{ExchangeEntry, Mirror, exchange_yz, rotate_coefficients, rotate_functions};

@@ -1,13 +1,12 @@
 //! The asset: 2D Gaussian surfels with view-dependent colour.
 
 use glam::{DMat3, Quat, Vec2, Vec3};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::{band, coefficient_count, rotate_coefficients};
+use crate::sh::{band, coefficient_count, rotate_functions};
 
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
@@ -68,7 +67,7 @@ impl SurfelCloud {
         self.sh.extend(&other.sh);
     }
 
-    /// The cloud elsewhere: scaled, turned with its colour, and moved.
+    /// The cloud elsewhere: scaled, turned with its colour, and moved. Which axis is up is said as before: an object stands in the scene of another.
     pub fn transformed(&self, scale: f32, turn: Quat, offset: Vec3) -> Self {
         let turn_of_colors = DMat3::from_quat(turn.as_dquat());
         let place = |p: &Vec3| turn * (scale * *p) + offset;
@@ -79,9 +78,7 @@ impl SurfelCloud {
                 .collect(),
             scales: self.scales.iter().map(|s| scale * *s).collect(),
             opacities: self.opacities.clone(),
-            sh: (self.sh.par_chunks_exact(coefficient_count(self.sh_degree)))
-                .flat_map_iter(|f| rotate_coefficients(turn_of_colors, self.sh_degree, f))
-                .collect(),
+            sh: rotate_functions(turn_of_colors, self.sh_degree, &self.sh),
             sh_degree: self.sh_degree,
             encoding: self.encoding,
             up: self.up,

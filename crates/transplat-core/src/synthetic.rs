@@ -1,11 +1,9 @@
 //! Small scenes whose answers are known on paper, for tests here and in other crates.
 
-use glam::{DMat3, Vec2, Vec3};
+use glam::{DMat3, DQuat, Vec2, Vec3};
 
 use crate::color::Encoding;
-use crate::sh::{
-    MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, lattice, rotate_coefficients,
-};
+use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, lattice};
 use crate::surfels::{SurfelCloud, UpAxis};
 
 /// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
@@ -75,20 +73,8 @@ pub fn sphere_over_slab(n: usize) -> SurfelCloud {
 
 /// An asset turned about the origin, its colour with it.
 pub fn turned(cloud: &SurfelCloud, turn: DMat3) -> SurfelCloud {
-    let (mut turned, single) = (cloud.clone(), turn.as_mat3());
-    for (p, t) in turned.positions.iter_mut().zip(&mut turned.tangents) {
-        *p = single * *p;
-        *t = t.map(|t| single * t);
-    }
-    turned.sh = turned_functions(&cloud.sh, cloud.sh_degree, turn);
-    turned
-}
-
-/// SH functions `[n][K][3]` of a degree, turned.
-pub fn turned_functions(sh: &[[f32; 3]], degree: usize, turn: DMat3) -> Vec<[f32; 3]> {
-    let each = sh.chunks_exact(coefficient_count(degree));
-    each.flat_map(|f| rotate_coefficients(turn, degree, f))
-        .collect()
+    let turn = DQuat::from_mat3(&turn).as_quat();
+    cloud.transformed(1.0, turn, Vec3::ZERO)
 }
 
 /// A sphere over a plate with some view dependence of a degree, different on every surfel; linear colour.

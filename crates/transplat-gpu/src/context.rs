@@ -455,6 +455,7 @@ impl Context {
     fn buffer(&self, bytes: usize, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(&label(Location::caller())),
+            // None may be empty, and a binding holds an element of its array; none that a pass writes is larger.
             size: bytes.max(64).next_multiple_of(4) as u64,
             usage,
             // That would panic where there is no memory, instead of telling it at the next wait.

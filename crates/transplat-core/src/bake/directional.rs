@@ -2,7 +2,6 @@
 //! surfel it meets instead. Rays start on the side of the surfel that the direction is on, so one bit serves both sides.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -17,9 +16,6 @@ use crate::progress::Progress;
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::refining_order;
 use crate::surfels::SurfelCloud;
-
-/// Surfels whose rays are packed together.
-const NEIGHBORHOOD: usize = 16 * PACKET;
 
 /// Patches that are traced before it is asked which sides need the others.
 const PROBES: usize = 16;
@@ -129,6 +125,14 @@ impl DirectionalBake {
         Self::bake_by(cloud, tracer, stages, by, progress, preview)
     }
 
+    /// By rays all over, also where a ball needs none and into sides that are closed.
+    #[cfg(test)]
+    pub(crate) fn all_rays(cloud: &SurfelCloud) -> Self {
+        let all = (&[1][..], &Skips::NONE);
+        let no_progress = &crate::progress::no_progress;
+        Self::bake_in_stages(cloud, all, no_progress, |_, _| ()).expect("not cancelled")
+    }
+
     /// What the rays are traced through: the beginning of a bake.
     ///
     /// # Errors
@@ -219,14 +223,13 @@ impl DirectionalBake {
         let prominence = tracer.fronts.prominence(cloud);
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
         for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
-            let faces = |n: Vec3, hit: &Hit| n.dot(directions[hit.patch()]) > 0.0;
-            // Where the ray met a two-sided surfel from behind, it saw its back.
+            let toward = |hit: &Hit| directions[hit.patch()];
             let from_its_side = |hit: &Hit| {
                 let met = hit.surfel();
-                hit.on(two_sided[met] > 0.0 && faces(normals[met], hit))
+                hit.on(is_met_on_back(normals[met], two_sided[met], toward(hit)))
             };
             let from = hits.len();
-            let counts = |h: &&Hit| *two > 0.0 || faces(*n, h);
+            let counts = |h: &&Hit| sees(*n, *two, toward(h));
             hits.extend(f.hits.iter().filter(counts).map(from_its_side));
             hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
             starts.push(hits.len() as u32);
@@ -282,6 +285,16 @@ fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
     front.is_guess() && two_sided < 0.5
 }
 
+/// Whether what a surfel meets in a direction counts: that in front and, where there are two sides, that behind.
+pub(super) fn sees(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
+    two_sided > 0.0 || normal.dot(direction) > 0.0
+}
+
+/// Whether a ray sees the back of the surfel that it meets: that of a two-sided one, from behind.
+pub(super) fn is_met_on_back(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
+    two_sided > 0.0 && normal.dot(direction) > 0.0
+}
+
 fn is_open(open: &[u64; WORDS], j: usize) -> bool {
     open[j / 64] >> (j % 64) & 1 == 1
 }
@@ -306,21 +319,12 @@ fn trace(
     found: &mut [Found],
     progress: Progress<'_>,
 ) -> Result<()> {
-    let order = &tracer.order;
-    let done = AtomicUsize::new(0);
     let before: &[Found] = found;
-    let traced: Vec<Vec<Found>> = order
-        .par_chunks(NEIGHBORHOOD)
-        .map(|of| {
-            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
-            if progress(so_far as f64 / order.len() as f64).is_break() {
-                return Err(Error::Cancelled);
-            }
-            Ok(trace_neighborhood(tracer, directions, patches, of, before))
-        })
-        .collect::<Result<_>>()?;
-    for (i, new) in order.iter().zip(traced.into_iter().flatten()) {
-        let surfel = &mut found[*i as usize];
+    let traced = tracer.by_neighborhood(progress, |of| {
+        trace_neighborhood(tracer, directions, patches, of, before)
+    })?;
+    for (i, new) in traced {
+        let surfel = &mut found[i];
         for (word, new) in surfel.open.iter_mut().zip(new.open) {
             *word |= new;
         }
@@ -438,19 +442,12 @@ fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Fou
 mod tests {
     use super::*;
     use crate::oracle;
-    use crate::progress::no_progress;
     use crate::synthetic;
-
-    /// Traces every ray.
-    fn all_rays(cloud: &SurfelCloud) -> DirectionalBake {
-        let all = (&[1][..], &Skips::NONE);
-        DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ()).expect("not cancelled")
-    }
 
     #[test]
     fn a_sphere_sees_its_upper_half_and_nothing_of_itself() {
         let cloud = synthetic::sphere(1500);
-        let baked = all_rays(&cloud);
+        let baked = DirectionalBake::all_rays(&cloud);
         let directions = directions();
         for (i, n) in baked.normals.iter().enumerate() {
             assert!(n.dot(cloud.positions[i]) > 0.0);
@@ -468,7 +465,7 @@ mod tests {
     #[test]
     fn hits_agree_with_asking_every_disc() {
         let cloud = synthetic::sphere_over_plate(300);
-        let baked = all_rays(&cloud);
+        let baked = DirectionalBake::all_rays(&cloud);
         let surfels = &baked.tracer.surfels;
         let directions = directions();
         let (mut differ, mut all) = (0, 0);
@@ -518,7 +515,7 @@ mod tests {
             let mut plate = top.clone();
             let below = thickness * top.scales[0].x * Vec3::Z;
             plate.add(&top, 1.0, -below);
-            let baked = all_rays(&plate);
+            let baked = DirectionalBake::all_rays(&plate);
             let middle = |i: usize| plate.positions[i].truncate().abs().max_element() < 0.6;
             let ([front, back], two_sided) = openness_of(&baked, middle);
             assert!(front > 0.98, "{thickness}: {front}");
@@ -549,14 +546,14 @@ mod tests {
             stack.positions[i] = *n * (1.0 - 0.25 * (i % 4) as f32 * stack.scales[i].x);
             stack.opacities[i] = 0.5;
         }
-        let ([front, back], two_sided) = openness_of(&all_rays(&stack), |_| true);
+        let ([front, back], two_sided) = openness_of(&DirectionalBake::all_rays(&stack), |_| true);
         assert!(front > 0.9 && back < 0.02, "{front} {back}");
         assert!(two_sided * 100 < stack.len(), "{two_sided}");
     }
 
     #[test]
     fn a_lone_sheet_is_two_sided() {
-        let baked = all_rays(&synthetic::sheet(20));
+        let baked = DirectionalBake::all_rays(&synthetic::sheet(20));
         assert!(baked.two_sided.iter().all(|t| *t == 1.0));
         assert!(baked.sight.hits.is_empty());
     }

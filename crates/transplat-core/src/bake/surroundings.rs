@@ -4,19 +4,15 @@
 //! the two tells what the others change, and nothing else.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
-use super::directional::{DirectionalBake, Sight};
+use super::directional::{DirectionalBake, Sight, is_met_on_back, sees};
 use super::patches::{Hit, MOST_SURFELS, PATCHES, WORDS, directions};
 use super::trace::{MISS, PACKET, Tracer};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-
-/// Surfels whose rays are packed together.
-const NEIGHBORHOOD: usize = 16 * PACKET;
 
 /// An object of a scene, as rays see it.
 #[derive(Clone, Debug)]
@@ -57,7 +53,8 @@ impl Other {
     /// What a ray towards a direction meets, both in its coordinates: the side that it comes from.
     fn hit(&self, patch: usize, surfel: u32, toward: Vec3) -> Hit {
         let i = surfel as usize;
-        let on_back = self.bake.two_sided[i] > 0.0 && self.bake.normals[i].dot(toward) > 0.0;
+        let (normal, two_sided) = (self.bake.normals[i], self.bake.two_sided[i]);
+        let on_back = is_met_on_back(normal, two_sided, toward);
         Hit::new(patch, self.first + surfel).on(on_back)
     }
 
@@ -175,21 +172,11 @@ impl Change {
 
 /// What others change for each surfel. `[n]`
 fn changes(own: &DirectionalBake, others: &[Other], progress: Progress<'_>) -> Result<Vec<Change>> {
-    let (order, directions) = (&own.tracer.order, directions());
-    let done = AtomicUsize::new(0);
-    let traced: Vec<Vec<Change>> = order
-        .par_chunks(NEIGHBORHOOD)
-        .map(|of| {
-            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
-            if progress(so_far as f64 / order.len() as f64).is_break() {
-                return Err(Error::Cancelled);
-            }
-            Ok(neighborhood(own, others, &directions, of))
-        })
-        .collect::<Result<_>>()?;
+    let directions = directions();
+    let work = |of: &[u32]| neighborhood(own, others, &directions, of);
     let mut all = vec![Change::default(); own.len()];
-    for (i, change) in order.iter().zip(traced.into_iter().flatten()) {
-        all[*i as usize] = change;
+    for (i, change) in own.tracer.by_neighborhood(progress, work)? {
+        all[i] = change;
     }
     Ok(all)
 }
@@ -269,9 +256,8 @@ fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
         for (word, closed) in open[i].iter_mut().zip(change.closed) {
             *word &= !closed;
         }
-        let counts = |hit: &&Hit| {
-            own.two_sided[i] > 0.0 || own.normals[i].dot(directions[hit.patch()]) > 0.0
-        };
+        let (normal, two_sided) = (own.normals[i], own.two_sided[i]);
+        let counts = |hit: &&Hit| sees(normal, two_sided, directions[hit.patch()]);
         let from = hits.len();
         let is_behind = |hit: &&Hit| change.hits.iter().any(|h| h.patch() == hit.patch());
         let itself = own.sight.hits_of(i).iter().filter(|h| !is_behind(h));

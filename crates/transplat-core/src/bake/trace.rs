@@ -4,6 +4,8 @@
 //! the members above its own from behind, and what else shines on the surface it would meet on its front. So a crossing from behind counts
 //! only beyond the reach of the surfel's own stack, any other one from close by on: the other face of a thin plate is met.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -14,10 +16,15 @@ use super::hierarchy::{
     Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane, neighborhood_order,
 };
 use super::scaled::ScaledObject;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
 use crate::surfels::SurfelCloud;
 
 /// No surfel: the ray left the object.
 pub const MISS: u32 = u32::MAX;
+
+/// Surfels whose rays are packed together.
+const NEIGHBORHOOD: usize = 16 * PACKET;
 
 /// A ray starts this many of its surfel's smaller standard deviations off the surface.
 pub const START_SCALES: f32 = 0.3;
@@ -226,6 +233,28 @@ impl Tracer {
             stack: [0.0; PACKET],
         };
         walk(self, &packet, direction, any, stack)
+    }
+
+    /// Does something for all surfels, those together whose rays are packed together, and yields it with their numbers.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when `progress` asked for it.
+    pub(super) fn by_neighborhood<T: Send>(
+        &self,
+        progress: Progress<'_>,
+        work: impl Fn(&[u32]) -> Vec<T> + Sync,
+    ) -> Result<Vec<(usize, T)>> {
+        let done = AtomicUsize::new(0);
+        let each = self.order.par_chunks(NEIGHBORHOOD).map(|of| {
+            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
+            if progress(so_far as f64 / self.order.len() as f64).is_break() {
+                return Err(Error::Cancelled);
+            }
+            Ok(work(of))
+        });
+        let made: Vec<Vec<T>> = each.collect::<Result<_>>()?;
+        let numbers = self.order.iter().map(|i| *i as usize);
+        Ok(numbers.zip(made.into_iter().flatten()).collect())
     }
 
     /// A ball that holds all that casts a shadow: its middle and its radius, in these coordinates.

@@ -10,7 +10,7 @@ use crate::environment::{EnvironmentMap, Illumination};
 use crate::oracle::difference;
 use crate::progress::no_progress;
 use crate::settings::{Method, Terms, TransferSettings};
-use crate::sh::{MAX_DEGREE, coefficient_count};
+use crate::sh::{MAX_DEGREE, coefficient_count, rotate_functions};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::synthetic;
 use crate::transfer::{Part, PreparedTransfer, Relit};
@@ -194,7 +194,7 @@ proptest! {
         let here = relight(&cloud, &open(&cloud), [&source, &target], &settings);
         let lights = [source.rotated(turn), target.rotated(turn)];
         let there = relight(&turned, &open(&turned), [&lights[0], &lights[1]], &settings);
-        let expected = synthetic::turned_functions(&here.sh, cloud.sh_degree, turn);
+        let expected = rotate_functions(turn, cloud.sh_degree, &here.sh);
         prop_assert!(difference(&there.sh, &expected).0 < 2e-3, "{}", difference(&there.sh, &expected).0);
     }
 }

@@ -6,7 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
-use crate::error::{Error, Result, ensure};
+use crate::error::{Result, ensure};
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
 
 /// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
@@ -14,7 +14,7 @@ pub const MOST_PLACES: usize = 32;
 const FARTHEST: f32 = 1e12;
 
 /// Range of an object's scale.
-pub const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
+const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 
 /// A splat in a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,11 +46,15 @@ impl Object {
 
     pub(super) fn validate(&self) -> Result<()> {
         let is_place = |p: &Vec3| p.abs().max_element() < FARTHEST;
-        if self.outside_from.len() > MOST_PLACES || !self.outside_from.iter().all(is_place) {
-            return Err(Error::Mismatch(format!(
-                "outside_from: up to {MOST_PLACES} places of three numbers below {FARTHEST:e} are expected"
-            )));
-        }
+        let places = &self.outside_from;
+        ensure(
+            places.len() <= MOST_PLACES && places.iter().all(is_place),
+            || {
+                format!(
+                    "outside_from: up to {MOST_PLACES} places of three numbers below {FARTHEST:e} are expected"
+                )
+            },
+        )?;
         self.transform.validate()?;
         self.hide.validate()?;
         self.source.validate("source")

@@ -7,6 +7,7 @@
 use std::sync::LazyLock;
 
 use glam::DMat3;
+use rayon::prelude::*;
 
 use super::bands::{MAX_COEFFICIENTS, MAX_DEGREE, band, coefficient_count};
 use super::basis::{Real, evaluate_basis};
@@ -174,6 +175,13 @@ pub fn rotate_coefficients<const C: usize>(
         }
     }
     out
+}
+
+/// The same of many functions, `[n][K][3]`.
+pub fn rotate_functions(rotation: DMat3, degree: usize, functions: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let each = functions.par_chunks_exact(coefficient_count(degree));
+    each.flat_map_iter(|f| rotate_coefficients(rotation, degree, f))
+        .collect()
 }
 
 #[cfg(test)]

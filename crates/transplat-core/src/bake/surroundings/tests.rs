@@ -2,16 +2,12 @@ use glam::{Quat, Vec3};
 
 use super::*;
 use crate::progress::no_progress;
-use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
 
-/// All rays, also where a ball needs none.
 fn placed(cloud: &SurfelCloud, scene_from_object: Affine3A) -> Placed {
-    let all = (&[1][..], &Skips::NONE);
-    let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
     Placed {
-        bake: Arc::new(bake.expect("not cancelled")),
+        bake: Arc::new(DirectionalBake::all_rays(cloud)),
         scene_from_object,
     }
 }
@@ -29,15 +25,8 @@ fn slab_and_ball() -> ([SurfelCloud; 2], [Affine3A; 2]) {
 
 /// One cloud of the first and the second, in the coordinates of the first.
 fn merged(clouds: [&SurfelCloud; 2], first_from_second: Affine3A) -> SurfelCloud {
-    let scale = first_from_second.transform_vector3(Vec3::X).length();
-    let mut moved = clouds[1].clone();
-    for (p, t) in moved.positions.iter_mut().zip(&mut moved.tangents) {
-        *p = first_from_second.transform_point3(*p);
-        *t = t.map(|t| first_from_second.transform_vector3(t) / scale);
-    }
-    for s in &mut moved.scales {
-        *s *= scale;
-    }
+    let (scale, turn, offset) = first_from_second.to_scale_rotation_translation();
+    let moved = clouds[1].transformed(scale.x, turn, offset);
     let mut all = clouds[0].clone();
     all.add(&moved, 1.0, Vec3::ZERO);
     all

@@ -12,10 +12,7 @@ use crate::surfels::SurfelCloud;
 use crate::synthetic;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
-    // By rays, also where a ball needs none.
-    let all = (&[1][..], &Skips::NONE);
-    let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
-    let bake = Arc::new(bake.expect("not cancelled"));
+    let bake = Arc::new(DirectionalBake::all_rays(cloud));
     Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()))
 }
 

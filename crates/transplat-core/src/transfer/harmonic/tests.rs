@@ -5,6 +5,7 @@ use crate::oracle::{OracleHarmonic, relight_surfel};
 use crate::progress::no_progress;
 use crate::settings::Method;
 use crate::settings::skips::{Skip, Skips};
+use crate::sh::rotate_functions;
 use crate::synthetic;
 use glam::{DMat3, DVec3};
 
@@ -165,7 +166,7 @@ fn turning_asset_and_lights_together_turns_the_result() {
     let straight = prepare(&cloud, &open, &source, &without_shadow).relight(&target);
     let around = prepare(&turned, &open_turned, &source_turned, &without_shadow);
     let around = around.relight(&target_turned);
-    let expected = synthetic::turned_functions(&straight, 3, turn);
+    let expected = rotate_functions(turn, 3, &straight);
     assert!(relative_difference(&expected, &around) < 1e-3);
     // With the bake: the mean changes by no more than what 128 directions resolve.
     let mean = |cloud: &SurfelCloud, source: &IncidentRadiance, target: &IncidentRadiance| {

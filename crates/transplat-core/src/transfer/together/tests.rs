@@ -20,9 +20,7 @@ fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
     let settings = TransferSettings::default();
     let transfers: Vec<DirectionalTransfer> = (objects.iter())
         .map(|(cloud, _)| {
-            let all = (&[1][..], &Skips::NONE);
-            let bake = DirectionalBake::bake_in_stages(cloud, all, &no_progress, |_, _| ());
-            let bake = Arc::new(bake.expect("not cancelled"));
+            let bake = Arc::new(DirectionalBake::all_rays(cloud));
             let asset = Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()));
             DirectionalTransfer::new(&asset, &Illumination::even(3), &settings).expect("with beams")
         })
@@ -58,7 +56,7 @@ fn an_object_alone_and_objects_out_of_sight_are_relit_as_ever() {
         (&together[0].sh, &together[0].tau),
         (&alone[0].sh, &alone[0].tau)
     );
-    // A sheet on edge, far away: one direction in 384 sees further than that.
+    // So far away that it stands between two of the 384 directions.
     let far = Affine3A::from_translation(Vec3::new(0.0, 500.0, 0.0));
     let (together, alone) = relit(&[(cloud.clone(), Affine3A::IDENTITY), (cloud, far)]);
     for (together, alone) in together.iter().zip(alone) {
