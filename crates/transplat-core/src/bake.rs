@@ -7,6 +7,7 @@ mod hierarchy;
 pub mod open_object;
 pub mod patches;
 pub mod scaled;
+pub mod scene;
 pub mod surroundings;
 pub mod trace;
 pub(crate) mod transmittance;
@@ -24,6 +25,7 @@ use crate::surfels::SurfelCloud;
 
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
 use harmonic::HarmonicBake;
+use scene::SceneBake;
 
 /// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
@@ -48,6 +50,8 @@ pub enum Bake {
     Harmonic(HarmonicBake),
     /// For the directional method.
     Directional(Arc<DirectionalBake>),
+    /// For the directional method, of several objects.
+    Scene(Arc<SceneBake>),
 }
 
 impl Bake {
@@ -100,6 +104,8 @@ impl Bake {
         let (open_object, closed) = match self {
             Self::Harmonic(v) => (v.open_object_error, 0.0),
             Self::Directional(o) => (o.open_object_error, o.closed_share),
+            // An object's own rays are told of where it is baked.
+            Self::Scene(_) => (None, 0.0),
         };
         if open_object.is_some() {
             let why = "no surfel blocks the light of another in any direction that was asked";
@@ -128,7 +134,7 @@ impl Bake {
     pub fn method(&self) -> Method {
         match self {
             Self::Harmonic(_) => Method::Harmonic,
-            Self::Directional(_) => Method::Directional,
+            Self::Directional(_) | Self::Scene(_) => Method::Directional,
         }
     }
 
@@ -155,7 +161,7 @@ impl Bake {
     pub fn directions(&self) -> usize {
         match self {
             Self::Harmonic(v) => v.directions,
-            Self::Directional(_) => patches::DIRECTIONS,
+            Self::Directional(_) | Self::Scene(_) => patches::DIRECTIONS,
         }
     }
 
@@ -163,12 +169,8 @@ impl Bake {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Harmonic(v) => v.open.len(),
-            Self::Directional(o) => {
-                size_of_val(&o.tracer.fronts.of[..])
-                    + size_of_val(&o.sight.open[..])
-                    + size_of_val(&o.sight.starts[..])
-                    + size_of_val(&o.sight.hits[..])
-            }
+            Self::Directional(o) => size_of_val(&o.tracer.fronts.of[..]) + o.sight.bytes(),
+            Self::Scene(s) => s.bytes(),
         }
     }
 
@@ -177,6 +179,7 @@ impl Bake {
         match self {
             Self::Harmonic(v) => &v.normals,
             Self::Directional(o) => &o.normals,
+            Self::Scene(s) => &s.normals,
         }
     }
 
@@ -185,6 +188,7 @@ impl Bake {
         match self {
             Self::Harmonic(v) => v.two_sided[i],
             Self::Directional(o) => o.two_sided[i] > 0.5,
+            Self::Scene(s) => s.of_surfel(i, |o, i| o.two_sided[i] > 0.5),
         }
     }
 
@@ -193,14 +197,16 @@ impl Bake {
         match self {
             Self::Harmonic(v) => v.two_sided[i],
             Self::Directional(o) => o.is_ambiguous(i),
+            Self::Scene(s) => s.of_surfel(i, DirectionalBake::is_ambiguous),
         }
     }
 
-    /// Share of what is seen of the asset that is ambiguous, 0 to 1; the harmonic method does not tell what is seen.
+    /// Share of what is seen of the asset that is ambiguous, 0 to 1, the worst object's; the harmonic method does not tell what is seen.
     pub fn ambiguous_share(&self) -> Option<f32> {
         match self {
             Self::Harmonic(_) => None,
             Self::Directional(o) => Some(o.ambiguous_share),
+            Self::Scene(s) => s.bakes().map(|o| o.ambiguous_share).reduce(f32::max),
         }
     }
 
@@ -209,6 +215,7 @@ impl Bake {
         match self {
             Self::Harmonic(v) => v.flipped,
             Self::Directional(o) => o.flipped,
+            Self::Scene(s) => s.bakes().map(|o| o.flipped).sum(),
         }
     }
 
@@ -217,6 +224,7 @@ impl Bake {
         match self {
             Self::Harmonic(v) => v.buried,
             Self::Directional(o) => o.buried,
+            Self::Scene(s) => s.bakes().map(|o| o.buried).sum(),
         }
     }
 
@@ -228,11 +236,8 @@ impl Bake {
                 .zip(&v.open[i * v.directions..])
                 .map(|(d, open)| (d, f32::from(*open) / 255.0))
                 .collect(),
-            Self::Directional(o) => patches::directions()
-                .into_iter()
-                .enumerate()
-                .map(|(j, d)| (d, f32::from(u8::from(o.sight.is_open(i, j)))))
-                .collect(),
+            Self::Directional(o) => o.sight.seen_by(i),
+            Self::Scene(s) => s.seen_by(i),
         }
     }
 
@@ -241,6 +246,7 @@ impl Bake {
         match self {
             Self::Harmonic(v) => v.openness(),
             Self::Directional(o) => o.openness(),
+            Self::Scene(s) => s.openness(),
         }
     }
 }

@@ -21,7 +21,7 @@ use std::path::Path;
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
-pub use asset::{AssetFile, load_asset, write_relit};
+pub use asset::{AssetFile, load_asset, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, load_cameras};
 pub use estimate::{load_estimate, save_estimate};

@@ -1,12 +1,12 @@
 //! The asset: 2D Gaussian surfels with view-dependent colour.
 
-use glam::{DMat3, Quat, Vec2, Vec3};
+use glam::{Affine3A, DMat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::color::Encoding;
+use crate::color::{Encoding, decode_sh};
 use crate::error::{Result, ensure};
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::{band, coefficient_count, rotate_functions};
+use crate::sh::{band, coefficient_count, rotate_functions, with_degree};
 
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
@@ -67,10 +67,12 @@ impl SurfelCloud {
         self.sh.extend(&other.sh);
     }
 
-    /// The cloud elsewhere: scaled, turned with its colour, and moved. Which axis is up is said as before: an object stands in the scene of another.
-    pub fn transformed(&self, scale: f32, turn: Quat, offset: Vec3) -> Self {
-        let turn_of_colors = DMat3::from_quat(turn.as_dquat());
-        let place = |p: &Vec3| turn * (scale * *p) + offset;
+    /// The cloud elsewhere: scaled by one factor, turned with its colour, and moved. Which axis is up is said as before: an object stands in
+    /// the scene of another.
+    pub fn transformed(&self, there_from_here: Affine3A) -> Self {
+        let (scale, turn, _) = there_from_here.to_scale_rotation_translation();
+        let (scale, turn_of_colors) = (scale.x, DMat3::from_quat(turn.as_dquat()));
+        let place = |p: &Vec3| there_from_here.transform_point3(*p);
         Self {
             positions: self.positions.iter().map(place).collect(),
             tangents: (self.tangents.iter())
@@ -84,6 +86,42 @@ impl SurfelCloud {
             up: self.up,
             outside_from: self.outside_from.iter().map(place).collect(),
         }
+    }
+
+    /// Objects where they stand as one cloud, in the coordinates that they are placed in and with the up axis of the first. Colour is stored
+    /// as they all store it, or else linear.
+    ///
+    /// # Panics
+    /// There is no object.
+    pub fn composed(objects: &[(&Self, Affine3A)]) -> Self {
+        let mut placed: Vec<Self> = (objects.iter())
+            .map(|(cloud, place)| {
+                if *place == Affine3A::IDENTITY {
+                    (*cloud).clone()
+                } else {
+                    cloud.transformed(*place)
+                }
+            })
+            .collect();
+        if placed.iter().any(|c| c.encoding != placed[0].encoding) {
+            for cloud in &mut placed {
+                cloud.sh = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
+                cloud.encoding = Encoding::Linear;
+            }
+        }
+        let degree = placed.iter().map(|c| c.sh_degree).max().unwrap_or_default();
+        let with_degree = |cloud: &mut Self| {
+            cloud.sh = with_degree(std::mem::take(&mut cloud.sh), cloud.sh_degree, degree);
+            cloud.sh_degree = degree;
+        };
+        placed.iter_mut().for_each(with_degree);
+        let together = |mut all: Self, cloud: Self| {
+            all.add(&cloud, 1.0, Vec3::ZERO);
+            all.outside_from.extend(cloud.outside_from);
+            all
+        };
+        let all = placed.into_iter().reduce(together);
+        all.expect("at least one object")
     }
 
     /// At most `count` surfels of it, taken evenly from their order and so much larger that they cover as much.

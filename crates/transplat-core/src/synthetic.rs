@@ -1,6 +1,6 @@
 //! Small scenes whose answers are known on paper, for tests here and in other crates.
 
-use glam::{DMat3, DQuat, Vec2, Vec3};
+use glam::{Affine3A, DMat3, DQuat, Vec2, Vec3};
 
 use crate::color::Encoding;
 use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, lattice};
@@ -74,7 +74,7 @@ pub fn sphere_over_slab(n: usize) -> SurfelCloud {
 /// An asset turned about the origin, its colour with it.
 pub fn turned(cloud: &SurfelCloud, turn: DMat3) -> SurfelCloud {
     let turn = DQuat::from_mat3(&turn).as_quat();
-    cloud.transformed(1.0, turn, Vec3::ZERO)
+    cloud.transformed(Affine3A::from_quat(turn))
 }
 
 /// A sphere over a plate with some view dependence of a degree, different on every surfel; linear colour.

@@ -6,13 +6,13 @@
 pub mod directional;
 pub mod harmonic;
 mod relit;
-pub mod together;
+pub mod scene;
 
 use std::sync::Arc;
 
 use crate::bake::Bake;
 use crate::environment::Illumination;
-use crate::error::{Result, ensure};
+use crate::error::{Error, Result, ensure};
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
@@ -20,6 +20,7 @@ use crate::surfels::SurfelCloud;
 use directional::{DirectionalAsset, DirectionalTransfer};
 use harmonic::{HarmonicAsset, HarmonicTransfer};
 pub use relit::{Part, Relight, Relit};
+use scene::SceneTransfer;
 
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
@@ -28,6 +29,8 @@ pub enum PreparedTransfer {
     Harmonic(Arc<HarmonicTransfer>),
     /// By the directional method.
     Directional(Arc<DirectionalTransfer>),
+    /// By the directional method, several objects.
+    Scene(Arc<SceneTransfer>),
 }
 
 impl std::ops::Deref for PreparedTransfer {
@@ -37,6 +40,7 @@ impl std::ops::Deref for PreparedTransfer {
         match self {
             Self::Harmonic(harmonic) => &**harmonic,
             Self::Directional(directional) => &**directional,
+            Self::Scene(scene) => &**scene,
         }
     }
 }
@@ -70,6 +74,7 @@ impl PreparedTransfer {
             Self::Directional(directional) => {
                 Self::Directional(Arc::new(directional.rounded_to_half()))
             }
+            Self::Scene(scene) => Self::Scene(Arc::new(scene.rounded_to_half())),
         }
     }
 }
@@ -122,6 +127,10 @@ impl TransferAsset {
                 self.directional = Some((bake_id, settings.skips, asset.clone()));
                 let directional = DirectionalTransfer::new(&asset, source, settings)?;
                 PreparedTransfer::Directional(Arc::new(directional))
+            }
+            Bake::Scene(_) => {
+                let why = "the objects of a scene are prepared one by one";
+                return Err(Error::Mismatch(why.into()));
             }
         })
     }

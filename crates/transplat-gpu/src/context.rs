@@ -36,6 +36,9 @@ pub enum GpuError {
     /// The driver reported an error or was lost.
     #[error("the graphics driver failed: {0}")]
     Driver(String),
+    /// It is done on the CPU alone.
+    #[error("{0} on the CPU alone")]
+    OnCpu(&'static str),
     /// The caller's progress callback asked to stop.
     #[error("cancelled")]
     Cancelled,

@@ -9,7 +9,7 @@ use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use crate::context::{Context, Result};
+use crate::context::{Context, GpuError, Result};
 use crate::rasterize::{ResidentPaint, ResidentSh, ResidentVectors};
 use directional::GpuDirectional;
 use harmonic::GpuHarmonic;
@@ -34,7 +34,7 @@ impl GpuTransfer {
     /// Uploads a prepared transfer.
     ///
     /// # Errors
-    /// It is too large for the adapter, or the driver failed.
+    /// It is too large for the adapter, of several objects, or the driver failed.
     pub fn new(context: &Arc<Context>, prepared: &PreparedTransfer) -> Result<Self> {
         let (relit, by) = match prepared {
             PreparedTransfer::Harmonic(harmonic) => {
@@ -55,6 +55,9 @@ impl GpuTransfer {
                 };
                 let tau = ResidentVectors(transfer.tau());
                 (relit, By::Directional(transfer, tau))
+            }
+            PreparedTransfer::Scene(_) => {
+                return Err(GpuError::OnCpu("several objects are relit"));
             }
         };
         Ok(Self {

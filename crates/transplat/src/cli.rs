@@ -67,7 +67,7 @@ pub enum Command {
     Report(ReportArgs),
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct OutputArgs {
     /// Show no progress and no summary
     #[arg(long, short)]
@@ -77,9 +77,9 @@ pub struct OutputArgs {
     pub json: bool,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct AssetArgs {
-    /// The splat: a 2DGS or 3DGS .ply; where there is a --look, by default the one that it names
+    /// The splat: a 2DGS or 3DGS .ply; or a look, whose splat and settings are meant
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -167,10 +167,10 @@ impl LightArgs {
         scene: &'a Scene,
         targets: &'a [(String, PathBuf)],
     ) -> impl Iterator<Item = &'a Path> {
-        let object = &scene.objects[0];
-        let named = [&object.source.file, &object.asset, &self.bake, &self.look];
-        named
-            .into_iter()
+        let of_objects = scene.objects.iter();
+        of_objects
+            .flat_map(|o| [&o.source.file, &o.asset])
+            .chain([&self.bake, &self.look])
             .flatten()
             .chain(targets.iter().map(|(_, path)| path))
             .map(PathBuf::as_path)
@@ -183,14 +183,14 @@ pub struct RelightArgs {
     pub asset: AssetArgs,
     #[command(flatten)]
     pub light: LightArgs,
-    /// The relit splat; with several targets the folder for them
+    /// The relit splat; of a scene of several objects all of them in one, or a folder for each; with several targets the folder for them
     #[arg(short, long, value_name = "OUT.ply|DIR")]
     pub output: PathBuf,
     #[command(flatten)]
     pub out: OutputArgs,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
     #[command(flatten)]
     pub asset: AssetArgs,
@@ -229,7 +229,7 @@ pub struct RenderArgs {
     pub out: OutputArgs,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct CameraArgs {
     /// Cameras of a NeRF-synthetic transforms.json
     #[arg(long, value_name = "TRANSFORMS.json", conflicts_with_all = ["turntable", "eye"])]

@@ -123,6 +123,7 @@ impl Device {
             return Ok((on_cpu, None));
         };
         match GpuTransfer::new(context, prepared) {
+            Err(GpuError::OnCpu(_)) => Ok((on_cpu, None)),
             Err(error) if !context.is_lost() => {
                 Ok((on_cpu, Some(format!("relighting on the CPU: {error}"))))
             }

@@ -114,10 +114,10 @@ pub struct Studio {
 }
 
 impl Studio {
-    /// An object of a scene, with what is hidden of it.
+    /// What a scene shows, with nothing hidden.
     pub fn new(
         cloud: &Arc<SurfelCloud>,
-        (scene, object): (Scene, usize),
+        scene: Scene,
         view: View,
         linear: bool,
         painter: Painter,
@@ -129,8 +129,6 @@ impl Studio {
             background: view.background(scene.background),
             ..scene
         };
-        let hide = &scene.objects[object].hide;
-        let hidden = hide.unseen(cloud, &cloud.bounds(), &scene.transfer.skips);
         Self {
             cloud: cloud.clone(),
             view,
@@ -140,7 +138,7 @@ impl Studio {
                 ColorSpace::Display(display)
             },
             painter,
-            hidden,
+            hidden: Vec::new(),
             openness: Vec::new(),
             ground: None,
             scene,

@@ -1,109 +1,123 @@
-//! An asset between lights: the stages up to the transfer, as the commands share them.
+//! A scene between lights: the stages up to the transfer, as the commands share them.
 
 pub mod bake;
 pub mod estimate;
+pub mod object;
 pub mod settings;
 pub mod warnings;
 
-use std::cell::OnceCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use indicatif::{ProgressBar, ProgressStyle};
+use glam::Affine3A;
 use transplat_core::bake::Bake;
-use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::bake::scene::SceneBake;
+use transplat_core::bake::surroundings::Placed;
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::files::{AssetFile, inspect_bake, load_asset, load_bake, load_environment};
+use transplat_core::estimate::Estimate;
+use transplat_core::files::{inspect_bake, load_environment};
 use transplat_core::ground::Ground;
-use transplat_core::scene::{Object, Scene, is_estimate, is_even, is_file};
+use transplat_core::scene::{Scene, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
-use transplat_core::surfels::{SurfelCloud, is_faint};
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::directional::{DirectionalAsset, DirectionalTransfer};
+use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
 use crate::device::{Device, Transfer};
 use crate::summary::Summary;
-use bake::Wanted;
-use estimate::{estimate_as_json, estimate_in_words, why_not};
-use settings::{asset_of, targets_of};
-use warnings::{AMBIGUOUS_SHARE, ambiguous_warning, asset_warnings, map_warnings};
+use estimate::{estimate_in_words, why_not};
+use object::LoadedObject;
+use settings::{assets_of, targets_of};
+use warnings::{AMBIGUOUS_SHARE, ambiguous_warning, map_warnings};
 
-/// Directions that are enough to tell a normal's sign.
-const ORIENTATION_DIRECTIONS: usize = 64;
-
-/// The asset, loaded, and everything the command line says about it.
+/// The objects of a scene, loaded, and everything the command line says about them.
 pub struct Pipeline {
+    /// Those that are shown.
+    pub objects: Vec<LoadedObject>,
+    /// All of them where they stand, in the coordinates of the first one's scene.
     pub cloud: Arc<SurfelCloud>,
-    pub file: AssetFile,
     pub scene: Scene,
     pub device: Device,
-    /// The bake for the directional method, and what it told of the light, once they were needed.
-    directional_bake: OnceCell<Arc<DirectionalBake>>,
-    estimate: OnceCell<Estimate>,
 }
 
 impl Pipeline {
-    /// Loads the asset and opens the device.
+    /// Loads the objects and opens the device.
     pub fn load(args: &AssetArgs, scene: Scene, summary: &mut Summary) -> Result<Self> {
-        let asset = asset_of(args, &scene);
-        let (cloud, file) = summary.time("load", || load_asset(&asset))?;
-        summary.set("asset", asset.display().to_string());
-        summary.set("surfels", cloud.len());
-        summary.set("sh_degree", cloud.sh_degree);
-        for warning in asset_warnings(&asset, &file) {
-            summary.warn(warning);
-        }
-        if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
-            summary.warn(format!(
-                "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
-                asset.display()
-            ));
-        }
+        let assets = assets_of(args, &scene);
+        let shown = scene.objects.iter().filter(|o| o.shown);
+        let objects = shown
+            .zip(&assets)
+            .map(|(object, asset)| LoadedObject::load(asset, object.clone(), summary))
+            .collect::<Result<_>>()?;
         let device = summary.time("open device", || Device::open(args.options.device))?;
-        summary.set("adapter", device.name());
-        Ok(Self::of(cloud, file, scene, device))
+        let pipeline = Self::of(objects, scene, device);
+        summary.set("asset", assets[0].display().to_string());
+        summary.set("surfels", pipeline.cloud.len());
+        summary.set("sh_degree", pipeline.cloud.sh_degree);
+        summary.set("adapter", pipeline.device.name());
+        Ok(pipeline)
     }
 
-    /// What is lit is a loaded asset, as the look has it.
-    pub fn of(mut cloud: SurfelCloud, file: AssetFile, scene: Scene, device: Device) -> Self {
-        let object = &scene.objects[0];
-        if let Some(up) = object.up {
-            cloud.up = up;
-        }
-        object.apply_to(&mut cloud);
+    /// What is lit are loaded objects.
+    pub fn of(objects: Vec<LoadedObject>, scene: Scene, device: Device) -> Self {
+        let placed = |o: &LoadedObject| o.settings.transform.scene_from_object();
+        let cloud = match &objects[..] {
+            [one] if placed(one) == Affine3A::IDENTITY => one.cloud.clone(),
+            several => {
+                let each: Vec<_> = several.iter().map(|o| (&*o.cloud, placed(o))).collect();
+                Arc::new(SurfelCloud::composed(&each))
+            }
+        };
         Self {
-            cloud: Arc::new(cloud),
-            file,
+            objects,
+            cloud,
             scene,
             device,
-            directional_bake: OnceCell::new(),
-            estimate: OnceCell::new(),
         }
     }
 
-    /// Its settings: a command's scene has one object.
-    pub fn object(&self) -> &Object {
-        &self.scene.objects[0]
+    /// The first object, in whose coordinates the scene is.
+    pub fn first(&self) -> &LoadedObject {
+        &self.objects[0]
+    }
+
+    /// Whether there is more than one object as it was captured.
+    fn is_composed(&self) -> bool {
+        !Arc::ptr_eq(&self.cloud, &self.first().cloud)
+    }
+
+    /// Surfels that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
+    pub fn hidden(&self) -> Vec<bool> {
+        let skips = &self.scene.transfer.skips;
+        let of = |o: &LoadedObject| o.settings.hide.unseen(&o.cloud, &o.cloud.bounds(), skips);
+        let each: Vec<Vec<bool>> = self.objects.iter().map(of).collect();
+        if each.iter().all(Vec::is_empty) {
+            return Vec::new();
+        }
+        let whole = |(mut hidden, o): (Vec<bool>, &LoadedObject)| {
+            hidden.resize(o.cloud.len(), false);
+            hidden
+        };
+        let each = each.into_iter().zip(&self.objects);
+        each.flat_map(whole).collect()
     }
 
     /// Bakes what the method needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<Bake> {
-        let method = self.scene.transfer.method;
-        let bake = match (method, saved) {
-            (Method::Directional, _) => Bake::Directional(self.directional_bake(saved, summary)?),
-            (Method::Harmonic, Some(path)) => self.saved_bake(path, summary)?,
-            (Method::Harmonic, None) => {
-                self.new_bake(method, self.bake_directions(summary), summary)?
-            }
+        let by = (&self.device, &self.scene);
+        let bake = if self.is_composed() {
+            Bake::Scene(Arc::new(self.scene_bake(saved, summary)?))
+        } else {
+            self.first().bake(by, saved, summary)?
         };
         summary.skipped(bake.left_out());
-        summary.set("preset", method.preset());
+        summary.set("preset", self.scene.transfer.method.preset());
         summary.set("directions", bake.directions());
         summary.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
         summary.set("normals_flipped", bake.flipped());
@@ -118,81 +132,34 @@ impl Pipeline {
         Ok(bake)
     }
 
-    fn saved_bake(&self, path: &Path, summary: &mut Summary) -> Result<Bake> {
-        summary.skip("bake", "the saved one is used");
-        let bake = summary.time("load", || load_bake(path, &self.cloud))?;
-        bake.of_method(self.scene.transfer.method)
-            .with_context(|| path.display().to_string())?;
-        Ok(bake)
-    }
-
-    /// The bake for the directional method, made or read once.
-    fn directional_bake(
-        &self,
-        saved: Option<&Path>,
-        summary: &mut Summary,
-    ) -> Result<Arc<DirectionalBake>> {
-        if let Some(known) = self.directional_bake.get() {
-            return Ok(known.clone());
+    /// The objects' own bakes, and what they see of each other.
+    fn scene_bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<SceneBake> {
+        if let Some(path) = saved {
+            bail!(
+                "{}: a bake is of one object, not of a scene",
+                path.display()
+            );
         }
-        let bake = match saved {
-            Some(path) => self.saved_bake(path, summary)?,
-            None => self.new_bake(Method::Directional, DIRECTIONS, summary)?,
-        };
-        let Bake::Directional(bake) = bake else {
-            bail!("the bake is for the other preset");
-        };
-        Ok(self.directional_bake.get_or_init(|| bake).clone())
-    }
-
-    fn new_bake(&self, method: Method, directions: usize, summary: &mut Summary) -> Result<Bake> {
-        let bar = progress_bar("baking visibility", summary);
+        let by = (&self.device, &self.scene);
+        let placed = self.objects.iter().map(|o| {
+            Ok(Placed {
+                bake: o.directional_bake(by, None, summary)?,
+                scene_from_object: o.settings.transform.scene_from_object(),
+            })
+        });
+        let placed = placed.collect::<Result<_>>()?;
+        let bar = summary.progress_bar("tracing between objects");
         let progress = |done: f64| {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
         };
-        let wanted = Wanted {
-            cloud: self.cloud.clone(),
-            method,
-            directions,
-            skips: self.scene.transfer.skips,
-            beside: None,
-        };
-        summary.time("bake", || bake::bake(&self.device, &wanted, &progress))
-    }
-
-    /// What the asset tells of the light it was captured under. `saved` is a bake for the method that is set.
-    pub fn estimate(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<&Estimate> {
-        if let Some(known) = self.estimate.get() {
-            return Ok(known);
-        }
-        let is_for_directional = self.scene.transfer.method == Method::Directional;
-        let directional_bake =
-            self.directional_bake(saved.filter(|_| is_for_directional), summary)?;
-        let estimate = summary.time("estimate", || {
-            estimate_light(&self.cloud, &directional_bake)
-        });
-        summary.set("source_estimate", estimate_as_json(&estimate));
-        Ok(self.estimate.get_or_init(|| estimate))
-    }
-
-    /// Directions of the harmonic method's bake.
-    fn bake_directions(&self, summary: &mut Summary) -> usize {
-        let settings = &self.scene.transfer;
-        let few = settings.method == Method::Harmonic && !settings.terms.shadow;
-        if few && self.scene.directions > ORIENTATION_DIRECTIONS {
-            summary.skip(
-                "most directions of the bake",
-                "without shadows only the normals need it",
-            );
-            return ORIENTATION_DIRECTIONS;
-        }
-        self.scene.directions
+        let trace = || SceneBake::new(placed, &progress);
+        Ok(summary.time("surroundings", trace)?)
     }
 
     /// Bakes the ground that catches the object's shadow.
     pub fn bake_ground(&self, summary: &mut Summary) -> Result<Ground> {
-        let bar = progress_bar("baking the ground", summary);
+        let bar = summary.progress_bar("baking the ground");
         let progress = |done: f64| {
             bar.set_position((done * 1000.0) as u64);
             ControlFlow::Continue(())
@@ -204,26 +171,34 @@ impl Pipeline {
 
     /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
     pub fn lights(&self, args: &LightArgs, summary: &mut Summary) -> Result<Lights> {
-        let Some(source_file) = &self.object().source.file else {
-            bail!("no source light");
-        };
         if let Some(path) = &args.bake {
             inspect_bake(path)?
                 .of_method(self.scene.transfer.method)
                 .with_context(|| path.display().to_string())?;
         }
         let saved = args.bake.as_deref();
-        let mut light = |path: &Path| self.light_of(path, saved, summary);
+        let mut light = |o: &LoadedObject, path: &Path| self.light_of(o, path, saved, summary);
+        let source_of = |o: &LoadedObject| {
+            let file = o.settings.source.file.clone();
+            file.with_context(|| format!("{}: the light of its capture is missing", o.name()))
+        };
         // An estimate needs the bake, and comes last.
-        let known = is_file(source_file).then(|| light(source_file));
-        let known = known.transpose()?;
+        let mut known = Vec::new();
+        for object in &self.objects {
+            let file = source_of(object)?;
+            known.push(is_file(&file).then(|| light(object, &file)).transpose()?);
+        }
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.scene)? {
-            let light = light(&path)?;
+            let light = light(self.first(), &path)?;
             targets.push(Target { name, path, light });
         }
-        let source = known.map_or_else(|| light(source_file), Ok)?;
-        Ok(Lights { source, targets })
+        let each = self.objects.iter().zip(known);
+        let sources = each.map(|(o, known)| known.map_or_else(|| light(o, &source_of(o)?), Ok));
+        Ok(Lights {
+            sources: sources.collect::<Result<_>>()?,
+            targets,
+        })
     }
 
     /// Settings that the method does not know, and that were asked for all the same.
@@ -231,7 +206,11 @@ impl Pipeline {
         let (scene, plain) = (&self.scene, Scene::default());
         match scene.transfer.method {
             Method::Harmonic => {
-                if !self.object().outside_from.is_empty() {
+                if self
+                    .objects
+                    .iter()
+                    .any(|o| !o.cloud.outside_from.is_empty())
+                {
                     let why = "preset paper takes the open side for the front";
                     summary.skip("what is outside", why);
                 }
@@ -257,10 +236,13 @@ impl Pipeline {
         lights: &Lights,
         summary: &mut Summary,
     ) -> Result<(PreparedTransfer, Transfer)> {
-        let [source, _] = lights.oriented(self, &lights.targets[0]);
-        let settings = &self.scene.transfer;
-        let prepared = summary.time("prepare", || {
-            PreparedTransfer::new(&self.cloud, bake, &source, settings)
+        let prepared = summary.time("prepare", || match bake {
+            Bake::Scene(scene) => self.prepare_scene(scene, lights),
+            one => {
+                let [source, _] = lights.oriented(self, 0, &lights.targets[0]);
+                let settings = &self.scene.transfer;
+                Ok(PreparedTransfer::new(&self.cloud, one, &source, settings)?)
+            }
         })?;
         if prepared.source_was_black() {
             summary.warn("the source light is black and explains nothing; even light is assumed");
@@ -281,16 +263,33 @@ impl Pipeline {
         Ok((prepared, transfer))
     }
 
-    /// A light as its map holds it; where an estimate cannot tell, what stands in for it. `saved` is a bake for the method that is set.
+    /// Each object under the light of its own capture.
+    fn prepare_scene(&self, bake: &Arc<SceneBake>, lights: &Lights) -> Result<PreparedTransfer> {
+        let settings = &self.scene.transfer;
+        let prepare = |(at, object): (usize, &LoadedObject)| -> Result<_> {
+            let [source, _] = lights.oriented(self, at, &lights.targets[0]);
+            let own = bake.objects[at].bake.clone();
+            let asset = DirectionalAsset::new(&object.cloud, own, &settings.skips);
+            let transfer = DirectionalTransfer::new(&Arc::new(asset), &source, settings)?;
+            Ok(Arc::new(transfer))
+        };
+        let each = self.objects.iter().enumerate().map(prepare);
+        let scene = SceneTransfer::new(each.collect::<Result<_>>()?, bake.clone());
+        Ok(PreparedTransfer::Scene(Arc::new(scene)))
+    }
+
+    /// A light as its map holds it; where an object's estimate cannot tell, what stands in for it. `saved` is a bake for the method that is
+    /// set.
     pub fn light_of(
         &self,
+        object: &LoadedObject,
         path: &Path,
         saved: Option<&Path>,
         summary: &mut Summary,
     ) -> Result<Illumination> {
-        let Some(map) = self.load_light(path, saved, summary)? else {
+        let Some(map) = self.load_light(object, path, saved, summary)? else {
             summary.skip("projection of an environment", "even light");
-            let estimate = self.estimate.get().filter(|_| is_estimate(path));
+            let estimate = object.known_estimate().filter(|_| is_estimate(path));
             let even = || Illumination::even(MAX_DEGREE);
             return Ok(estimate.map_or_else(even, Estimate::stand_in));
         };
@@ -298,9 +297,10 @@ impl Pipeline {
         summary.time("project", || self.device.light(&map, method))
     }
 
-    /// A light's map; none for even light, and where an estimate cannot tell. `saved` is a bake for the method that is set.
+    /// A light's map; none for even light, and where an object's estimate cannot tell. `saved` is a bake for the method that is set.
     pub fn load_light(
         &self,
+        object: &LoadedObject,
         path: &Path,
         saved: Option<&Path>,
         summary: &mut Summary,
@@ -309,14 +309,14 @@ impl Pipeline {
             return Ok(None);
         }
         if is_estimate(path) {
-            let estimate = self.estimate(saved, summary)?;
+            let estimate = object.estimate((&self.device, &self.scene), saved, summary)?;
             if let Some(obstacle) = estimate.obstacle {
                 let why = why_not(self.scene.transfer.method, obstacle);
                 summary.warn(format!("the light of the capture {why}"));
                 return Ok(None);
             }
-            summary.note(estimate_in_words(estimate, self.cloud.up));
-            return Ok(Some(estimate.light.map(self.cloud.up)));
+            summary.note(estimate_in_words(estimate, object.cloud.up));
+            return Ok(Some(estimate.light.map(object.cloud.up)));
         }
         let map = summary.time("load", || load_environment(path))?;
         for warning in map_warnings(path, &map) {
@@ -335,29 +335,64 @@ impl Pipeline {
         summary: &mut Summary,
     ) -> Result<Relit> {
         let on_gpu = matches!(transfer, Transfer::Gpu(_));
-        summary.skipped(prepared.left_out_for(light, on_gpu));
-        if light.is_black() {
-            summary.warn(format!(
-                "{name}: the target light is black, and so is the result"
-            ));
-        } else {
-            summary.target(
-                name,
-                (light.mean_irradiance() * prepared.light_gain()).log2(),
-            );
-        }
-        let mut times = Vec::new();
-        for _ in 0..if summary.json { 3 } else { 1 } {
-            let start = Instant::now();
-            transfer.change_light(light, part, unseen)?;
-            times.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        times.sort_by(f64::total_cmp);
-        if summary.ms("transfer").is_none() {
-            summary.add_ms("transfer", times[times.len() / 2]);
-        }
+        tell_of_light((prepared, on_gpu), name, light, summary);
+        timed(summary, || transfer.change_light(light, part, unseen))?;
         transfer.result()
     }
+
+    /// The same of several objects, each in its own coordinates.
+    pub fn relight_objects(
+        &self,
+        scene: &Arc<SceneTransfer>,
+        name: &str,
+        (light, part, unseen): (&Illumination, Part, &[bool]),
+        summary: &mut Summary,
+    ) -> Result<Vec<Relit>> {
+        let prepared = PreparedTransfer::Scene(scene.clone());
+        tell_of_light((&prepared, false), name, light, summary);
+        let relight = || Ok(scene.relight_objects(light, part, unseen)?);
+        timed(summary, relight)
+    }
+}
+
+/// Tells what a light leaves out, and how strong it is.
+fn tell_of_light(
+    (prepared, on_gpu): (&PreparedTransfer, bool),
+    name: &str,
+    light: &Illumination,
+    summary: &mut Summary,
+) {
+    summary.skipped(prepared.left_out_for(light, on_gpu));
+    if light.is_black() {
+        summary.warn(format!(
+            "{name}: the target light is black, and so is the result"
+        ));
+    } else {
+        summary.target(
+            name,
+            (light.mean_irradiance() * prepared.light_gain()).log2(),
+        );
+    }
+}
+
+/// Changes the light: three times where that is to be timed.
+fn timed<T>(summary: &mut Summary, mut change: impl FnMut() -> Result<T>) -> Result<T> {
+    let mut times = Vec::new();
+    let mut time = || {
+        let start = Instant::now();
+        let changed = change();
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+        changed
+    };
+    let mut changed = time()?;
+    for _ in 1..if summary.json { 3 } else { 1 } {
+        changed = time()?;
+    }
+    times.sort_by(f64::total_cmp);
+    if summary.ms("transfer").is_none() {
+        summary.add_ms("transfer", times[times.len() / 2]);
+    }
+    Ok(changed)
 }
 
 /// How many surfels are about equally open on both sides.
@@ -367,16 +402,32 @@ pub fn two_sided(bake: &Bake) -> usize {
 
 /// The lights of a relight as their maps hold them, not turned yet.
 pub struct Lights {
-    pub source: Illumination,
+    /// Of each object.
+    pub sources: Vec<Illumination>,
     pub targets: Vec<Target>,
 }
 
 impl Lights {
-    /// Source and target as the asset sees them.
-    pub fn oriented(&self, pipeline: &Pipeline, target: &Target) -> [Illumination; 2] {
-        let maps = [&self.source, &target.light];
-        let scene = &pipeline.scene;
-        scene.lights_on(pipeline.object(), maps, pipeline.cloud.up)
+    /// What an object was captured under as it sees that, and the target as the scene does.
+    pub fn oriented(&self, pipeline: &Pipeline, at: usize, target: &Target) -> [Illumination; 2] {
+        let object = &pipeline.objects[at];
+        let source = object
+            .settings
+            .source
+            .orient(&self.sources[at], object.cloud.up);
+        [source, self.on_scene(pipeline, target)]
+    }
+
+    /// The target as the scene sees it.
+    pub fn on_scene(&self, pipeline: &Pipeline, target: &Target) -> Illumination {
+        let (scene, first) = (&pipeline.scene, pipeline.first());
+        let [_, target] = scene.lights_on(&first.settings, self.maps(target), pipeline.cloud.up);
+        target
+    }
+
+    /// What the first object was captured under and the target, as their maps hold them.
+    pub fn maps<'a>(&'a self, target: &'a Target) -> [&'a Illumination; 2] {
+        [&self.sources[0], &target.light]
     }
 }
 
@@ -386,16 +437,4 @@ pub struct Target {
     pub name: String,
     pub path: PathBuf,
     pub light: Illumination,
-}
-
-/// A bar on stderr, when that is a terminal and the user did not ask for quiet; it goes when it is dropped.
-pub fn progress_bar(what: &'static str, summary: &Summary) -> ProgressBar {
-    if summary.quiet {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::new(1000);
-    let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent}% {eta}");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.set_message(what);
-    bar
 }

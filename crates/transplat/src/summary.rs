@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::time::Instant;
 
+use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
 use transplat_core::settings::skips::{Skipped, Stage};
@@ -37,6 +38,18 @@ impl Summary {
             json: out.json,
             ..Self::default()
         }
+    }
+
+    /// A bar on stderr, when that is a terminal and the user did not ask for quiet; it goes when it is dropped.
+    pub fn progress_bar(&self, what: &'static str) -> ProgressBar {
+        if self.quiet {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::new(1000);
+        let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent}% {eta}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_message(what);
+        bar
     }
 
     /// Runs a stage and adds its time to what the stage took before.

@@ -56,6 +56,26 @@ impl Sight {
     pub fn is_open(&self, i: usize, j: usize) -> bool {
         is_open(&self.open[i], j)
     }
+
+    /// How open each direction is around surfel `i`, 0 or 1.
+    pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
+        let each = directions().into_iter().enumerate();
+        each.map(|(j, d)| (d, f32::from(u8::from(self.is_open(i, j)))))
+            .collect()
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1.
+    pub fn openness(&self, normals: &[Vec3]) -> Vec<f32> {
+        let directions = directions();
+        (self.open.par_iter().zip(normals))
+            .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
+            .collect()
+    }
+
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.open[..]) + size_of_val(&self.starts[..]) + size_of_val(&self.hits[..])
+    }
 }
 
 /// What the directional method needs of the geometry.
@@ -273,11 +293,7 @@ impl DirectionalBake {
 
     /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1: ambient occlusion.
     pub fn openness(&self) -> Vec<f32> {
-        let directions = directions();
-        (self.sight.open.par_iter())
-            .zip(&self.normals)
-            .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
-            .collect()
+        self.sight.openness(&self.normals)
     }
 }
 

@@ -71,6 +71,14 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     Ok((cloud, asset))
 }
 
+/// Writes a splat that comes of no file, as 2DGS in PLY, with a colour `[n][K][3]` as [`crate::color::Encoding::Stored`] has it.
+///
+/// # Errors
+/// The output cannot be written.
+pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Result<()> {
+    write_atomically(path, |out| ply::write_made(cloud, stored, out))
+}
+
 /// Writes the asset again with other colour, and nothing else that its format holds changed.
 ///
 /// `stored` is the colour `[n][K][3]` as the file stores it. Rows that were left out at loading are made harmless: what was no number is 0, and they are transparent.

@@ -149,6 +149,10 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
 /// # Errors
 /// The file cannot be written; nothing is left of it then.
 pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
+    if let Bake::Scene(_) = baked {
+        let why = "a bake is kept of each object, not of a scene";
+        return Err(Error::invalid(path, why));
+    }
     write_atomically(path, |out| {
         out.write_all(MAGIC)?;
         for value in [
@@ -167,6 +171,7 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
                 out.write_all(bytemuck::cast_slice(&directional.sight.starts))?;
                 out.write_all(bytemuck::cast_slice(&directional.sight.hits))
             }
+            Bake::Scene(_) => Ok(()),
         }
     })
 }

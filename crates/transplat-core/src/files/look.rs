@@ -1,5 +1,5 @@
-//! A look: a scene as it is saved, in readable JSON, flat: what belongs to its one object lies beside what belongs to the scene, and the
-//! environment is called the target.
+//! A look: a scene as it is saved, in readable JSON. What belongs to the one object that stands where it was captured lies beside what belongs
+//! to the scene; objects that are several, or stand elsewhere, are listed. The environment is called the target.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,24 +13,41 @@ use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
-use crate::scene::{EnvironmentLight, Object, Scene, Transform, is_file};
+use crate::scene::{EnvironmentLight, Object, Scene, is_file};
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-const LOOK_VERSION: u32 = 2;
+const LOOK_VERSION: u32 = 3;
+
+/// The version of those that hold one object where it was captured.
+const VERSION_OF_ONE: u32 = 2;
+
+/// The most objects of a scene.
+pub const MOST_OBJECTS: usize = 256;
 
 /// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Look {
     version: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    objects: Option<Vec<Object>>,
+    // Of the one object.
+    #[serde(skip_serializing_if = "Option::is_none")]
     asset: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     up: Option<UpAxis>,
-    linear: bool,
-    outside_from: Vec<Vec3>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    linear: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outside_from: Option<Vec<Vec3>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    source: Option<EnvironmentLight>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hide: Option<Hide>,
+    // Of the scene.
     directions: usize,
-    source: EnvironmentLight,
     target: EnvironmentLight,
     match_strength: bool,
     transfer: TransferSettings,
@@ -42,27 +59,34 @@ struct Look {
     background: Background,
     background_blur: f32,
     shadow_catcher: bool,
-    hide: Hide,
     camera: Option<CameraPose>,
 }
 
 impl Default for Look {
     fn default() -> Self {
-        Self::of(Scene::default(), Object::default())
+        let mut look = Self::of(Scene::default());
+        (look.linear, look.outside_from) = (None, None);
+        (look.source, look.hide) = (None, None);
+        look
     }
 }
 
 impl Look {
-    /// Of a scene, with one of its objects.
-    fn of(scene: Scene, object: Object) -> Self {
+    fn of(scene: Scene) -> Self {
+        let mut objects = scene.objects;
+        let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
+        let one = objects.pop_if(|_| is_one);
+        let of_one = one.clone().unwrap_or_default();
         Self {
-            version: LOOK_VERSION,
-            asset: object.asset,
-            up: object.up,
-            linear: object.linear,
-            outside_from: object.outside_from,
+            version: if is_one { VERSION_OF_ONE } else { LOOK_VERSION },
+            objects: Some(objects).filter(|_| !is_one),
+            asset: of_one.asset,
+            up: of_one.up,
+            linear: one.as_ref().map(|o| o.linear),
+            outside_from: one.as_ref().map(|o| o.outside_from.clone()),
+            source: one.as_ref().map(|o| o.source.clone()),
+            hide: one.map(|o| o.hide),
             directions: scene.directions,
-            source: object.source,
             target: scene.environment,
             match_strength: scene.match_strength,
             transfer: scene.transfer,
@@ -74,23 +98,40 @@ impl Look {
             background: scene.background,
             background_blur: scene.background_blur,
             shadow_catcher: scene.shadow_catcher,
-            hide: object.hide,
             camera: scene.camera,
         }
     }
 
-    fn scene(self) -> Scene {
-        let object = Object {
-            asset: self.asset,
-            up: self.up,
-            linear: self.linear,
-            outside_from: self.outside_from,
-            transform: Transform::default(),
-            source: self.source,
-            hide: self.hide,
+    fn scene(self) -> std::result::Result<Scene, String> {
+        let says_of_one = self.asset.is_some()
+            || self.up.is_some()
+            || self.linear.is_some()
+            || self.outside_from.is_some()
+            || self.source.is_some()
+            || self.hide.is_some();
+        let objects = match self.objects {
+            Some(_) if says_of_one => {
+                return Err(
+                    "where objects are listed, each has its own asset, source, up, linear, outside_from and hide"
+                        .into(),
+                );
+            }
+            Some(listed) if !(1..=MOST_OBJECTS).contains(&listed.len()) => {
+                return Err(format!("1 to {MOST_OBJECTS} objects are expected"));
+            }
+            Some(listed) => listed,
+            None => vec![Object {
+                asset: self.asset,
+                up: self.up,
+                linear: self.linear.unwrap_or_default(),
+                outside_from: self.outside_from.unwrap_or_default(),
+                source: self.source.unwrap_or_default(),
+                hide: self.hide.unwrap_or_default(),
+                ..Object::default()
+            }],
         };
-        Scene {
-            objects: vec![object],
+        Ok(Scene {
+            objects,
             environment: self.target,
             lights: Vec::new(),
             match_strength: self.match_strength,
@@ -105,7 +146,7 @@ impl Look {
             background_blur: self.background_blur,
             shadow_catcher: self.shadow_catcher,
             camera: self.camera,
-        }
+        })
     }
 }
 
@@ -136,13 +177,9 @@ pub fn save_look(path: &Path, scene: &Scene) -> Result<()> {
 /// A scene as a look, its paths as they are.
 ///
 /// # Errors
-/// A look holds one object.
+/// A path is not of characters.
 pub fn look_text(scene: &Scene) -> std::result::Result<String, String> {
-    let [object] = &scene.objects[..] else {
-        return Err("a look holds one object".into());
-    };
-    let look = Look::of(scene.clone(), object.clone());
-    serde_json::to_string_pretty(&look).map_err(|e| e.to_string())
+    serde_json::to_string_pretty(&Look::of(scene.clone())).map_err(|e| e.to_string())
 }
 
 fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
@@ -153,7 +190,12 @@ fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
             "a look of version {version}; this program reads versions up to {LOOK_VERSION}"
         ));
     }
-    let mut scene = look.scene();
+    if version < LOOK_VERSION && look.objects.is_some() {
+        return Err(format!(
+            "a look that lists objects is of version {LOOK_VERSION}"
+        ));
+    }
+    let mut scene = look.scene()?;
     // In the first version there was one method, and nothing to name it.
     let names_preset = |look: serde_json::Value| look.pointer("/transfer/preset").is_some();
     if version == 1 && !serde_json::from_slice(text).is_ok_and(names_preset) {
@@ -234,7 +276,12 @@ mod tests {
             r#"{"objects": []}"#,
             r#"{"environment": {}}"#,
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 3}"#,
+            r#"{"version": 4}"#,
+            r#"{"version": 2, "objects": [{}]}"#,
+            r#"{"version": 3, "objects": [{}], "asset": "a.ply"}"#,
+            r#"{"version": 3, "objects": [{"transform": {"scale": 0}}]}"#,
+            r#"{"version": 3, "objects": [{"transfrom": {}}]}"#,
+            r#"{"version": 3, "objects": [{"transform": {"rotation": [0, 0, 0, 2]}}]}"#,
             r#"{"version": 0}"#,
             r#"{"version": "2"}"#,
             r#"{"wipe": 1.5}"#,
@@ -247,11 +294,32 @@ mod tests {
         assert_eq!(parse(text.as_bytes()).expect("its own text"), scene);
         // Numbers stay as short as they were typed.
         assert!(text.contains("\"epsilon\": 0.1,"), "{text}");
-        let none = Scene {
-            objects: Vec::new(),
-            ..scene
-        };
-        assert!(look_text(&none).is_err());
+        assert!(
+            text.contains("\"version\": 2"),
+            "others can read it: {text}"
+        );
+    }
+
+    #[test]
+    fn objects_that_are_several_or_stand_elsewhere_come_back() {
+        let text = r#"{"version": 3, "objects": [{"asset": "yard.ply"},
+            {"name": "a ball", "asset": "ball.ply", "source": {"file": "even"}, "locked": true,
+             "transform": {"scale": 0.5, "rotation": [0, 0, 0.6, 0.8], "translation": [1, 2, 3]}}]}"#;
+        let mut scene = parse(text.as_bytes()).expect("a good look");
+        let ball = &scene.objects[1];
+        assert!(ball.shown && ball.locked && !scene.objects[0].locked);
+        let there = ball.transform.scene_from_object();
+        let there = there.transform_point3(Vec3::X);
+        assert!(
+            there.abs_diff_eq(Vec3::new(1.14, 2.48, 3.0), 1e-6),
+            "{there}"
+        );
+        while !scene.objects.is_empty() {
+            let text = look_text(&scene).expect("plain data");
+            assert_eq!(parse(text.as_bytes()).expect("its own text"), scene);
+            scene.objects.remove(0);
+        }
+        assert!(parse(look_text(&scene).expect("plain data").as_bytes()).is_err());
     }
 
     #[test]

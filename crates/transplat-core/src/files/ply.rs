@@ -1,6 +1,7 @@
 //! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order.
 
 mod header;
+mod made;
 mod write;
 
 use std::io::{BufRead, Seek, SeekFrom};
@@ -13,6 +14,7 @@ use crate::surfels::{SurfelCloud, UpAxis};
 
 pub(super) use header::Header;
 use header::{Format, ScalarType};
+pub(super) use made::write as write_made;
 pub(super) use write::ColorColumns;
 
 /// Rows are read and converted in blocks of this size.

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use glam::{Affine3A, Quat, Vec3};
+use serde::{Deserialize, Serialize};
 
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
@@ -17,10 +18,18 @@ const FARTHEST: f32 = 1e12;
 const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 
 /// A splat in a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Object {
+    /// What it is called, where that is not its file's name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Its file; none where the scene is for any.
     pub asset: Option<PathBuf>,
+    /// Whether it is there at all: what is not shown neither casts a shadow nor shines on anything.
+    pub shown: bool,
+    /// Whether it stays where it stands.
+    pub locked: bool,
     /// The asset's up axis, where the file's own is not to be believed.
     pub up: Option<UpAxis>,
     /// The asset's colour is linear already.
@@ -35,6 +44,23 @@ pub struct Object {
     pub hide: Hide,
 }
 
+impl Default for Object {
+    fn default() -> Self {
+        Self {
+            name: None,
+            asset: None,
+            shown: true,
+            locked: false,
+            up: None,
+            linear: false,
+            outside_from: Vec::new(),
+            transform: Transform::default(),
+            source: EnvironmentLight::default(),
+            hide: Hide::default(),
+        }
+    }
+}
+
 impl Object {
     /// How the file is read: that makes a cloud of it, which stays whatever else is set.
     pub fn apply_to(&self, cloud: &mut SurfelCloud) {
@@ -42,6 +68,11 @@ impl Object {
             cloud.encoding = Encoding::StoredLinear;
         }
         cloud.outside_from.clone_from(&self.outside_from);
+    }
+
+    /// Whether it is as it was captured, with nothing said of it that is for several.
+    pub fn is_where_it_was_captured(&self) -> bool {
+        self.name.is_none() && self.shown && !self.locked && self.transform == Transform::default()
     }
 
     pub(super) fn validate(&self) -> Result<()> {
@@ -62,11 +93,12 @@ impl Object {
 }
 
 /// From an object's own coordinates to the scene's: scaled, turned, moved.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Transform {
     /// Of lengths.
     pub scale: f32,
-    /// After the scale.
+    /// After the scale: a unit quaternion x, y, z, w.
     pub rotation: Quat,
     /// In scene units.
     pub translation: Vec3,
@@ -81,7 +113,7 @@ impl Transform {
 
     /// An object's splat where it stands; highlights turn with it.
     pub fn place(&self, cloud: &SurfelCloud) -> SurfelCloud {
-        cloud.transformed(self.scale, self.rotation, self.translation)
+        cloud.transformed(self.scene_from_object())
     }
 
     fn validate(&self) -> Result<()> {

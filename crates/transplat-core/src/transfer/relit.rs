@@ -133,14 +133,19 @@ impl Relit {
 
     /// Colour as the asset's file stores it. `[n][K][3]`
     pub fn stored(self, cloud: &SurfelCloud) -> Vec<[f32; 3]> {
-        if self.encoding == cloud.encoding {
-            return self.of_degree(cloud.sh_degree).sh;
+        self.stored_as(cloud.sh_degree, cloud.encoding)
+    }
+
+    /// Colour as a splat of that degree stores it. `[n][K][3]`
+    pub fn stored_as(self, sh_degree: usize, encoding: Encoding) -> Vec<[f32; 3]> {
+        if self.encoding == encoding {
+            return self.of_degree(sh_degree).sh;
         }
         // Encoded, a function of the view needs more bands than it had.
-        let degree = if self.degree == 0 { 0 } else { cloud.sh_degree };
+        let degree = if self.degree == 0 { 0 } else { sh_degree };
         let linear = self.linear().of_degree(degree);
-        let stored = encode_sh(linear.sh, degree, cloud.encoding);
-        with_degree(stored, degree, cloud.sh_degree)
+        let stored = encode_sh(linear.sh, degree, encoding);
+        with_degree(stored, degree, sh_degree)
     }
 }
 

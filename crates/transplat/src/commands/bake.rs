@@ -5,7 +5,7 @@ use transplat_core::files::{check_output, save_bake};
 
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
-use crate::pipeline::settings::{asset_of, look_of};
+use crate::pipeline::settings::{assets_of, look_of};
 use crate::pipeline::{Pipeline, two_sided};
 use crate::summary::Summary;
 
@@ -13,7 +13,10 @@ pub fn run(args: &BakeArgs) -> Result<()> {
     let mut summary = Summary::new("bake", &args.out);
     let mut scene = look_of(&args.asset.options, None)?;
     scene.transfer.method = args.preset.unwrap_or_default();
-    refuse_overwriting([&*asset_of(&args.asset, &scene)], &[&args.output])?;
+    refuse_overwriting(
+        assets_of(&args.asset, &scene).iter().map(|a| &**a),
+        &[&args.output],
+    )?;
     check_output(&args.output)?;
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let bake = pipeline.bake(None, &mut summary)?;

@@ -8,14 +8,14 @@ use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
 use crate::pipeline::Pipeline;
 use crate::pipeline::estimate::estimate_in_words;
-use crate::pipeline::settings::{asset_of, look_of};
+use crate::pipeline::settings::{assets_of, look_of};
 use crate::summary::Summary;
 
 pub fn run(args: &EstimateArgs) -> Result<()> {
     let mut summary = Summary::new("estimate", &args.out);
     let scene = look_of(&args.asset.options, None)?;
-    let asset = asset_of(&args.asset, &scene);
-    let inputs = args.bake.iter().chain([&asset]).map(|p| &**p);
+    let assets = assets_of(&args.asset, &scene);
+    let inputs = args.bake.iter().chain(&assets).map(|p| &**p);
     refuse_overwriting(inputs, &[&args.output])?;
     let extension = args.output.extension().unwrap_or_default();
     if !extension.eq_ignore_ascii_case("exr") {
@@ -23,11 +23,12 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
     }
     check_output(&args.output)?;
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let estimate = pipeline.estimate(args.bake.as_deref(), &mut summary)?;
+    let (object, by) = (pipeline.first(), (&pipeline.device, &pipeline.scene));
+    let estimate = object.estimate(by, args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
             "{}: the light of the capture cannot be told from the object: {}",
-            asset.display(),
+            assets[0].display(),
             obstacle.reason()
         );
     }

@@ -10,13 +10,13 @@ use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
     load_look, look_text,
 };
-use transplat_core::scene::Scene;
+use transplat_core::scene::{Object, Scene};
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
-use crate::pipeline::Pipeline;
 use crate::pipeline::estimate::estimate_in_words;
+use crate::pipeline::object::LoadedObject;
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -33,9 +33,10 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             asset(&cloud, &file, &mut summary, &mut lines);
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
-                let pipeline = Pipeline::of(cloud, file, Scene::default(), device);
-                let estimate = pipeline.estimate(None, &mut summary)?;
-                lines.push(estimate_in_words(estimate, pipeline.cloud.up));
+                let object = LoadedObject::of(cloud, file, Object::default());
+                let by = (&device, &Scene::default());
+                let estimate = object.estimate(by, None, &mut summary)?;
+                lines.push(estimate_in_words(estimate, object.cloud.up));
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {

@@ -1,75 +1,174 @@
-//! `transplat relight`: the asset under another light, as a splat.
+//! `transplat relight`: splats under another light, as splats.
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use transplat_core::files::{check_output, write_relit};
-use transplat_core::transfer::Part;
+use transplat_core::color::Encoding;
+use transplat_core::environment::Illumination;
+use transplat_core::files::{check_output, write_relit, write_splat};
+use transplat_core::scene::Scene;
+use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::device::Transfer;
 use crate::pipeline::Pipeline;
-use crate::pipeline::settings::{asset_of, look_of, targets_of};
+use crate::pipeline::settings::{assets_of, look_of, targets_of, with_scene_as_look};
 use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut summary = Summary::new("relight", &args.out);
-    let scene = look_of(&args.asset.options, Some(&args.light))?;
-    let named = targets_of(&args.light, &scene)?;
-    if scene.objects[0].source.file.is_none() || named.is_empty() {
+    let (asset, light) = with_scene_as_look(&args.asset, &args.light);
+    let scene = look_of(&asset.options, Some(&light))?;
+    let named = targets_of(&light, &scene)?;
+    let shown = || scene.objects.iter().filter(|o| o.shown);
+    if shown().any(|o| o.source.file.is_none()) || named.is_empty() {
         usage(
             "relight needs --source and --target (each an environment; --source estimate for a light that nobody knows)",
         );
     }
-    let asset = asset_of(&args.asset, &scene);
-    let many = args.light.target.len() > 1
-        || args.light.target.iter().any(|t| t.is_dir())
-        || args.output.to_string_lossy().ends_with('/');
-    let output = |name: &str| {
-        if many {
-            args.output.join(format!("{name}.ply"))
-        } else {
-            args.output.clone()
-        }
-    };
-    let extension = args.output.extension().filter(|_| !args.output.is_dir());
-    let is_named_as_file = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
-    if many && is_named_as_file {
-        bail!(
-            "{}: more than one splat may be written; give a folder",
-            args.output.display()
-        );
-    }
-    let outputs: Vec<PathBuf> = named.iter().map(|(name, _)| output(name)).collect();
-    let inputs = args.light.inputs(&scene, &named).chain([&*asset]);
+    let assets = assets_of(&asset, &scene);
+    let names = object_names(&scene, &assets);
+    let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
+    let output = Output::new(&args.output, names, is_for_many)?;
+    let outputs: Vec<PathBuf> = named.iter().flat_map(|(t, _)| output.files(t)).collect();
+    let inputs = light
+        .inputs(&scene, &named)
+        .chain(assets.iter().map(|a| &**a));
     refuse_overwriting(inputs, &outputs)?;
-    if !many {
+    if output.is_file {
         check_output(&args.output)?;
     }
-    if !many && extension.is_some() && !is_named_as_file {
-        bail!(
-            "{}: a splat is written as .ply; a folder ends with a slash",
-            args.output.display()
-        );
-    }
-    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let lights = pipeline.lights(&args.light, &mut summary)?;
-    if many {
-        make_folder(&args.output)?;
-    }
-    let bake = pipeline.bake(args.light.bake.as_deref(), &mut summary)?;
+    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
+    let lights = pipeline.lights(&light, &mut summary)?;
+    let bake = pipeline.bake(light.bake.as_deref(), &mut summary)?;
     let (prepared, mut transfer) = pipeline.prepare(&bake, &lights, &mut summary)?;
-    for (target, output) in lights.targets.iter().zip(&outputs) {
-        let [_, light] = lights.oriented(&pipeline, target);
-        let wanted = (&light, Part::Whole, &[][..]);
-        let relit =
-            pipeline.relight(&prepared, &mut transfer, &target.name, wanted, &mut summary)?;
-        summary.time("export", || {
-            let stored = relit.stored(&pipeline.cloud);
-            write_relit(&pipeline.file, &stored, output)
-        })?;
+    for target in &lights.targets {
+        let light = lights.on_scene(&pipeline, target);
+        let files = output.files(&target.name);
+        for folder in files
+            .iter()
+            .filter_map(|f| f.parent())
+            .filter(|_| !output.is_file)
+        {
+            make_folder(folder)?;
+        }
+        let by = (&prepared, &mut transfer);
+        write(&pipeline, by, (&target.name, &light), &files, &mut summary)?;
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
     summary.set("outputs", names.clone());
     summary.finish(&format!("wrote {}", names.join(", ")))
+}
+
+/// Writes what a light makes of the scene: each object into a file of its own, or all into one.
+fn write(
+    pipeline: &Pipeline,
+    (prepared, transfer): (&PreparedTransfer, &mut Transfer),
+    (name, light): (&str, &Illumination),
+    files: &[PathBuf],
+    summary: &mut Summary,
+) -> Result<()> {
+    let wanted = (light, Part::Whole, &[][..]);
+    let several = match prepared {
+        PreparedTransfer::Scene(scene) => Some(scene),
+        _ => None,
+    };
+    if let (Some(scene), true) = (several, files.len() == pipeline.objects.len()) {
+        let relit = pipeline.relight_objects(scene, name, wanted, summary)?;
+        for ((object, relit), file) in pipeline.objects.iter().zip(relit).zip(files) {
+            summary.time("export", || {
+                write_relit(&object.file, &relit.stored(&object.cloud), file)
+            })?;
+        }
+        return Ok(());
+    }
+    let relit = pipeline.relight(prepared, transfer, name, wanted, summary)?;
+    summary.time("export", || match several {
+        Some(_) => {
+            let stored = relit.stored_as(pipeline.cloud.sh_degree, Encoding::Stored);
+            write_splat(&pipeline.cloud, &stored, &files[0])
+        }
+        None => {
+            let object = pipeline.first();
+            write_relit(&object.file, &relit.stored(&object.cloud), &files[0])
+        }
+    })?;
+    Ok(())
+}
+
+/// A name for each object's file: its own, or its splat's; no two are the same.
+fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let shown = scene.objects.iter().filter(|o| o.shown).zip(assets);
+    shown
+        .map(|(object, asset)| {
+            let stem = asset.file_stem().unwrap_or_default().to_string_lossy();
+            let name = object.name.clone().unwrap_or_else(|| stem.into_owned());
+            let name: String = name
+                .chars()
+                .map(|c| {
+                    if c.is_alphanumeric() || "-_ .".contains(c) {
+                        c
+                    } else {
+                        '_'
+                    }
+                })
+                .collect();
+            let numbered = (2..).map(|n| format!("{name}-{n}"));
+            let mut free = std::iter::once(name.clone()).chain(numbered);
+            free.find(|n| taken.insert(n.clone())).unwrap_or_default()
+        })
+        .collect()
+}
+
+/// Where splats go: one file, or a folder with one a light and object.
+struct Output<'a> {
+    path: &'a Path,
+    is_file: bool,
+    is_for_many: bool,
+    objects: Vec<String>,
+}
+
+impl<'a> Output<'a> {
+    fn new(path: &'a Path, objects: Vec<String>, is_for_many: bool) -> Result<Self> {
+        let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
+        let extension = path.extension().filter(|_| !path.is_dir());
+        let is_ply = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+        if is_for_many && is_ply {
+            bail!(
+                "{}: more than one splat may be written; give a folder",
+                path.display()
+            );
+        }
+        if extension.is_some() && !is_ply && !is_for_many && !is_folder {
+            bail!(
+                "{}: a splat is written as .ply; a folder ends with a slash",
+                path.display()
+            );
+        }
+        let is_of_several = objects.len() > 1 && !is_ply;
+        Ok(Self {
+            path,
+            is_file: !is_for_many && !is_of_several && !path.to_string_lossy().ends_with('/'),
+            is_for_many,
+            objects,
+        })
+    }
+
+    /// The files of a light.
+    fn files(&self, target: &str) -> Vec<PathBuf> {
+        let in_folder = |folder: &Path| {
+            let each = self.objects.iter();
+            each.map(|name| folder.join(format!("{name}.ply")))
+                .collect()
+        };
+        match (&self.objects[..], self.is_file) {
+            (_, true) => vec![self.path.to_owned()],
+            ([_], false) => vec![self.path.join(format!("{target}.ply"))],
+            (_, false) if self.is_for_many => in_folder(&self.path.join(target)),
+            (_, false) => in_folder(self.path),
+        }
+    }
 }

@@ -18,8 +18,8 @@ use transplat_core::surfels::SurfelCloud;
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
-use crate::pipeline::settings::{asset_of, look_of, put, targets_of};
-use crate::pipeline::{Lights, Pipeline, progress_bar};
+use crate::pipeline::settings::{assets_of, look_of, put, targets_of, with_scene_as_look};
+use crate::pipeline::{Lights, Pipeline};
 use crate::summary::Summary;
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
@@ -27,11 +27,18 @@ pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     let mut summary = Summary::new("render", &args.out);
+    let (asset, light) = with_scene_as_look(&args.asset, &args.light);
+    let args = &RenderArgs {
+        asset,
+        light,
+        ..args.clone()
+    };
     let scene = settings(args)?;
     let targets = targets_of(&args.light, &scene)?;
-    let relit = scene.objects[0].source.file.is_some();
+    let mut shown = scene.objects.iter().filter(|o| o.shown);
+    let relit = shown.all(|o| o.source.file.is_some());
     let view = view_asked(args, &scene, relit, &targets);
-    let asset = asset_of(&args.asset, &scene);
+    let assets = assets_of(&args.asset, &scene);
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let frames = frames(args, &pipeline)?;
     let output = Output::new(args, frames.len(), targets.len())?;
@@ -39,7 +46,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let inputs = args
         .light
         .inputs(&pipeline.scene, &targets)
-        .chain([&*asset])
+        .chain(assets.iter().map(|a| &**a))
         .chain(cameras);
     refuse_overwriting(inputs, &output.pictures(&targets, &frames))?;
     let linear = output.format == PictureFormat::Exr;
@@ -68,11 +75,12 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     }
     let mut studio = Studio::new(
         &pipeline.cloud,
-        (pipeline.scene.clone(), 0),
+        pipeline.scene.clone(),
         view,
         linear,
         painter,
     );
+    studio.hidden = pipeline.hidden();
     if let (Some(bake), View::Visibility) = (&bake, view) {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
@@ -301,18 +309,18 @@ impl Shots<'_> {
         let (prepared, mut transfer) = pipeline.prepare(bake, lights, summary)?;
         let mut written = 0;
         for target in &lights.targets {
-            let light = lights.oriented(pipeline, target);
+            let light = lights.on_scene(pipeline, target);
             let unseen = if pipeline.scene.transfer.skips.has(Skip::Unseen) {
                 &self.studio.hidden[..]
             } else {
                 &[]
             };
             summary.skipped(Skipped::of_unseen(unseen));
-            let wanted = (&light[1], self.studio.view.part(), unseen);
+            let wanted = (&light, self.studio.view.part(), unseen);
             let relit =
                 pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
             let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
-            let maps = [&lights.source, &target.light];
+            let maps = lights.maps(target);
             self.surround(&mut lit, &target.path, Some(maps), summary)?;
             written += self.take(Some(&target.name), &lit, summary)?;
         }
@@ -332,7 +340,7 @@ impl Shots<'_> {
         let mut written = 0;
         for (i, (name, path)) in targets.iter().enumerate() {
             let mut lit = Lit::default();
-            let maps = lights.map(|l| [&l.source, &l.targets[i].light]);
+            let maps = lights.map(|l| l.maps(&l.targets[i]));
             self.surround(&mut lit, path, maps, summary)?;
             written += self.take(Some(name), &lit, summary)?;
         }
@@ -351,7 +359,7 @@ impl Shots<'_> {
         let scene = &self.pipeline.scene;
         let up = self.pipeline.cloud.up;
         if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
-            lit.ground = lit_ground(ground, scene, self.pipeline.object(), maps, up);
+            lit.ground = lit_ground(ground, scene, &self.pipeline.first().settings, maps, up);
         }
         // The studio's own: channels that are no light show no environment, and its map is not read.
         if self.studio.scene.background != Background::Environment {
@@ -359,12 +367,13 @@ impl Shots<'_> {
         }
         let view = self.studio.view;
         let matched = maps.map_or(1.0, |[source, target]| {
-            scene.match_gain(self.pipeline.object(), [source, target])
+            scene.match_gain(&self.pipeline.first().settings, [source, target])
         });
+        let first = self.pipeline.first();
         let sides = [
             (
-                scene.objects[0].source.file.as_deref(),
-                &scene.objects[0].source,
+                first.settings.source.file.as_deref(),
+                &first.settings.source,
                 1.0,
             ),
             (Some(target), &scene.environment, matched),
@@ -375,7 +384,7 @@ impl Shots<'_> {
                 continue;
             };
             let saved = self.args.light.bake.as_deref();
-            let map = self.pipeline.load_light(path, saved, summary)?;
+            let map = self.pipeline.load_light(first, path, saved, summary)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
             let map = Arc::new(map.blurred(scene.background_blur));
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
@@ -387,7 +396,7 @@ impl Shots<'_> {
         if !self.output.is_file {
             make_folder(&self.output.folder(target))?;
         }
-        let bar = progress_bar("drawing", summary);
+        let bar = summary.progress_bar("drawing");
         for (done, (number, camera)) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             let path = self.output.picture(target, *number);

@@ -25,8 +25,8 @@ use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::device::Device;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{Views, light};
+use crate::pipeline::Pipeline;
 use crate::pipeline::settings::look_of;
-use crate::pipeline::{Pipeline, progress_bar};
 use crate::summary::Summary;
 use crate::sweep::{self, Effort, Subject, Sweep};
 
@@ -153,7 +153,7 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
     let pipeline = Pipeline::load(&asset, scene, summary)?;
     let map = load_environment(&target)?;
     let lights = [
-        pipeline.light_of(source, None, summary)?,
+        pipeline.light_of(pipeline.first(), source, None, summary)?,
         device.light(&map, Method::Directional)?,
     ];
     let up = pipeline.cloud.up;
@@ -223,7 +223,7 @@ fn error_against_time(
     } else {
         Effort::Full
     };
-    let bar = progress_bar("measuring settings", summary);
+    let bar = summary.progress_bar("measuring settings");
     let progress = |done: f64, what: &str| {
         bar.set_position((1000.0 * done) as u64);
         if bar.is_hidden() && !args.out.quiet {

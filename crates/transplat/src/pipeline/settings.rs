@@ -1,24 +1,41 @@
-//! The scene that a command line asks for, which has one object.
+//! The scene that a command line asks for: what it says of an object is the first one's.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
-use transplat_core::files::load_look;
-use transplat_core::scene::Scene;
+use transplat_core::files::{FileKind, file_kind, load_look};
+use transplat_core::scene::{EnvironmentLight, Scene};
 use transplat_core::settings::skips::Skips;
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 
-/// The asset that is asked for, by the command line or else by the look.
-pub fn asset_of(args: &AssetArgs, scene: &Scene) -> PathBuf {
-    args.asset
-        .clone()
-        .or_else(|| scene.objects[0].asset.clone())
-        .unwrap_or_else(|| {
-            usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
+/// The splats of the objects that are shown: the first one's by the command line or else by the look.
+pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Vec<PathBuf> {
+    let mut named = args.asset.clone();
+    let shown = scene.objects.iter().filter(|o| o.shown);
+    let assets: Vec<PathBuf> = shown
+        .map(|o| {
+            named.take().or_else(|| o.asset.clone()).unwrap_or_else(|| {
+                usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
+            })
         })
+        .collect();
+    if assets.is_empty() {
+        usage("no object of the scene is shown");
+    }
+    assets
+}
+
+/// A scene that is given where a splat could be is what `--look` asks for.
+pub fn with_scene_as_look(asset: &AssetArgs, light: &LightArgs) -> (AssetArgs, LightArgs) {
+    let (mut asset, mut light) = (asset.clone(), light.clone());
+    let is_look = |path: &PathBuf| matches!(file_kind(path), Ok(FileKind::Look));
+    if light.look.is_none() {
+        light.look = asset.asset.take_if(|path| is_look(path));
+    }
+    (asset, light)
 }
 
 /// The settings: those of a saved look, and what the command line says over it.
@@ -65,6 +82,14 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;
+    // Objects that are put into a scene are lit by its light, unless there is to be another.
+    if scene.objects.len() > 1 && scene.environment.file.is_none() && light.target.is_empty() {
+        let turned = EnvironmentLight {
+            strength: scene.objects[0].source.strength + scene.environment.strength,
+            ..scene.objects[0].source.clone()
+        };
+        scene.environment = turned;
+    }
     scene.validate()?;
     Ok(scene)
 }

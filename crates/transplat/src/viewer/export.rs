@@ -364,9 +364,13 @@ impl Snapshot {
 
     fn studio(&self, view: View) -> Result<Studio> {
         let linear = self.settings.format.is_linear();
-        let scene = (self.scene.clone(), self.object);
         let (painter, _) = self.device.fastest().painter(&self.cloud)?;
-        let mut studio = Studio::new(&self.cloud, scene, view, linear, painter);
+        let mut studio = Studio::new(&self.cloud, self.scene.clone(), view, linear, painter);
+        let (hide, skips) = (
+            &self.scene.objects[self.object].hide,
+            &self.scene.transfer.skips,
+        );
+        studio.hidden = hide.unseen(&self.cloud, &self.cloud.bounds(), skips);
         if view == View::Visibility {
             studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }

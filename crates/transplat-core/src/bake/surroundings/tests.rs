@@ -25,11 +25,10 @@ fn slab_and_ball() -> ([SurfelCloud; 2], [Affine3A; 2]) {
 
 /// One cloud of the first and the second, in the coordinates of the first.
 fn merged(clouds: [&SurfelCloud; 2], first_from_second: Affine3A) -> SurfelCloud {
-    let (scale, turn, offset) = first_from_second.to_scale_rotation_translation();
-    let moved = clouds[1].transformed(scale.x, turn, offset);
-    let mut all = clouds[0].clone();
-    all.add(&moved, 1.0, Vec3::ZERO);
-    all
+    SurfelCloud::composed(&[
+        (clouds[0], Affine3A::IDENTITY),
+        (clouds[1], first_from_second),
+    ])
 }
 
 /// What an object sees among others is what it sees as a part of one cloud of them all.

@@ -94,10 +94,8 @@ impl DirectionalAsset {
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
     pub(in crate::transfer) fn radiance(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
-        self.means
-            .iter()
-            .zip(tau)
-            .map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
+        let each = self.means.iter().zip(tau);
+        each.map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
             .collect()
     }
 }

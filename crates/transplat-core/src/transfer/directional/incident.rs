@@ -29,8 +29,10 @@ const LANES: usize = 16;
 pub(in crate::transfer) struct Incident<'a> {
     /// What each of them sees.
     sight: &'a Sight,
-    /// The first of them among those whose radiance is given.
-    first: usize,
+    /// The first of them among those whose radiance is given, and how many they are.
+    own: [usize; 2],
+    /// What the radiance of the others is multiplied by.
+    gain_of_others: f32,
     /// What shines from around each direction, from where most of it does.
     sky: Sky,
     /// With the surfels that see them.
@@ -99,17 +101,20 @@ impl DirectionalAsset {
         }
     }
 
-    /// A light as the surfels meet it, alone or among others.
+    /// A light as the surfels meet it, alone or among others, whose radiance is multiplied by a gain.
     pub(in crate::transfer) fn incident<'a>(
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<&'a Surroundings>,
+        among: Option<(&'a Surroundings, f32)>,
     ) -> Incident<'a> {
+        let gain_of_others = among.map_or(1.0, |(_, gain)| gain);
+        let among = among.map(|(surroundings, _)| surroundings);
         let terms = settings.terms;
         let mut light = Incident {
             sight: among.map_or(&self.bake.sight, |a| &a.sight),
-            first: among.map_or(0, |a| a.first),
+            own: [among.map_or(0, |a| a.first), self.bake.len()],
+            gain_of_others,
             sky: Sky::new(&light.sky),
             suns: light
                 .suns
@@ -186,7 +191,7 @@ impl DirectionalAsset {
         let mut sides = FrontAndBack::default();
         for hit in light.hits(i) {
             let cosine = scale * n.dot(self.directions[hit.patch()]);
-            let b = radiance_of(radiance, *hit);
+            let b = light.radiance_of(radiance, *hit);
             for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
                 *s += cosine.abs() * b;
             }
@@ -206,10 +211,10 @@ impl DirectionalAsset {
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
         let near = if light.terms.bounce { scale } else { 0.0 };
-        let [r, g, b] = radiance[light.first + i][0].map(|v| v * near);
+        let [r, g, b] = radiance[light.own[0] + i][0].map(|v| v * near);
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
         for hit in light.hits(i) {
-            let b = radiance_of(radiance, *hit);
+            let b = light.radiance_of(radiance, *hit);
             for c in 0..3 {
                 met[c][hit.patch()] = b[c] * scale;
             }
@@ -241,11 +246,14 @@ impl Incident<'_> {
             &[]
         }
     }
-}
 
-/// Radiance of the side of a surfel that a ray met.
-fn radiance_of(radiance: &[FrontAndBack], hit: Hit) -> [f32; 3] {
-    radiance[hit.surfel()][usize::from(hit.is_back())]
+    /// Radiance of the side of a surfel that a ray met.
+    fn radiance_of(&self, radiance: &[FrontAndBack], hit: Hit) -> [f32; 3] {
+        let [first, count] = self.own;
+        let is_own = hit.surfel().wrapping_sub(first) < count;
+        let gain = if is_own { 1.0 } else { self.gain_of_others };
+        radiance[hit.surfel()][usize::from(hit.is_back())].map(|v| gain * v)
+    }
 }
 
 fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {

@@ -15,7 +15,6 @@ use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
 use crate::device::Device;
-use crate::pipeline::progress_bar;
 use crate::summary::Summary;
 use crate::sweep::Subject;
 
@@ -35,7 +34,7 @@ pub fn run(
     summary: &mut Summary,
 ) -> Result<String> {
     let gpu = devices.iter().find(|d| matches!(d, Device::Gpu(_)));
-    let bar = progress_bar("extreme cases", summary);
+    let bar = summary.progress_bar("extreme cases");
     let cases = extremes::all();
     let start = Instant::now();
     let mut outcomes = Vec::new();

@@ -7,7 +7,6 @@ use anyhow::Result;
 use super::page::{Page, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
-use crate::pipeline::progress_bar;
 use crate::savings::{self, Saved, Savings};
 use crate::summary::Summary;
 use crate::sweep::Subject;
@@ -25,7 +24,7 @@ pub fn run(
     page: &mut Page,
     summary: &mut Summary,
 ) -> Result<String> {
-    let bar = progress_bar("what was left out", summary);
+    let bar = summary.progress_bar("what was left out");
     let progress = |done: f64, what: &str| {
         bar.set_position((1000.0 * done) as u64);
         if bar.is_hidden() && !args.out.quiet {

@@ -25,7 +25,6 @@ use crate::device::Device;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::Picture;
-use crate::pipeline::progress_bar;
 use crate::summary::Summary;
 
 /// Changes of light whose median time is told.
@@ -58,7 +57,7 @@ pub fn run(
     let pictures = args.output.join("pictures");
     make_folder(&pictures)?;
     let variants = Variant::all(args.quick, args.unknown_light);
-    let bar = progress_bar("comparing with the truth", summary);
+    let bar = summary.progress_bar("comparing with the truth");
     let directions = args.options.directions.unwrap_or(DEFAULT_DIRECTIONS);
     let mut rows: Vec<Row> = Vec::new();
     let mut round_trips: Vec<RoundTrip> = Vec::new();

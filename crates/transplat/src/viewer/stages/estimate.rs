@@ -50,7 +50,7 @@ impl Session {
         let mut bakes = state.whole_bakes();
         let bake = bakes.find_map(|b| match &**b {
             Bake::Directional(bake) => Some(bake.clone()),
-            Bake::Harmonic(_) => None,
+            Bake::Harmonic(_) | Bake::Scene(_) => None,
         });
         drop(bakes);
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {

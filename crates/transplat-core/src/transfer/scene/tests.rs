@@ -4,6 +4,7 @@ use glam::{Affine3A, Vec3};
 
 use super::*;
 use crate::bake::directional::DirectionalBake;
+use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
 use crate::environment::Illumination;
 use crate::progress::no_progress;
@@ -16,13 +17,13 @@ use crate::transfer::directional::DirectionalAsset;
 /// Objects where they stand, each captured under even light of radiance 1, relit together by that light.
 fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
     let light = Illumination::even(3);
-    let light = light.for_directional().expect("with beams");
     let settings = TransferSettings::default();
-    let transfers: Vec<DirectionalTransfer> = (objects.iter())
+    let transfers: Vec<Arc<DirectionalTransfer>> = (objects.iter())
         .map(|(cloud, _)| {
             let bake = Arc::new(DirectionalBake::all_rays(cloud));
             let asset = Arc::new(DirectionalAsset::new(cloud, bake, &Skips::default()));
-            DirectionalTransfer::new(&asset, &Illumination::even(3), &settings).expect("with beams")
+            let transfer = DirectionalTransfer::new(&asset, &light, &settings);
+            Arc::new(transfer.expect("with beams"))
         })
         .collect();
     let placed: Vec<Placed> = (transfers.iter().zip(objects))
@@ -31,21 +32,12 @@ fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
             scene_from_object: *place,
         })
         .collect();
-    let around: Vec<Surroundings> = (0..placed.len())
-        .map(|i| Surroundings::trace(&placed, i, &no_progress).expect("not cancelled"))
-        .collect();
-    let members: Vec<Member<'_>> = (transfers.iter().zip(&around))
-        .map(|(transfer, surroundings)| Member {
-            transfer,
-            surroundings,
-            light: transfer.light(light),
-            radiance_of_color: 1.0,
-        })
-        .collect();
-    let alone = transfers
-        .iter()
-        .map(|t| t.relight(t.light(light), Part::Whole, &[]));
-    (relight_together(&members, Part::Whole), alone.collect())
+    let bake = SceneBake::new(placed, &no_progress).expect("not cancelled");
+    let scene = SceneTransfer::new(transfers.clone(), Arc::new(bake));
+    let whole = |t: &dyn Relight| t.relight_seen(&light, Part::Whole, &[]);
+    let alone = transfers.iter().map(|t| whole(&**t).expect("with beams"));
+    let together = scene.relight_objects(&light, Part::Whole, &[]);
+    (together.expect("with beams"), alone.collect())
 }
 
 #[test]
@@ -80,7 +72,7 @@ fn a_plate_loses_what_the_ball_over_it_takes_and_gains_what_it_throws() {
         }
         let place = Affine3A::from_scale_rotation_translation(
             Vec3::splat(radius),
-            glam::Quat::from_rotation_x(0.7),
+            Quat::from_rotation_x(0.7),
             height * Vec3::Z,
         );
         let (together, _) = relit(&[(plate.clone(), Affine3A::IDENTITY), (ball.clone(), place)]);
@@ -113,7 +105,7 @@ fn a_scene_that_is_turned_as_a_whole_is_relit_alike() {
         * Affine3A::from_scale(Vec3::splat(0.6));
     let whole = Affine3A::from_scale_rotation_translation(
         Vec3::splat(3.0),
-        glam::Quat::from_rotation_y(1.0),
+        Quat::from_rotation_y(1.0),
         Vec3::new(-2.0, 5.0, 1.0),
     );
     let scene =

@@ -1,0 +1,101 @@
+//! Several objects, each with a bake of its own, and what they see of each other.
+
+use std::sync::Arc;
+
+use glam::{Quat, Vec3};
+
+use super::directional::DirectionalBake;
+use super::surroundings::{Placed, Surroundings};
+use crate::error::Result;
+use crate::progress::Progress;
+
+/// What a scene of several objects needs of its geometry. Its surfels are numbered object after object.
+#[derive(Clone, Debug)]
+pub struct SceneBake {
+    /// The objects where they stand.
+    pub objects: Vec<Placed>,
+    /// What each of them sees.
+    pub surroundings: Vec<Arc<Surroundings>>,
+    /// Unit normals towards the front, in the scene's coordinates. `[n]`
+    pub normals: Vec<Vec3>,
+}
+
+impl SceneBake {
+    /// Traces what the objects see of each other.
+    ///
+    /// # Errors
+    /// They have more surfels than can be told apart, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    pub fn new(objects: Vec<Placed>, progress: Progress<'_>) -> Result<Self> {
+        let total: usize = objects.iter().map(|o| o.bake.len()).sum();
+        let mut surroundings = Vec::new();
+        let mut done = 0;
+        for (which, object) in objects.iter().enumerate() {
+            let share = object.bake.len();
+            let of_all =
+                |part: f64| progress((done as f64 + part * share as f64) / total.max(1) as f64);
+            surroundings.push(Arc::new(Surroundings::trace(&objects, which, &of_all)?));
+            done += share;
+        }
+        let normals = objects.iter().flat_map(|o| {
+            let turn = o.turn();
+            o.bake.normals.iter().map(move |n| turn * *n)
+        });
+        Ok(Self {
+            normals: normals.collect(),
+            surroundings,
+            objects,
+        })
+    }
+
+    /// The objects' own bakes.
+    pub fn bakes(&self) -> impl Iterator<Item = &DirectionalBake> {
+        self.objects.iter().map(|o| &*o.bake)
+    }
+
+    /// The object that surfel `i` belongs to, and its number there.
+    pub fn locate(&self, i: usize) -> (usize, usize) {
+        let after = self.surroundings.partition_point(|s| s.first <= i);
+        let object = after.saturating_sub(1);
+        (object, i - self.surroundings[object].first)
+    }
+
+    /// What surfel `i`'s own object says of it.
+    pub fn of_surfel<T>(&self, i: usize, of: impl Fn(&DirectionalBake, usize) -> T) -> T {
+        let (object, i) = self.locate(i);
+        of(&self.objects[object].bake, i)
+    }
+
+    /// Which surfels are an object's.
+    pub fn surfels_of(&self, object: usize) -> std::ops::Range<usize> {
+        let first = self.surroundings[object].first;
+        first..first + self.objects[object].bake.len()
+    }
+
+    /// Bytes that it takes, beside the objects' own.
+    pub fn bytes(&self) -> usize {
+        self.surroundings.iter().map(|s| s.sight.bytes()).sum()
+    }
+
+    /// How open each direction is around surfel `i`, 0 or 1.
+    pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
+        let (object, i) = self.locate(i);
+        let turn = self.objects[object].turn();
+        let seen = self.surroundings[object].sight.seen_by(i).into_iter();
+        seen.map(|(d, open)| (turn * d, open)).collect()
+    }
+
+    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1.
+    pub fn openness(&self) -> Vec<f32> {
+        let each = self.bakes().zip(&self.surroundings);
+        each.flat_map(|(bake, around)| around.sight.openness(&bake.normals))
+            .collect()
+    }
+}
+
+impl Placed {
+    /// Its turn.
+    pub fn turn(&self) -> Quat {
+        let (_, turn, _) = self.scene_from_object.to_scale_rotation_translation();
+        turn
+    }
+}

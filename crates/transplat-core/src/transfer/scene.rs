@@ -1,0 +1,199 @@
+//! Objects that are relit together: each blocks the others' light, and shines on them.
+
+use std::sync::Arc;
+
+use glam::{DMat3, Quat};
+use rayon::prelude::*;
+
+use super::directional::{DirectionalTransfer, FrontAndBack, Incident, TURNS};
+use super::relit::{Part, Relight, Relit};
+use crate::bake::scene::SceneBake;
+use crate::bake::surroundings::Placed;
+use crate::environment::Illumination;
+use crate::error::Result;
+use crate::settings::skips::Skipped;
+use crate::sh::rotate_functions;
+use crate::surfels::SurfelCloud;
+
+/// The objects of a scene, each under the light of its own capture, ready for any other that they share. As one asset its surfels are
+/// numbered object after object, and its lights and colours are in the scene's coordinates.
+#[derive(Clone, Debug)]
+pub struct SceneTransfer {
+    /// Each object alone.
+    pub objects: Vec<Arc<DirectionalTransfer>>,
+    /// Where they stand, and what they see of each other.
+    pub bake: Arc<SceneBake>,
+}
+
+impl SceneTransfer {
+    /// What one of them radiates shines on the others as strongly as it shows in its own picture: pictures and lights share a unit, as those
+    /// of a renderer do.
+    pub fn new(objects: Vec<Arc<DirectionalTransfer>>, bake: Arc<SceneBake>) -> Self {
+        Self { objects, bake }
+    }
+
+    /// Relights; each object's result is in its own coordinates.
+    ///
+    /// # Errors
+    /// The light was read without its beams.
+    pub fn relight_objects(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Vec<Relit>> {
+        let (lights, taus) = self.bounce(target)?;
+        let radiance = self.radiance(&taus);
+        let each = taus.into_iter().enumerate();
+        Ok(each
+            .map(|(i, tau)| {
+                let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
+                self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
+            })
+            .collect())
+    }
+
+    /// How much the matte light changes on each surfel: one fixed point over all objects, since what one gains lights others.
+    fn bounce(&self, target: &Illumination) -> Result<(Vec<Incident<'_>>, Vec<Vec<FrontAndBack>>)> {
+        let (lights, mut taus): (Vec<_>, Vec<_>) = (0..self.objects.len())
+            .into_par_iter()
+            .map(|i| {
+                let (transfer, around) = (&self.objects[i], &self.bake.surroundings[i]);
+                let object_from_scene = self.bake.objects[i].turn().inverse();
+                let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
+                let light = transfer.light(target.for_directional()?);
+                let start = transfer.mean_ratio(&light);
+                let among = Some((&**around, transfer.light_gain));
+                let light = (transfer.asset).incident(light, &transfer.settings, among);
+                Ok((light, vec![[start; 2]; transfer.asset.bake.len()]))
+            })
+            .collect::<Result<Vec<_>>>()?
+            .into_iter()
+            .unzip();
+        for _ in 0..TURNS {
+            let radiance = self.radiance(&taus);
+            let each = self.objects.iter().zip(&lights);
+            taus = each.map(|(o, light)| o.turn(light, &radiance)).collect();
+        }
+        for (object, tau) in self.objects.iter().zip(&mut taus) {
+            object.trusted(tau);
+        }
+        Ok((lights, taus))
+    }
+
+    /// What all surfels of the scene radiate. `[n]`
+    fn radiance(&self, taus: &[Vec<FrontAndBack>]) -> Vec<FrontAndBack> {
+        let each = self.objects.iter().zip(taus);
+        each.flat_map(|(o, tau)| o.asset.radiance(tau)).collect()
+    }
+
+    /// What the objects' results are as one asset's.
+    pub fn composed(&self, relit: Vec<Relit>) -> Relit {
+        let is_one_encoding = relit.iter().all(|r| r.encoding == relit[0].encoding);
+        let degree = relit.iter().map(|r| r.degree).max().unwrap_or_default();
+        let turned = |(relit, placed): (Relit, &Placed)| {
+            let mut relit = if is_one_encoding {
+                relit
+            } else {
+                relit.linear()
+            };
+            if placed.turn() != Quat::IDENTITY {
+                let turn = DMat3::from_quat(placed.turn().as_dquat());
+                relit.sh = rotate_functions(turn, relit.degree, &relit.sh);
+            }
+            relit.of_degree(degree)
+        };
+        let together = |mut all: Relit, one: Relit| {
+            all.sh.extend(one.sh);
+            all.tau.extend(one.tau);
+            all
+        };
+        let each = relit.into_iter().zip(&self.bake.objects).map(turned);
+        each.reduce(together).expect("at least one object")
+    }
+
+    /// Its objects with all that they hold in half precision.
+    pub(super) fn rounded_to_half(&self) -> Self {
+        let rounded = self.objects.iter().map(|o| Arc::new(o.rounded_to_half()));
+        Self::new(rounded.collect(), self.bake.clone())
+    }
+
+    fn of_surfel<T>(&self, i: usize, of: impl Fn(&DirectionalTransfer, usize) -> T) -> T {
+        let (object, i) = self.bake.locate(i);
+        of(&self.objects[object], i)
+    }
+}
+
+impl Relight for SceneTransfer {
+    fn relight_after(
+        &self,
+        _: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Relit> {
+        Ok(self.composed(self.relight_objects(target, part, unseen)?))
+    }
+
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        let (_, taus) = self.bounce(target)?;
+        Ok(taus.into_iter().flatten().map(|t| t[0]).collect())
+    }
+
+    fn computed_part(&self, shown: Part) -> Part {
+        shown
+    }
+
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+        let each = self.objects.iter().flat_map(|o| o.left_out(cloud));
+        let mut all: Vec<Skipped> = Vec::new();
+        for skipped in each {
+            if !all.contains(&skipped) {
+                all.push(skipped);
+            }
+        }
+        all
+    }
+
+    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
+        self.objects[0].left_out_for(light, on_gpu)
+    }
+
+    /// The first object's.
+    fn light_gain(&self) -> f32 {
+        self.objects[0].light_gain
+    }
+
+    fn source_was_black(&self) -> bool {
+        self.objects.iter().any(|o| o.source_was_black)
+    }
+
+    fn bytes(&self) -> usize {
+        self.objects.iter().map(|o| o.bytes()).sum()
+    }
+
+    fn bytes_saved_by_half(&self) -> usize {
+        self.objects.iter().map(|o| o.bytes_saved_by_half()).sum()
+    }
+
+    fn epsilon_share(&self, i: usize) -> f32 {
+        self.of_surfel(i, DirectionalTransfer::epsilon_share)
+    }
+
+    fn amplification(&self, i: usize) -> f32 {
+        self.of_surfel(i, DirectionalTransfer::amplification)
+    }
+
+    fn is_dark(&self, i: usize) -> bool {
+        self.of_surfel(i, DirectionalTransfer::is_dark)
+    }
+
+    fn dark_share(&self) -> f32 {
+        let surfels = self.bake.normals.len();
+        let dark = (0..surfels).filter(|i| self.is_dark(*i)).count();
+        dark as f32 / surfels.max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests;

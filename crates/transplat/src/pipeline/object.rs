@@ -1,0 +1,184 @@
+//! An object of the scene that a command works on: its splat, its bakes, and what it tells of its light.
+
+use std::cell::OnceCell;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::estimate::{Estimate, estimate_light};
+use transplat_core::files::{AssetFile, load_asset, load_bake};
+use transplat_core::scene::{Object, Scene};
+use transplat_core::settings::Method;
+use transplat_core::surfels::{SurfelCloud, is_faint};
+
+use super::bake::{self, Wanted};
+use super::estimate::estimate_as_json;
+use super::warnings::asset_warnings;
+use crate::device::Device;
+use crate::summary::Summary;
+
+/// Directions that are enough to tell a normal's sign.
+const ORIENTATION_DIRECTIONS: usize = 64;
+
+/// An object, loaded.
+pub struct LoadedObject {
+    /// Its settings.
+    pub settings: Object,
+    pub cloud: Arc<SurfelCloud>,
+    pub file: AssetFile,
+    /// The bake for the directional method, and what it told of the light, once they were needed.
+    directional_bake: OnceCell<Arc<DirectionalBake>>,
+    estimate: OnceCell<Estimate>,
+}
+
+impl LoadedObject {
+    /// Loads a splat, and tells what is odd about it.
+    pub fn load(asset: &Path, settings: Object, summary: &mut Summary) -> Result<Self> {
+        let (cloud, file) = summary.time("load", || load_asset(asset))?;
+        for warning in asset_warnings(asset, &file) {
+            summary.warn(warning);
+        }
+        if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
+            summary.warn(format!(
+                "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
+                asset.display()
+            ));
+        }
+        Ok(Self::of(cloud, file, settings))
+    }
+
+    /// A splat as its settings say.
+    pub fn of(mut cloud: SurfelCloud, file: AssetFile, settings: Object) -> Self {
+        if let Some(up) = settings.up {
+            cloud.up = up;
+        }
+        settings.apply_to(&mut cloud);
+        Self {
+            cloud: Arc::new(cloud),
+            file,
+            settings,
+            directional_bake: OnceCell::new(),
+            estimate: OnceCell::new(),
+        }
+    }
+
+    /// Its file without the ending, where it is not called otherwise.
+    pub fn name(&self) -> String {
+        let stem = || self.file.path.file_stem().unwrap_or_default();
+        let name = self.settings.name.clone();
+        name.unwrap_or_else(|| stem().to_string_lossy().into_owned())
+    }
+
+    /// Bakes what the method needs, or takes the saved bake.
+    pub fn bake(
+        &self,
+        (device, scene): (&Device, &Scene),
+        saved: Option<&Path>,
+        summary: &mut Summary,
+    ) -> Result<Bake> {
+        let method = scene.transfer.method;
+        Ok(match (method, saved) {
+            (Method::Directional, _) => {
+                Bake::Directional(self.directional_bake((device, scene), saved, summary)?)
+            }
+            (Method::Harmonic, Some(path)) => self.saved_bake(path, method, summary)?,
+            (Method::Harmonic, None) => {
+                let directions = bake_directions(scene, summary);
+                self.new_bake((device, scene), method, directions, summary)?
+            }
+        })
+    }
+
+    fn saved_bake(&self, path: &Path, method: Method, summary: &mut Summary) -> Result<Bake> {
+        summary.skip("bake", "the saved one is used");
+        let bake = summary.time("load", || load_bake(path, &self.cloud))?;
+        bake.of_method(method)
+            .with_context(|| path.display().to_string())?;
+        Ok(bake)
+    }
+
+    /// The bake for the directional method, made or read once.
+    pub fn directional_bake(
+        &self,
+        (device, scene): (&Device, &Scene),
+        saved: Option<&Path>,
+        summary: &mut Summary,
+    ) -> Result<Arc<DirectionalBake>> {
+        if let Some(known) = self.directional_bake.get() {
+            return Ok(known.clone());
+        }
+        let bake = match saved {
+            Some(path) => self.saved_bake(path, scene.transfer.method, summary)?,
+            None => self.new_bake((device, scene), Method::Directional, DIRECTIONS, summary)?,
+        };
+        let Bake::Directional(bake) = bake else {
+            bail!("the bake is for the other preset");
+        };
+        Ok(self.directional_bake.get_or_init(|| bake).clone())
+    }
+
+    fn new_bake(
+        &self,
+        (device, scene): (&Device, &Scene),
+        method: Method,
+        directions: usize,
+        summary: &mut Summary,
+    ) -> Result<Bake> {
+        let bar = summary.progress_bar("baking visibility");
+        let progress = |done: f64| {
+            bar.set_position((done * 1000.0) as u64);
+            ControlFlow::Continue(())
+        };
+        let wanted = Wanted {
+            cloud: self.cloud.clone(),
+            method,
+            directions,
+            skips: scene.transfer.skips,
+            beside: None,
+        };
+        summary.time("bake", || bake::bake(device, &wanted, &progress))
+    }
+
+    /// What the asset tells of the light it was captured under. `saved` is a bake for the method that is set.
+    pub fn estimate(
+        &self,
+        (device, scene): (&Device, &Scene),
+        saved: Option<&Path>,
+        summary: &mut Summary,
+    ) -> Result<&Estimate> {
+        if let Some(known) = self.estimate.get() {
+            return Ok(known);
+        }
+        let is_for_directional = scene.transfer.method == Method::Directional;
+        let saved = saved.filter(|_| is_for_directional);
+        let directional_bake = self.directional_bake((device, scene), saved, summary)?;
+        let estimate = summary.time("estimate", || {
+            estimate_light(&self.cloud, &directional_bake)
+        });
+        summary.set("source_estimate", estimate_as_json(&estimate));
+        Ok(self.estimate.get_or_init(|| estimate))
+    }
+
+    /// That, once it was made.
+    pub fn known_estimate(&self) -> Option<&Estimate> {
+        self.estimate.get()
+    }
+}
+
+/// Directions of the harmonic method's bake.
+fn bake_directions(scene: &Scene, summary: &mut Summary) -> usize {
+    let settings = &scene.transfer;
+    let few = settings.method == Method::Harmonic && !settings.terms.shadow;
+    if few && scene.directions > ORIENTATION_DIRECTIONS {
+        summary.skip(
+            "most directions of the bake",
+            "without shadows only the normals need it",
+        );
+        return ORIENTATION_DIRECTIONS;
+    }
+    scene.directions
+}
