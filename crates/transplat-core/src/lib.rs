@@ -47,6 +47,7 @@ mod nearest;
 mod numeric;
 pub mod oracle;
 pub mod present;
+pub mod probe;
 pub mod progress;
 pub mod rasterize;
 pub mod scene;

@@ -129,10 +129,19 @@ impl SurfelCloud {
         let n = self.len();
         let taken: Vec<usize> = (0..count.min(n)).map(|i| i * n / count.min(n)).collect();
         let larger = (n as f32 / taken.len().max(1) as f32).sqrt();
+        let mut thinned = self.selected(&taken);
+        for scale in &mut thinned.scales {
+            *scale *= larger;
+        }
+        thinned
+    }
+
+    /// Those of its surfels, as they are.
+    pub fn selected(&self, taken: &[usize]) -> Self {
         Self {
             positions: taken.iter().map(|i| self.positions[*i]).collect(),
             tangents: taken.iter().map(|i| self.tangents[*i]).collect(),
-            scales: taken.iter().map(|i| self.scales[*i] * larger).collect(),
+            scales: taken.iter().map(|i| self.scales[*i]).collect(),
             opacities: taken.iter().map(|i| self.opacities[*i]).collect(),
             sh: taken.iter().flat_map(|i| self.sh_of(*i)).copied().collect(),
             sh_degree: self.sh_degree,

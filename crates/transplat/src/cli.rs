@@ -8,6 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
+use transplat_core::probe::DEFAULT_ROWS;
 use transplat_core::scene::Scene;
 use transplat_core::settings::{EPSILON, Method, Terms};
 use transplat_core::surfels::UpAxis;
@@ -57,6 +58,11 @@ pub enum Command {
         after_help = "Example:\n  transplat estimate knot.ply -o light.exr\n\nThe light is an equirectangular map, as --source and other programs take it; --source estimate does the same without a file. How strong the light was and its tint, no object tells: the mean is grey, and the whitest surface has an albedo of 0.65."
     )]
     Estimate(EstimateArgs),
+    /// Take the light at a place in a scene, as the scene's own splat shows it: to relight by, or as the light of what was cut out there.
+    #[command(
+        after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map, as --source and --target take it. A scene that was trained on display-encoded pictures ends at white: what was brighter is clipped, and the command says how much of the light that is."
+    )]
+    Probe(ProbeArgs),
     /// Tell what a splat, environment, bake or look holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
@@ -114,7 +120,7 @@ pub enum DeviceChoice {
     Cpu,
 }
 
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct LightArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
     #[arg(long, value_name = "ENV|estimate|even")]
@@ -292,6 +298,40 @@ pub struct EstimateArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct ProbeArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    /// Where: a place in the scene's coordinates, or the name of an object, which is left out then; several give a file each
+    #[arg(
+        long,
+        required = true,
+        value_name = "X,Y,Z|NAME",
+        allow_hyphen_values = true
+    )]
+    pub at: Vec<String>,
+    /// Leave out this object of the scene
+    #[arg(long, value_name = "NAME")]
+    pub without: Vec<String>,
+    /// What shines where the scene is open [default: the light of its capture, where the scene names it]
+    #[arg(long, value_name = "ENV|estimate|even")]
+    pub environment: Option<PathBuf>,
+    /// How much brighter it was where the scene is clipped at white
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = parse_gain)]
+    pub clipped_gain: f64,
+    /// Where the scene is clipped at white, take a light like this one, brought to the strength of what is not clipped
+    #[arg(long, value_name = "ENV|estimate")]
+    pub clipped_like: Option<PathBuf>,
+    /// Rows of the map, half of its columns
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_ROWS, value_parser = parse_rows)]
+    pub rows: usize,
+    /// The light; of several places the folder for them
+    #[arg(short, long, value_name = "LIGHT.exr|DIR")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
 pub struct ReportArgs {
     /// The splat to report on, with --source; default: the bundled scene, with its path-traced truth
     pub asset: Option<PathBuf>,
@@ -410,6 +450,22 @@ fn parse_finite(text: &str) -> Result<f64, String> {
     parsed(text, |v: &f64| v.abs() < 1e6, "a number")
 }
 
+fn parse_gain(text: &str) -> Result<f64, String> {
+    parsed(
+        text,
+        |v: &f64| (0.0..=20.0).contains(v),
+        "a number of stops from 0 to 20",
+    )
+}
+
+fn parse_rows(text: &str) -> Result<usize, String> {
+    parsed(
+        text,
+        |n: &usize| (8..=2048).contains(n),
+        "a number from 8 to 2048",
+    )
+}
+
 fn parse_epsilon(text: &str) -> Result<f64, String> {
     let is_good = |v: &f64| EPSILON.contains(&(*v as f32));
     parsed(text, is_good, "a number from 1e-6 to 1000")
@@ -488,7 +544,9 @@ mod tests {
             .collect();
         assert_eq!(
             names,
-            ["relight", "render", "bake", "estimate", "info", "report"]
+            [
+                "relight", "render", "bake", "estimate", "probe", "info", "report"
+            ]
         );
     }
 

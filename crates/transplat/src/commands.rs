@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 pub mod bake;
 pub mod estimate;
 pub mod info;
+pub mod probe;
 pub mod relight;
 pub mod render;
 pub mod report;

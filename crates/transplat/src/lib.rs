@@ -28,6 +28,7 @@ pub fn main() -> ExitCode {
         Some(Command::Render(args)) => commands::render::run(args),
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Estimate(args)) => commands::estimate::run(args),
+        Some(Command::Probe(args)) => commands::probe::run(args),
         Some(Command::Info(args)) => commands::info::run(args),
         Some(Command::Report(args)) => commands::report::run(args),
         None => commands::view::run(&cli.view),

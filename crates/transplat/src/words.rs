@@ -1,5 +1,15 @@
 //! Numbers for people.
 
+/// A share, 0 to 1, for people.
+pub fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    if percent < 1.0 {
+        format!("{percent:.2} %")
+    } else {
+        format!("{percent:.0} %")
+    }
+}
+
 /// A time for people.
 pub fn milliseconds(ms: f64) -> String {
     if ms >= 1000.0 {

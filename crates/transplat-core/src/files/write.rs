@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use image::ImageEncoder;
 
+use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::rasterize::Raster;
 
@@ -139,6 +140,21 @@ pub enum ExrFloats {
     Full,
     /// 16 bits: half the size, up to 65504.
     Half,
+}
+
+/// Writes an environment as OpenEXR.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_environment(path: &Path, map: &EnvironmentMap) -> Result<()> {
+    let opaque = |&[r, g, b]: &[f32; 3]| [r, g, b, 1.0];
+    let raster = Raster {
+        width: map.width(),
+        height: map.height(),
+        pixels: map.pixels().iter().map(opaque).collect(),
+        depth: Vec::new(),
+    };
+    write_exr(path, &raster, ExrFloats::Full)
 }
 
 /// Writes a float EXR from premultiplied linear colour.

@@ -1,8 +1,7 @@
 //! `transplat estimate`: the light of the capture, into a file.
 
 use anyhow::{Result, bail};
-use transplat_core::files::{ExrFloats, check_output, write_exr};
-use transplat_core::rasterize::Raster;
+use transplat_core::files::{check_output, write_environment};
 
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
@@ -33,19 +32,7 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
         );
     }
     let map = estimate.light.map(pipeline.cloud.up);
-    let raster = Raster {
-        width: map.width(),
-        height: map.height(),
-        pixels: map
-            .pixels()
-            .iter()
-            .map(|&[r, g, b]| [r, g, b, 1.0])
-            .collect(),
-        depth: Vec::new(),
-    };
-    summary.time("export", || {
-        write_exr(&args.output, &raster, ExrFloats::Full)
-    })?;
+    summary.time("export", || write_environment(&args.output, &map))?;
     summary.set("output", args.output.display().to_string());
     summary.finish(&format!(
         "wrote {}: {}",

@@ -1,0 +1,242 @@
+//! `transplat probe`: the light at a place in a scene, as the scene's splat shows it, into a file.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use glam::Vec3;
+use transplat_core::camera::NEAR;
+use transplat_core::color::Display;
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::files::{check_output, write_environment};
+use transplat_core::probe::{Beyond, Cube, Probe, RadianceToward};
+use transplat_core::rasterize::ColorSpace;
+use transplat_core::scene::{EnvironmentLight, is_estimate};
+
+use crate::cli::{LightArgs, ProbeArgs, usage};
+use crate::commands::{make_folder, refuse_overwriting};
+use crate::device::{Paint, Painter};
+use crate::pipeline::Pipeline;
+use crate::pipeline::object::LoadedObject;
+use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
+use crate::summary::Summary;
+use crate::words::percent;
+
+/// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
+const OPEN: f64 = 0.01;
+
+/// What is farther away than this many times the median surfel is sky.
+const FAR: f32 = 6.0;
+
+pub fn run(args: &ProbeArgs) -> Result<()> {
+    let mut summary = Summary::new("probe", &args.out);
+    let (asset, light) = with_scene_as_look(&args.asset, &LightArgs::default());
+    let scene = look_of(&asset.options, Some(&light))?;
+    let assets = assets_of(&asset, &scene);
+    let inputs = light.inputs(&scene, &[]).map(PathBuf::from);
+    let inputs: Vec<PathBuf> = inputs.chain(assets).collect();
+    let is_file = args.at.len() == 1;
+    let extension = args.output.extension().unwrap_or_default();
+    if is_file && !extension.eq_ignore_ascii_case("exr") {
+        bail!("{}: the light is written as .exr", args.output.display());
+    }
+    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
+    let places = args.at.iter().map(|at| place(&pipeline, at));
+    let places: Vec<Place> = places.collect::<Result<_>>()?;
+    let outputs: Vec<PathBuf> = if is_file {
+        vec![args.output.clone()]
+    } else {
+        let each = places.iter().enumerate();
+        let name = |(i, _)| args.output.join(format!("{i:03}.exr"));
+        each.map(name).collect()
+    };
+    refuse_overwriting(inputs.iter().map(|p| &**p), &outputs)?;
+    if is_file {
+        check_output(&args.output)?;
+    } else {
+        make_folder(&args.output)?;
+    }
+    let without = args
+        .without
+        .iter()
+        .map(|name| object_named(&pipeline, name));
+    let without: Vec<usize> = without.collect::<Result<_>>()?;
+    let environment = args.environment.clone().map(EnvironmentLight::of);
+    let environment = environment
+        .or_else(|| Some(pipeline.first().settings.source.clone()).filter(|s| s.file.is_some()));
+    let first = places.first().context("there is a place")?.at;
+    let around = Around::load(&pipeline, first, environment, &mut summary)?;
+    let like = args.clipped_like.clone().map(EnvironmentLight::of);
+    let like = Around::load(&pipeline, first, like, &mut summary)?;
+    let (painter, warning) = pipeline.device.painter(&pipeline.cloud)?;
+    if let Some(warning) = warning {
+        summary.warn(warning);
+    }
+    let mut told = Vec::new();
+    for (place, output) in places.iter().zip(&outputs) {
+        let without = without.iter().chain(&place.object).copied();
+        let probe = summary.time("probe", || {
+            seen(
+                &pipeline,
+                (&painter, without),
+                place.at,
+                [&around, &like],
+                args,
+            )
+        })?;
+        tell(
+            &probe,
+            place.at,
+            around.is_some(),
+            like.is_some() || args.clipped_gain > 0.0,
+            &mut summary,
+        );
+        summary.time("export", || write_environment(output, &probe.map))?;
+        told.push(serde_json::json!({
+            "at": place.at.to_array(),
+            "open_share": probe.open_share,
+            "clipped_share": probe.clipped_share,
+            "clipped_light": probe.clipped_light,
+        }));
+    }
+    summary.set("places", told);
+    let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
+    summary.set("outputs", names.clone());
+    summary.finish(&format!("wrote {}", names.join(", ")))
+}
+
+/// Where a probe is, and the object that it is of, if any.
+struct Place {
+    at: Vec3,
+    object: Option<usize>,
+}
+
+/// Coordinates, or the middle of an object, which is left out then.
+fn place(pipeline: &Pipeline, at: &str) -> Result<Place> {
+    let numbers: Option<Vec<f32>> = at.split(',').map(|v| v.trim().parse().ok()).collect();
+    if let Some(&[x, y, z]) = numbers.as_deref() {
+        let at = Vec3::new(x, y, z);
+        if !at.is_finite() {
+            usage("--at: three numbers X,Y,Z are expected, or the name of an object");
+        }
+        return Ok(Place { at, object: None });
+    }
+    let which = object_named(pipeline, at)?;
+    let object = &pipeline.objects[which];
+    let scene_from_object = object.settings.transform.scene_from_object();
+    Ok(Place {
+        at: scene_from_object.transform_point3(object.cloud.bounds().center),
+        object: Some(which),
+    })
+}
+
+fn object_named(pipeline: &Pipeline, name: &str) -> Result<usize> {
+    let names: Vec<String> = pipeline.objects.iter().map(|o| o.name()).collect();
+    let found = names.iter().position(|n| n == name);
+    found.with_context(|| {
+        format!(
+            "{name}: no place X,Y,Z, and no object of the scene; those are {}",
+            names.join(", ")
+        )
+    })
+}
+
+/// An environment around a scene.
+struct Around {
+    map: EnvironmentMap,
+    settings: EnvironmentLight,
+}
+
+impl Around {
+    fn load(
+        pipeline: &Pipeline,
+        place: Vec3,
+        settings: Option<EnvironmentLight>,
+        summary: &mut Summary,
+    ) -> Result<Option<Self>> {
+        let Some((settings, file)) = settings.and_then(|s| Some((s.clone(), s.file?))) else {
+            return Ok(None);
+        };
+        let map = if is_estimate(&file) {
+            let lit = near(pipeline.first(), place);
+            pipeline.load_light(&lit, &file, None, summary)?
+        } else {
+            pipeline.load_light(pipeline.first(), &file, None, summary)?
+        };
+        let map = map.unwrap_or_else(EnvironmentMap::even);
+        Ok(Some(Self { map, settings }))
+    }
+
+    /// What shines from a direction of the scene.
+    fn radiance(&self, pipeline: &Pipeline) -> impl Fn(Vec3) -> [f32; 3] {
+        let turn = self.settings.map_from_asset(pipeline.cloud.up).as_mat3();
+        let gain = self.settings.gain();
+        move |d| {
+            let radiance = self.map.sample(turn * d);
+            std::array::from_fn(|c| gain[c] * radiance[c])
+        }
+    }
+}
+
+/// What of a scene is lit: a sky that was captured with it lies far away, and shines itself.
+fn near(scene: &LoadedObject, place: Vec3) -> LoadedObject {
+    let distance = |i: usize| scene.cloud.positions[i].distance(place);
+    let mut distances: Vec<f32> = (0..scene.cloud.len()).map(distance).collect();
+    let middle = distances.len() / 2;
+    let (_, median, _) = distances.select_nth_unstable_by(middle, f32::total_cmp);
+    let reach = FAR * *median;
+    let taken: Vec<usize> = (0..scene.cloud.len())
+        .filter(|i| distance(*i) < reach)
+        .collect();
+    let near = scene.cloud.selected(&taken);
+    LoadedObject::of(near, scene.file.clone(), scene.settings.clone())
+}
+
+/// The light at a place, some objects left out.
+fn seen(
+    pipeline: &Pipeline,
+    (painter, without): (&Painter, impl Iterator<Item = usize>),
+    at: Vec3,
+    [around, like]: [&Option<Around>; 2],
+    args: &ProbeArgs,
+) -> Result<Probe> {
+    let cloud = &pipeline.cloud;
+    let mut hidden = vec![false; cloud.len()];
+    let firsts = pipeline.objects.iter().scan(0, |next, o| {
+        let first = *next;
+        *next += o.cloud.len();
+        Some(first..*next)
+    });
+    let ranges: Vec<_> = firsts.collect();
+    for object in without {
+        hidden[ranges[object].clone()].fill(true);
+    }
+    let near = NEAR * cloud.bounds().radius;
+    let cube = Cube::seen_from(at, near, args.rows, |camera| {
+        let space = ColorSpace::Display(Display::default());
+        painter.draw(camera, Paint::captured(cloud), space, &hidden)
+    })?;
+    let [around, like] = [around, like].map(|light| light.as_ref().map(|l| l.radiance(pipeline)));
+    let beyond = Beyond {
+        environment: around.as_ref().map(|f| f as RadianceToward<'_>),
+        clipped_gain: (args.clipped_gain as f32).exp2(),
+        clipped_like: like.as_ref().map(|f| f as RadianceToward<'_>),
+    };
+    Ok(cube.light(args.rows, cloud.up, beyond))
+}
+
+/// Tells what the scene does not show.
+fn tell(probe: &Probe, at: Vec3, knows_around: bool, mends_clipped: bool, summary: &mut Summary) {
+    if probe.open_share > OPEN && !knows_around {
+        summary.warn(format!(
+            "{at}: the scene is open in {} of all directions, and nothing is known of what shines there; --environment tells it",
+            percent(probe.open_share)
+        ));
+    }
+    if probe.clipped_share > 0.0 && !mends_clipped {
+        summary.warn(format!(
+            "{at}: {} of all directions are clipped at white ({} of the scene's light, as it is): it was brighter there; --clipped-gain STOPS or --clipped-like estimate|ENV brings some of it back",
+            percent(probe.clipped_share),
+            percent(probe.clipped_light)
+        ));
+    }
+}
