@@ -21,6 +21,7 @@ use directional::{DirectionalAsset, DirectionalTransfer};
 use harmonic::{HarmonicAsset, HarmonicTransfer};
 pub use relit::{Part, Relight, Relit};
 use scene::SceneTransfer;
+use scene::harmonic::HarmonicScene;
 
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
@@ -31,6 +32,8 @@ pub enum PreparedTransfer {
     Directional(Arc<DirectionalTransfer>),
     /// By the directional method, several objects.
     Scene(Arc<SceneTransfer>),
+    /// By the harmonic method, several objects.
+    HarmonicScene(Arc<HarmonicScene>),
 }
 
 impl std::ops::Deref for PreparedTransfer {
@@ -41,6 +44,7 @@ impl std::ops::Deref for PreparedTransfer {
             Self::Harmonic(harmonic) => &**harmonic,
             Self::Directional(directional) => &**directional,
             Self::Scene(scene) => &**scene,
+            Self::HarmonicScene(scene) => &**scene,
         }
     }
 }
@@ -75,6 +79,7 @@ impl PreparedTransfer {
                 Self::Directional(Arc::new(directional.rounded_to_half()))
             }
             Self::Scene(scene) => Self::Scene(Arc::new(scene.rounded_to_half())),
+            Self::HarmonicScene(scene) => Self::HarmonicScene(scene.clone()),
         }
     }
 }

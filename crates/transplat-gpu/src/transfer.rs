@@ -56,7 +56,7 @@ impl GpuTransfer {
                 let tau = ResidentVectors(transfer.tau());
                 (relit, By::Directional(transfer, tau))
             }
-            PreparedTransfer::Scene(_) => {
+            PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_) => {
                 return Err(GpuError::OnCpu("several objects are relit"));
             }
         };

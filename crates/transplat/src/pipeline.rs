@@ -6,26 +6,30 @@ pub mod object;
 pub mod settings;
 pub mod warnings;
 
+use std::cell::OnceCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::Affine3A;
+use glam::{Affine3A, DMat3};
 use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Placed;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{inspect_bake, load_environment};
 use transplat_core::ground::Ground;
+use transplat_core::progress::no_progress;
 use transplat_core::scene::{Scene, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::directional::{DirectionalAsset, DirectionalTransfer};
 use transplat_core::transfer::scene::SceneTransfer;
+use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
@@ -44,6 +48,8 @@ pub struct Pipeline {
     pub cloud: Arc<SurfelCloud>,
     pub scene: Scene,
     pub device: Device,
+    /// Those of several objects, once they were needed.
+    harmonic_bakes: OnceCell<Vec<HarmonicBake>>,
 }
 
 impl Pipeline {
@@ -79,6 +85,7 @@ impl Pipeline {
             cloud,
             scene,
             device,
+            harmonic_bakes: OnceCell::new(),
         }
     }
 
@@ -112,7 +119,19 @@ impl Pipeline {
     pub fn bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<Bake> {
         let by = (&self.device, &self.scene);
         let bake = if self.is_composed() {
-            Bake::Scene(Arc::new(self.scene_bake(saved, summary)?))
+            if let Some(path) = saved {
+                bail!(
+                    "{}: a bake is of one object, not of a scene",
+                    path.display()
+                );
+            }
+            match self.scene.transfer.method {
+                Method::Directional => Bake::Scene(Arc::new(self.scene_bake(summary)?)),
+                Method::Harmonic => {
+                    let each = self.own_harmonic_bakes(summary)?;
+                    Bake::Harmonic(HarmonicBake::together(each))
+                }
+            }
         } else {
             self.first().bake(by, saved, summary)?
         };
@@ -133,13 +152,7 @@ impl Pipeline {
     }
 
     /// The objects' own bakes, and what they see of each other.
-    fn scene_bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<SceneBake> {
-        if let Some(path) = saved {
-            bail!(
-                "{}: a bake is of one object, not of a scene",
-                path.display()
-            );
-        }
+    fn scene_bake(&self, summary: &mut Summary) -> Result<SceneBake> {
         let by = (&self.device, &self.scene);
         let placed = self.objects.iter().map(|o| {
             Ok(Placed {
@@ -155,6 +168,23 @@ impl Pipeline {
         };
         let trace = || SceneBake::new(placed, &progress);
         Ok(summary.time("surroundings", trace)?)
+    }
+
+    /// The objects' own bakes for the harmonic method, where they stand.
+    fn own_harmonic_bakes(&self, summary: &mut Summary) -> Result<&[HarmonicBake]> {
+        if let Some(known) = self.harmonic_bakes.get() {
+            return Ok(known);
+        }
+        let mut made = Vec::new();
+        for object in &self.objects {
+            let placed = object.placed();
+            let Bake::Harmonic(bake) = placed.bake((&self.device, &self.scene), None, summary)?
+            else {
+                bail!("the bake is for the other preset");
+            };
+            made.push(bake);
+        }
+        Ok(self.harmonic_bakes.get_or_init(|| made))
     }
 
     /// Bakes the ground that catches the object's shadow.
@@ -238,6 +268,7 @@ impl Pipeline {
     ) -> Result<(PreparedTransfer, Transfer)> {
         let prepared = summary.time("prepare", || match bake {
             Bake::Scene(scene) => self.prepare_scene(scene, lights),
+            Bake::Harmonic(_) if self.is_composed() => self.prepare_harmonic_scene(lights),
             one => {
                 let [source, _] = lights.oriented(self, 0, &lights.targets[0]);
                 let settings = &self.scene.transfer;
@@ -276,6 +307,22 @@ impl Pipeline {
         let each = self.objects.iter().enumerate().map(prepare);
         let scene = SceneTransfer::new(each.collect::<Result<_>>()?, bake.clone());
         Ok(PreparedTransfer::Scene(Arc::new(scene)))
+    }
+
+    /// The same as the paper puts objects into a scene.
+    fn prepare_harmonic_scene(&self, lights: &Lights) -> Result<PreparedTransfer> {
+        let Some(bakes) = self.harmonic_bakes.get() else {
+            bail!("the objects are not baked");
+        };
+        let placed = |(at, object): (usize, &LoadedObject)| {
+            let [source, _] = lights.oriented(self, at, &lights.targets[0]);
+            let turn = object.settings.transform.rotation.as_dquat();
+            let turn = DMat3::from_quat(turn);
+            (object.placed().cloud, &bakes[at], source.rotated(turn))
+        };
+        let objects: Vec<_> = self.objects.iter().enumerate().map(placed).collect();
+        let scene = HarmonicScene::new(&objects, &self.scene.transfer, &no_progress)?;
+        Ok(PreparedTransfer::HarmonicScene(Arc::new(scene)))
     }
 
     /// A light as its map holds it; where an object's estimate cannot tell, what stands in for it. `saved` is a bake for the method that is
@@ -343,15 +390,23 @@ impl Pipeline {
     /// The same of several objects, each in its own coordinates.
     pub fn relight_objects(
         &self,
-        scene: &Arc<SceneTransfer>,
+        prepared: &PreparedTransfer,
         name: &str,
         (light, part, unseen): (&Illumination, Part, &[bool]),
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
-        let prepared = PreparedTransfer::Scene(scene.clone());
-        tell_of_light((&prepared, false), name, light, summary);
-        let relight = || Ok(scene.relight_objects(light, part, unseen)?);
-        timed(summary, relight)
+        tell_of_light((prepared, false), name, light, summary);
+        let back = |(relit, object): (Relit, &LoadedObject)| {
+            relit.turned(object.settings.transform.rotation.inverse())
+        };
+        timed(summary, || match prepared {
+            PreparedTransfer::Scene(scene) => Ok(scene.relight_objects(light, part, unseen)?),
+            PreparedTransfer::HarmonicScene(scene) => {
+                let relit = scene.relight_objects(light, part)?;
+                Ok(relit.into_iter().zip(&self.objects).map(back).collect())
+            }
+            one => Ok(vec![one.relight_seen(light, part, unseen)?]),
+        })
     }
 }
 

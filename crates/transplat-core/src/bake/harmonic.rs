@@ -389,6 +389,21 @@ impl HarmonicBake {
         }
     }
 
+    /// Bakes of the same directions as one, surfels after surfels.
+    pub fn together(bakes: &[Self]) -> Self {
+        let each = || bakes.iter();
+        Self {
+            directions: bakes[0].directions,
+            open: each().flat_map(|b| &b.open).copied().collect(),
+            normals: each().flat_map(|b| &b.normals).copied().collect(),
+            two_sided: each().flat_map(|b| &b.two_sided).copied().collect(),
+            flipped: each().map(|b| b.flipped).sum(),
+            buried: each().map(|b| b.buried).sum(),
+            open_object_error: None,
+            max_degree: MAX_DEGREE,
+        }
+    }
+
     /// `V_k = (4 pi / N) sum_i v_i Y_k(w_i)`, `[n][K]`: a uniform lattice has equal weights.
     pub fn coefficients(&self, degree: usize) -> Vec<f32> {
         let mut all = self.project(degree, |_, v| v);

@@ -212,6 +212,18 @@ impl HarmonicTransfer {
         rounded
     }
 
+    /// The same under targets that are shadowed as another bake says, whose first surfels are these.
+    pub(super) fn shadowed_as(&self, bake: &HarmonicBake) -> Self {
+        let mut shadowed = self.clone();
+        if self.settings.terms.shadow {
+            let mut visibility = bake.coefficients(self.light_degree);
+            visibility.truncate(self.visibility.len());
+            shadowed.visibility = Arc::new(visibility);
+            shadowed.make_blocks();
+        }
+        shadowed
+    }
+
     fn make_blocks(&mut self) {
         let rows = Rows {
             normals: &self.normals,

@@ -1,5 +1,6 @@
 //! What a transfer is asked, and what it yields.
 
+use glam::{DMat3, Quat};
 use half::f16;
 
 use crate::color::{Encoding, decode_sh, encode_sh};
@@ -7,7 +8,7 @@ use crate::environment::Illumination;
 use crate::error::Result;
 use crate::settings::skips::{Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
-use crate::sh::{coefficient_count, with_degree};
+use crate::sh::{coefficient_count, rotate_functions, with_degree};
 use crate::surfels::SurfelCloud;
 
 /// An asset under its source light, ready for any other, whatever the method.
@@ -129,6 +130,24 @@ impl Relit {
             degree,
             ..self
         }
+    }
+
+    /// The same of an asset that is turned.
+    pub fn turned(mut self, turn: Quat) -> Self {
+        if turn != Quat::IDENTITY {
+            let turn = DMat3::from_quat(turn.as_dquat());
+            self.sh = rotate_functions(turn, self.degree, &self.sh);
+        }
+        self
+    }
+
+    /// Results of one degree and encoding as one, surfels after surfels.
+    pub(super) fn together(each: impl Iterator<Item = Self>) -> Option<Self> {
+        each.reduce(|mut all, one| {
+            all.sh.extend(one.sh);
+            all.tau.extend(one.tau);
+            all
+        })
     }
 
     /// Colour as the asset's file stores it. `[n][K][3]`

@@ -1,8 +1,10 @@
 //! Objects that are relit together: each blocks the others' light, and shines on them.
 
+pub mod harmonic;
+
 use std::sync::Arc;
 
-use glam::{DMat3, Quat};
+use glam::DMat3;
 use rayon::prelude::*;
 
 use super::directional::{DirectionalTransfer, FrontAndBack, Incident, TURNS};
@@ -12,7 +14,6 @@ use crate::bake::surroundings::Placed;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::settings::skips::Skipped;
-use crate::sh::rotate_functions;
 use crate::surfels::SurfelCloud;
 
 /// The objects of a scene, each under the light of its own capture, ready for any other that they share. As one asset its surfels are
@@ -92,24 +93,15 @@ impl SceneTransfer {
         let is_one_encoding = relit.iter().all(|r| r.encoding == relit[0].encoding);
         let degree = relit.iter().map(|r| r.degree).max().unwrap_or_default();
         let turned = |(relit, placed): (Relit, &Placed)| {
-            let mut relit = if is_one_encoding {
+            let relit = if is_one_encoding {
                 relit
             } else {
                 relit.linear()
             };
-            if placed.turn() != Quat::IDENTITY {
-                let turn = DMat3::from_quat(placed.turn().as_dquat());
-                relit.sh = rotate_functions(turn, relit.degree, &relit.sh);
-            }
-            relit.of_degree(degree)
-        };
-        let together = |mut all: Relit, one: Relit| {
-            all.sh.extend(one.sh);
-            all.tau.extend(one.tau);
-            all
+            relit.turned(placed.turn()).of_degree(degree)
         };
         let each = relit.into_iter().zip(&self.bake.objects).map(turned);
-        each.reduce(together).expect("at least one object")
+        Relit::together(each).expect("at least one object")
     }
 
     /// Its objects with all that they hold in half precision.

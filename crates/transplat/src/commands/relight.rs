@@ -71,12 +71,12 @@ fn write(
     summary: &mut Summary,
 ) -> Result<()> {
     let wanted = (light, Part::Whole, &[][..]);
-    let several = match prepared {
-        PreparedTransfer::Scene(scene) => Some(scene),
-        _ => None,
-    };
-    if let (Some(scene), true) = (several, files.len() == pipeline.objects.len()) {
-        let relit = pipeline.relight_objects(scene, name, wanted, summary)?;
+    let is_scene = matches!(
+        prepared,
+        PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_)
+    );
+    if is_scene && files.len() == pipeline.objects.len() {
+        let relit = pipeline.relight_objects(prepared, name, wanted, summary)?;
         for ((object, relit), file) in pipeline.objects.iter().zip(relit).zip(files) {
             summary.time("export", || {
                 write_relit(&object.file, &relit.stored(&object.cloud), file)
@@ -85,12 +85,11 @@ fn write(
         return Ok(());
     }
     let relit = pipeline.relight(prepared, transfer, name, wanted, summary)?;
-    summary.time("export", || match several {
-        Some(_) => {
+    summary.time("export", || {
+        if is_scene {
             let stored = relit.stored_as(pipeline.cloud.sh_degree, Encoding::Stored);
             write_splat(&pipeline.cloud, &stored, &files[0])
-        }
-        None => {
+        } else {
             let object = pipeline.first();
             write_relit(&object.file, &relit.stored(&object.cloud), &files[0])
         }

@@ -66,6 +66,17 @@ impl LoadedObject {
         }
     }
 
+    /// The same where it stands.
+    pub fn placed(&self) -> Self {
+        Self {
+            settings: self.settings.clone(),
+            cloud: Arc::new(self.settings.transform.place(&self.cloud)),
+            file: self.file.clone(),
+            directional_bake: OnceCell::new(),
+            estimate: OnceCell::new(),
+        }
+    }
+
     /// Its file without the ending, where it is not called otherwise.
     pub fn name(&self) -> String {
         let stem = || self.file.path.file_stem().unwrap_or_default();

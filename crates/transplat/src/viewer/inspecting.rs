@@ -12,7 +12,9 @@ impl Session {
         let degree = self.asset()?.cloud.sh_degree;
         let harmonic = match self.prepared()? {
             PreparedTransfer::Harmonic(harmonic) => harmonic,
-            PreparedTransfer::Directional(_) | PreparedTransfer::Scene(_) => {
+            PreparedTransfer::Directional(_)
+            | PreparedTransfer::Scene(_)
+            | PreparedTransfer::HarmonicScene(_) => {
                 // None while a newer one is on its way.
                 let state = self.state();
                 let relit = state.readout.of(&state.relit.made_from()?.shown())?;

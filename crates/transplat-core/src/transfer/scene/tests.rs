@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Quat, Vec3};
 
 use super::*;
 use crate::bake::directional::DirectionalBake;

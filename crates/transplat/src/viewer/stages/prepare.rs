@@ -75,7 +75,7 @@ fn on_gpu(
     let serves = match prepared {
         PreparedTransfer::Directional(_) => !context.is_software(),
         PreparedTransfer::Harmonic(_) => true,
-        PreparedTransfer::Scene(_) => false,
+        PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_) => false,
     };
     match serves
         .then(|| GpuTransfer::new(context, prepared))

@@ -1,0 +1,262 @@
+//! Objects put into a scene as the paper does it (section 4.2): each is relit by the light that the scene's splat shows at its place, and for the
+//! shadow on the scene the surfels around it count as its own.
+//!
+//! Nothing shines back on the scene, and what is not near casts no shadow: that is what it leaves out.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::bake::harmonic::{self, HarmonicBake};
+use crate::camera::{Camera, NEAR};
+use crate::color::Display;
+use crate::environment::{Illumination, project_environment};
+use crate::error::Result;
+use crate::numeric::smoothstep;
+use crate::probe::{Beyond, Cube, RadianceToward};
+use crate::progress::Progress;
+use crate::rasterize::{ColorSpace, rasterize, shade};
+use crate::settings::TransferSettings;
+use crate::settings::skips::Skipped;
+use crate::sh::{coefficient_count, evaluate_sh};
+use crate::surfels::{Bounds, SurfelCloud};
+use crate::transfer::harmonic::HarmonicTransfer;
+use crate::transfer::relit::{Part, Relight, Relit};
+
+/// An object's shadow begins to fade at so many of its radii from its centre, and is gone at the second number.
+pub const SHADOW_REACH: [f32; 2] = [3.0, 4.0];
+
+/// Rows of the map in which the light at an object is taken: far more than SH series hold.
+const PROBE_ROWS: usize = 64;
+
+/// A scene and the objects in it, each under the light of its own capture, ready for any other. Everything is in the scene's coordinates; the
+/// surfels are numbered object after object.
+#[derive(Clone, Debug)]
+pub struct HarmonicScene {
+    /// The scene, and then what is put into it.
+    objects: Vec<Arc<HarmonicTransfer>>,
+    clouds: Vec<Arc<SurfelCloud>>,
+    shadows: Vec<Shadow>,
+    firsts: Vec<usize>,
+}
+
+/// What an object does to the scene around it.
+#[derive(Clone, Debug)]
+struct Shadow {
+    /// The object.
+    ball: Bounds,
+    /// The scene's surfels that it reaches, and how much of the shadow they get, 0 to 1.
+    near: Vec<(usize, f32)>,
+    /// Those, without it and with it.
+    without: HarmonicTransfer,
+    with: HarmonicTransfer,
+}
+
+impl HarmonicScene {
+    /// Takes objects where they stand, each with its own bake and the light of its capture as the scene sees it, the scene first.
+    ///
+    /// # Errors
+    /// A setting is out of range, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    pub fn new(
+        objects: &[(Arc<SurfelCloud>, &HarmonicBake, Illumination)],
+        settings: &TransferSettings,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
+        let degree = settings.sh_degree;
+        let prepare = |cloud: &SurfelCloud, bake: &HarmonicBake, light: &Illumination| {
+            HarmonicTransfer::new(cloud, bake, &light.radiance.truncated(degree), settings)
+        };
+        let (scene, scene_bake, scene_light) = &objects[0];
+        let mut shadows = Vec::new();
+        for (cloud, ..) in &objects[1..] {
+            let ball = cloud.bounds();
+            let near: Vec<(usize, f32)> = (0..scene.len())
+                .map(|i| (i, reach(scene.positions[i], &ball)))
+                .filter(|(_, share)| *share > 0.0)
+                .collect();
+            let indices: Vec<usize> = near.iter().map(|(i, _)| *i).collect();
+            let around = scene.selected(&indices);
+            let mut both = SurfelCloud {
+                sh: around.sh.clone(),
+                ..around.clone()
+            };
+            let blocker = SurfelCloud {
+                sh: vec![[0.0; 3]; cloud.len() * coefficient_count(around.sh_degree)],
+                sh_degree: around.sh_degree,
+                ..(**cloud).clone()
+            };
+            both.add(&blocker, 1.0, Vec3::ZERO);
+            if near.is_empty() {
+                continue;
+            }
+            let directions = scene_bake.directions;
+            let [without, with] = [&around, &both].map(|c| harmonic::bake(c, directions, progress));
+            let without = prepare(&around, &without?, scene_light)?;
+            let with = without.shadowed_as(&with?);
+            shadows.push(Shadow {
+                ball,
+                near,
+                without,
+                with,
+            });
+        }
+        let mut firsts = vec![0];
+        for (cloud, ..) in objects {
+            firsts.push(firsts[firsts.len() - 1] + cloud.len());
+        }
+        let prepared = objects
+            .iter()
+            .map(|(cloud, bake, light)| Ok(Arc::new(prepare(cloud, bake, light)?)));
+        Ok(Self {
+            objects: prepared.collect::<Result<_>>()?,
+            clouds: objects.iter().map(|(cloud, ..)| cloud.clone()).collect(),
+            shadows,
+            firsts,
+        })
+    }
+
+    /// Relights; each object's result is in the scene's coordinates.
+    ///
+    /// # Errors
+    /// None of its own.
+    pub fn relight_objects(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
+        let mut scene = self.objects[0].relight_seen(target, part, &[])?;
+        let unshaded = self.objects[0].relight_seen(target, Part::Whole, &[])?;
+        let mut all = Vec::new();
+        for (object, cloud) in self.objects.iter().zip(&self.clouds).skip(1) {
+            let light = self.light_at(cloud.bounds().center, &unshaded, target);
+            all.push(object.relight_seen(&light, part, &[])?);
+        }
+        let k = coefficient_count(scene.degree);
+        for shadow in &self.shadows {
+            let [without, with] = [&shadow.without, &shadow.with].map(|t| t.tau(target));
+            let (without, with) = (without?, with?);
+            for ((i, share), (without, with)) in shadow.near.iter().zip(without.iter().zip(with)) {
+                let kept: [f32; 3] = std::array::from_fn(|c| {
+                    let ratio = (with[c] / without[c].max(1e-6)).clamp(0.0, 1.0);
+                    1.0 + share * (ratio - 1.0)
+                });
+                let multiply = |v: &mut [f32; 3]| *v = std::array::from_fn(|c| v[c] * kept[c]);
+                scene.sh[i * k..][..k].iter_mut().for_each(multiply);
+                multiply(&mut scene.tau[*i]);
+            }
+        }
+        all.insert(0, scene);
+        Ok(all)
+    }
+
+    /// The light at a place: the scene as it is relit, and the target where it is open.
+    fn light_at(&self, place: Vec3, scene: &Relit, target: &Illumination) -> Illumination {
+        let cloud = &self.clouds[0];
+        let draw = |camera: &Camera| {
+            let space = ColorSpace::Display(Display::default());
+            let (sh, degree) = (&scene.sh, scene.degree);
+            let colors = shade(
+                &cloud.positions,
+                sh,
+                degree,
+                scene.encoding,
+                camera.eye,
+                space,
+            );
+            Ok::<_, std::convert::Infallible>(rasterize(cloud, camera, &colors, &[]))
+        };
+        let near = NEAR
+            * self
+                .shadows
+                .iter()
+                .map(|s| s.ball.radius)
+                .fold(1.0, f32::min);
+        let Ok(cube) = Cube::seen_from(place, near, PROBE_ROWS, draw);
+        let (series, degree) = (&target.radiance.coefficients, target.radiance.degree);
+        let sky = |d: Vec3| evaluate_sh(series, degree, d.to_array()).map(|v| v.max(0.0));
+        let beyond = Beyond {
+            environment: Some(&sky as RadianceToward<'_>),
+            ..Beyond::default()
+        };
+        // In the scene's coordinates, as all of it is.
+        let probe = cube.light(PROBE_ROWS, Default::default(), beyond);
+        Illumination {
+            radiance: project_environment(&probe.map, degree),
+            beams: None,
+            trust: 1.0,
+        }
+    }
+
+    fn of_surfel<T>(&self, i: usize, of: impl Fn(&HarmonicTransfer, usize) -> T) -> T {
+        let object = self.firsts.partition_point(|first| *first <= i) - 1;
+        of(&self.objects[object], i - self.firsts[object])
+    }
+}
+
+/// How much of an object's shadow a place gets, 0 to 1.
+fn reach(place: Vec3, ball: &Bounds) -> f32 {
+    let radii = place.distance(ball.center) / ball.radius;
+    1.0 - smoothstep(SHADOW_REACH[0], SHADOW_REACH[1], radii)
+}
+
+impl Relight for HarmonicScene {
+    fn relight_after(
+        &self,
+        _: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        _: &[bool],
+    ) -> Result<Relit> {
+        let each = self.relight_objects(target, part)?;
+        let degree = each.iter().map(|r| r.degree).max().unwrap_or_default();
+        let each = each.into_iter().map(|r| r.of_degree(degree));
+        Ok(Relit::together(each).expect("at least one object"))
+    }
+
+    fn computed_part(&self, shown: Part) -> Part {
+        shown
+    }
+
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        Ok(self.relight_seen(target, Part::Whole, &[])?.tau)
+    }
+
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+        self.objects[0].left_out(cloud)
+    }
+
+    fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
+        self.objects[0].left_out_for(light, on_gpu)
+    }
+
+    /// The scene's.
+    fn light_gain(&self) -> f32 {
+        self.objects[0].light_gain
+    }
+
+    fn source_was_black(&self) -> bool {
+        self.objects.iter().any(|o| o.source_was_black)
+    }
+
+    fn bytes(&self) -> usize {
+        self.objects.iter().map(|o| o.bytes()).sum()
+    }
+
+    fn bytes_saved_by_half(&self) -> usize {
+        self.objects.iter().map(|o| o.bytes_saved_by_half()).sum()
+    }
+
+    fn epsilon_share(&self, i: usize) -> f32 {
+        self.of_surfel(i, HarmonicTransfer::epsilon_share)
+    }
+
+    fn amplification(&self, i: usize) -> f32 {
+        self.of_surfel(i, HarmonicTransfer::amplification)
+    }
+
+    fn is_dark(&self, i: usize) -> bool {
+        self.of_surfel(i, HarmonicTransfer::is_dark)
+    }
+
+    fn dark_share(&self) -> f32 {
+        let surfels = self.firsts[self.objects.len()];
+        let dark = (0..surfels).filter(|i| self.is_dark(*i)).count();
+        dark as f32 / surfels.max(1) as f32
+    }
+}
