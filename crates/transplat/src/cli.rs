@@ -68,7 +68,7 @@ pub enum Command {
     Info(InfoArgs),
     /// Measure error against run time of all settings, extreme cases, and presets and terms against path-traced truth: a page with plots.
     #[command(
-        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth -o report\n  transplat report --only truth --ground-truth truth -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera."
+        after_help = "Examples:\n  transplat report -o report\n  transplat report knot.ply --source city.hdr -o report\n  transplat report --only truth -o report\n  transplat report --only truth --ground-truth truth -o report\n  transplat report --only insertion --ground-truth truth/insert/yard -o report\n\nThe folder of the truth holds MANIFEST.json (sets.SET.objects.OBJECT: source_env, targets), envs/LIGHT.hdr, and for each object SET/OBJECT/source.ply, transforms_test.json and gt/LIGHT/*.exr, a linear, premultiplied picture a camera.\n\nThe part insertion takes the folder of a scene, or one with such folders in its folder insert: scene.ply, scene.json, gt/with_NAME and gt/without, masks/NAME, and, in a folder above, dev/ASSET and envs/LIGHT. It draws every view four ways and scores it."
     )]
     Report(ReportArgs),
 }
@@ -379,6 +379,8 @@ pub enum ReportPart {
     Skipped,
     /// Presets and terms against true pictures
     Truth,
+    /// Objects put into captured scenes, against true pictures (--ground-truth)
+    Insertion,
 }
 
 impl ReportPart {
@@ -389,6 +391,7 @@ impl ReportPart {
             Self::Extremes => &["extremes.csv", "epsilon.csv"],
             Self::Skipped => &["skipped.csv"],
             Self::Truth => &["truth.csv", "truth.md"],
+            Self::Insertion => &["insertion.csv"],
         }
     }
 }
@@ -403,8 +406,12 @@ impl ReportArgs {
             return self.only.clone();
         }
         let all = ReportPart::value_variants().iter().copied();
-        all.filter(|p| *p != ReportPart::Truth || self.ground_truth.is_some())
-            .collect()
+        all.filter(|p| match p {
+            ReportPart::Truth => self.ground_truth.is_some(),
+            ReportPart::Insertion => false,
+            _ => true,
+        })
+        .collect()
     }
 }
 

@@ -5,6 +5,7 @@
 //! (`source.ply`) and `gt_of`, another object whose cameras and pictures serve. Lights are `envs/<light>.hdr` or `.exr`, cameras
 //! `<set>/<object>/transforms_test.json`, pictures `<set>/<object>/gt/<light>/*.exr` (linear, premultiplied), one a camera.
 
+pub mod insertion;
 pub mod views;
 
 use std::collections::BTreeMap;

@@ -1,6 +1,7 @@
 //! `transplat report`: error against run time, and methods and single terms against path-traced truth.
 
 mod extremes;
+mod insertion;
 mod page;
 mod skipped;
 mod tables;
@@ -24,6 +25,7 @@ use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart, usage};
 use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::device::Device;
 use crate::ground_truth::TruthObject;
+use crate::ground_truth::insertion::TruthScene;
 use crate::ground_truth::views::{Views, light};
 use crate::pipeline::Pipeline;
 use crate::pipeline::settings::look_of;
@@ -45,6 +47,11 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     if !of_truth && (args.unknown_light || !args.objects.is_empty()) {
         usage("--objects and --unknown-light are of the part truth (--only truth, --ground-truth)");
     }
+    let scenes = match (&args.ground_truth, parts.contains(&ReportPart::Insertion)) {
+        (_, false) => Vec::new(),
+        (Some(folder), true) => TruthScene::all_in(folder)?,
+        (None, true) => usage("the part insertion needs --ground-truth DIR"),
+    };
     let objects = match &args.ground_truth {
         _ if !of_truth => Vec::new(),
         Some(folder) => truth::asked(TruthObject::all_in(folder)?, &args.objects)?,
@@ -57,16 +64,20 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         .collect();
     let inputs = objects
         .iter()
-        .map(|o| &*o.asset)
-        .chain(args.asset.as_deref());
-    refuse_overwriting(inputs, &outputs)?;
+        .map(|o| o.asset.clone())
+        .chain(scenes.iter().flat_map(TruthScene::inputs))
+        .chain(args.asset.clone());
+    let inputs: Vec<PathBuf> = inputs.collect();
+    refuse_overwriting(inputs.iter().map(|p| &**p), &outputs)?;
     refuse_file(&args.output)?;
     let device = Device::open(args.options.device)?;
     summary.set("adapter", device.name());
     let mut page = Page::new("transplat: report");
     page.paragraph(&measured_what(args));
     let mut told = String::new();
-    let subject = if parts.iter().any(|part| *part != ReportPart::Truth) {
+    let is_of_subject =
+        |part: &ReportPart| !matches!(part, ReportPart::Truth | ReportPart::Insertion);
+    let subject = if parts.iter().any(is_of_subject) {
         Some(subject(args, &device, &mut summary)?)
     } else {
         None
@@ -102,6 +113,16 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         ));
         page.preformatted(&tables);
         told += &tables;
+    }
+    if !scenes.is_empty() {
+        let table = insertion::run(&scenes, args, &device, &mut summary)?;
+        page.heading("Objects put into captured scenes");
+        page.paragraph(&format!(
+            "PSNR in dB on the object, on ground and on other things that it changes, and on the whole picture; the ground's bias, and the share of its true change that is shown. The table is {}, the pictures are in pictures/SCENE/OBJECT/WAY.",
+            insertion::INSERTION_CSV
+        ));
+        page.preformatted(&table);
+        told += &table;
     }
     let html = args.output.join(PAGE);
     write(&html, &page.finish("transplat: report"))?;

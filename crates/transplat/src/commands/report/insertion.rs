@@ -1,0 +1,386 @@
+//! Objects put into captured scenes, four ways, against path-traced truth.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use glam::{DMat3, Vec3};
+use transplat_core::camera::NEAR;
+use transplat_core::color::Display;
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::files::{PngBits, load_environment, write_png};
+use transplat_core::present::{self, PLAIN};
+use transplat_core::probe::{Beyond, Cube, DEFAULT_ROWS, RadianceToward};
+use transplat_core::rasterize::{ColorSpace, shade};
+use transplat_core::scene::Scene;
+use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::sh::lattice;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+
+use super::page::write;
+use crate::cli::{LightArgs, ReportArgs};
+use crate::commands::make_folder;
+use crate::device::{Device, Paint};
+use crate::ground_truth::insertion::{TruthScene, TruthView};
+use crate::metrics::Picture;
+use crate::pipeline::Pipeline;
+use crate::pipeline::object::LoadedObject;
+use crate::summary::Summary;
+
+/// What [`run`] writes, beside the pictures.
+pub const INSERTION_CSV: &str = "insertion.csv";
+
+/// Normals over which irradiance is compared.
+const NORMALS: usize = 500;
+
+/// Other things that an object changes count where they are more pixels of a view.
+const FEW: usize = 200;
+
+/// How an object is put into a scene.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    /// As both were captured.
+    Pasted,
+    /// Relit by the light that the scene shows at its place; nothing happens to the scene.
+    Probe,
+    /// The same by the light that truly arrives there.
+    Received,
+    /// Preset `paper`.
+    Paper,
+    /// Preset `best`.
+    Best,
+}
+
+impl Way {
+    const ALL: [(Self, &'static str); 5] = [
+        (Self::Pasted, "pasted"),
+        (Self::Probe, "probe"),
+        (Self::Received, "received"),
+        (Self::Paper, "paper"),
+        (Self::Best, "best"),
+    ];
+}
+
+/// How like the truth pictures are: PSNR in dB over parts of them, the mean of the views.
+#[derive(Clone, Copy, Debug, Default)]
+struct Score {
+    object: f64,
+    ground: f64,
+    walls: f64,
+    full: f64,
+    /// Mean of picture less truth on the ground that changes.
+    bias: f64,
+    /// Share of the true change of the ground that the pictures show: none is 0, all of it 1.
+    effect: f64,
+}
+
+impl Score {
+    const NAMES: [&'static str; 6] = ["object", "ground", "walls", "full", "bias", "effect"];
+
+    fn values(&self) -> [f64; 6] {
+        [
+            self.object,
+            self.ground,
+            self.walls,
+            self.full,
+            self.bias,
+            self.effect,
+        ]
+    }
+
+    fn mean_of(scores: &[[f64; 6]]) -> Self {
+        // A part that a view does not show is no number there.
+        let mean = |i: usize| {
+            let known = scores.iter().map(|s| s[i]).filter(|v| v.is_finite());
+            let known: Vec<f64> = known.collect();
+            known.iter().sum::<f64>() / known.len() as f64
+        };
+        let [object, ground, walls, full, bias, effect] = std::array::from_fn(mean);
+        Self {
+            object,
+            ground,
+            walls,
+            full,
+            bias,
+            effect,
+        }
+    }
+}
+
+/// Compares all scenes and objects with their truth; writes the table and pictures, and returns the table for people.
+pub fn run(
+    scenes: &[TruthScene],
+    args: &ReportArgs,
+    device: &Device,
+    summary: &mut Summary,
+) -> Result<String> {
+    let pictures = args.output.join("pictures");
+    let mut csv = format!("scene,insert,way,{}\n", Score::NAMES.join(","));
+    let mut text = format!(
+        "{:<24}{:<10}{}\n",
+        "object in scene",
+        "way",
+        Score::NAMES.map(|n| format!("{n:>8}")).join("")
+    );
+    for scene in scenes {
+        for insert in scene.inserts() {
+            let subject = Subject::load(scene, insert, device, summary)?;
+            for (way, name) in Way::ALL {
+                let Some(relit) = subject.relit(way, summary)? else {
+                    continue;
+                };
+                let folder = pictures.join(&scene.name).join(insert).join(name);
+                let score = subject.score(&relit, &folder)?;
+                let values = score.values();
+                let digits = |digits: usize| values.map(|v| format!("{v:.digits$}"));
+                csv += &format!("{},{insert},{name},{}\n", scene.name, digits(4).join(","));
+                let shown = digits(2).map(|v| format!("{v:>8}")).join("");
+                let what = format!("{insert} in {}", scene.name);
+                text += &format!("{what:<24}{name:<10}{shown}\n");
+            }
+            if let Some(error) = subject.probe_error()? {
+                text += &format!(
+                    "{insert} in {}: irradiance from the probe is {:.1} % off the light that arrives (relative L2 over all normals)\n",
+                    scene.name,
+                    100.0 * error
+                );
+            }
+        }
+    }
+    write(&args.output.join(INSERTION_CSV), &csv)?;
+    Ok(text)
+}
+
+/// A scene with an object, ready to be relit and compared.
+struct Subject<'a> {
+    truth: &'a TruthScene,
+    insert: &'a str,
+    pipeline: Pipeline,
+    views: Vec<TruthView>,
+    /// The light that the scene shows at the object.
+    probe: EnvironmentMap,
+}
+
+impl<'a> Subject<'a> {
+    fn load(
+        truth: &'a TruthScene,
+        insert: &'a str,
+        device: &Device,
+        summary: &mut Summary,
+    ) -> Result<Self> {
+        let pipeline = loaded(&truth.with(insert)?, Method::Directional, device, summary)?;
+        let views = truth.views(insert, pipeline.cloud.bounds().radius)?;
+        let probe = probe(&pipeline, summary)?;
+        Ok(Self {
+            truth,
+            insert,
+            pipeline,
+            views,
+            probe,
+        })
+    }
+
+    /// What a way makes of scene and object, each in its own coordinates; none where it cannot be told.
+    fn relit(&self, way: Way, summary: &mut Summary) -> Result<Option<Vec<Relit>>> {
+        let [scene, object] = &self.pipeline.objects[..] else {
+            return Ok(None);
+        };
+        let light = match way {
+            Way::Pasted => return Ok(Some(vec![captured(&scene.cloud), captured(&object.cloud)])),
+            Way::Probe => self.probe.clone(),
+            Way::Received => match self.truth.received(self.insert) {
+                Some(path) => load_environment(&path)?,
+                None => return Ok(None),
+            },
+            Way::Paper => return together(&self.pipeline, Method::Harmonic, summary).map(Some),
+            Way::Best => return together(&self.pipeline, Method::Directional, summary).map(Some),
+        };
+        let light = self.pipeline.device.light(&light, Method::Directional)?;
+        let relit = alone(&self.pipeline, object, &light, summary)?;
+        Ok(Some(vec![captured(&scene.cloud), relit]))
+    }
+
+    /// Draws each view, writes it, and compares it with the truth.
+    fn score(&self, relit: &[Relit], folder: &Path) -> Result<Score> {
+        make_folder(folder)?;
+        let (painter, _) = self.pipeline.device.painter(&self.pipeline.cloud)?;
+        let mut scores = Vec::new();
+        for (number, view) in self.views.iter().enumerate() {
+            let mut colors = Vec::new();
+            for (object, relit) in self.pipeline.objects.iter().zip(relit) {
+                let object_from_scene = object.settings.transform.scene_from_object().inverse();
+                let eye = object_from_scene.transform_point3(view.camera.eye);
+                let (positions, sh) = (&object.cloud.positions, &relit.sh);
+                colors.extend(shade(
+                    positions,
+                    sh,
+                    relit.degree,
+                    relit.encoding,
+                    eye,
+                    PLAIN,
+                ));
+            }
+            let raster = painter.draw(&view.camera, Paint::Colors(&colors), PLAIN, &[])?;
+            let path = folder.join(format!("{number:02}.png"));
+            let straight = present::straight(&raster);
+            write_png(
+                &path,
+                raster.width,
+                raster.height,
+                &straight,
+                PngBits::Eight,
+            )?;
+            scores.push(compare(&Picture::of_display(&raster), view)?);
+        }
+        Ok(Score::mean_of(&scores))
+    }
+
+    /// Relative error of the irradiance over all normals that the probe gives.
+    fn probe_error(&self) -> Result<Option<f64>> {
+        let Some(path) = self.truth.received(self.insert) else {
+            return Ok(None);
+        };
+        let truth = load_environment(&path)?;
+        let (mut error, mut all) = (0.0, 0.0);
+        for n in lattice(NORMALS) {
+            let [ours, true_one] = [&self.probe, &truth].map(|map| irradiance(map, n));
+            for c in 0..3 {
+                error += (ours[c] - true_one[c]).powi(2);
+                all += true_one[c].powi(2);
+            }
+        }
+        Ok(Some((error / all).sqrt()))
+    }
+}
+
+fn loaded(
+    scene: &Scene,
+    method: Method,
+    device: &Device,
+    summary: &mut Summary,
+) -> Result<Pipeline> {
+    let load = |o: &transplat_core::scene::Object| {
+        let asset = o.asset.as_deref().context("an asset")?;
+        LoadedObject::load(asset, o.clone(), summary)
+    };
+    let objects = scene.objects.iter().map(load).collect::<Result<_>>()?;
+    let scene = Scene {
+        transfer: TransferSettings::of(method),
+        ..scene.clone()
+    };
+    Ok(Pipeline::of(objects, scene, device.clone()))
+}
+
+/// Both relit by what lights the scene.
+fn together(pipeline: &Pipeline, method: Method, summary: &mut Summary) -> Result<Vec<Relit>> {
+    let again = loaded(&pipeline.scene, method, &pipeline.device, summary)?;
+    let lights = again.lights(&LightArgs::default(), summary)?;
+    let bake = again.bake(None, summary)?;
+    let (prepared, _) = again.prepare(&bake, &lights, summary)?;
+    let target = lights.targets.first().context("a light")?;
+    let light = lights.on_scene(&again, target);
+    again.relight_objects(&prepared, &target.name, (&light, Part::Whole, &[]), summary)
+}
+
+/// An object relit alone by a light of the scene.
+fn alone(
+    pipeline: &Pipeline,
+    object: &LoadedObject,
+    light: &Illumination,
+    summary: &mut Summary,
+) -> Result<Relit> {
+    let scene = &pipeline.scene;
+    let bake = object.bake((&pipeline.device, scene), None, summary)?;
+    let source = object.settings.source.file.as_deref().context("a light")?;
+    let source = pipeline.light_of(object, source, None, summary)?;
+    let prepared = PreparedTransfer::new(&object.cloud, &bake, &source, &scene.transfer)?;
+    let object_from_scene = object.settings.transform.rotation.inverse().as_dquat();
+    let light = light.rotated(DMat3::from_quat(object_from_scene));
+    Ok(prepared.relight(&light, Part::Whole)?)
+}
+
+/// As it was captured.
+fn captured(cloud: &Arc<SurfelCloud>) -> Relit {
+    Relit {
+        sh: cloud.sh.clone(),
+        degree: cloud.sh_degree,
+        encoding: cloud.encoding,
+        tau: Vec::new(),
+    }
+}
+
+/// The light that the scene shows at the object's place, which is left out.
+fn probe(pipeline: &Pipeline, summary: &mut Summary) -> Result<EnvironmentMap> {
+    let [scene, object] = &pipeline.objects[..] else {
+        anyhow::bail!("a scene and an object are expected");
+    };
+    let file = scene.settings.source.file.as_deref().context("a light")?;
+    let map = pipeline.load_light(scene, file, None, summary)?;
+    let map = map.unwrap_or_else(EnvironmentMap::even);
+    let turn = scene
+        .settings
+        .source
+        .map_from_asset(scene.cloud.up)
+        .as_mat3();
+    let around = |d: Vec3| map.sample(turn * d);
+    let bounds = scene.cloud.bounds();
+    let scene_from_object = object.settings.transform.scene_from_object();
+    let place = scene_from_object.transform_point3(object.cloud.bounds().center);
+    let (painter, _) = pipeline.device.painter(&scene.cloud)?;
+    let cube = Cube::seen_from(place, NEAR * bounds.radius, DEFAULT_ROWS, |camera| {
+        let space = ColorSpace::Display(Display::default());
+        painter.draw(camera, Paint::captured(&scene.cloud), space, &[])
+    })?;
+    let beyond = Beyond {
+        environment: Some(&around as RadianceToward<'_>),
+        ..Beyond::default()
+    };
+    Ok(cube.light(DEFAULT_ROWS, scene.cloud.up, beyond).map)
+}
+
+fn irradiance(map: &EnvironmentMap, n: Vec3) -> [f64; 3] {
+    let mut sum = [0f64; 3];
+    for row in 0..map.height() {
+        let omega = map.pixel_solid_angle(row);
+        for column in 0..map.width() {
+            let d = Vec3::from_array(map.direction(column, row).map(|v| v as f32));
+            let cosine = f64::from(n.dot(d).max(0.0));
+            let radiance = map.pixels()[row * map.width() + column];
+            for c in 0..3 {
+                sum[c] += omega * cosine * f64::from(radiance[c]);
+            }
+        }
+    }
+    sum
+}
+
+/// A picture against the truth of its view, in the order of [`Score`].
+fn compare(ours: &Picture, view: &TruthView) -> Result<[f64; 6]> {
+    let [object, ground, walls] = &view.masks;
+    let count = |mask: &[bool]| mask.iter().filter(|m| **m).count();
+    let over = |mask: &[bool], least: usize| -> Result<f64> {
+        if count(mask) < least.max(1) {
+            return Ok(f64::NAN);
+        }
+        ours.psnr(&view.with, Some(mask))
+    };
+    let (mut bias, mut along, mut square) = (0.0, 0.0, 0.0);
+    for i in (0..ground.len()).filter(|i| ground[*i]) {
+        for c in 0..3 {
+            let [ours, with, without] =
+                [ours, &view.with, &view.without].map(|p| f64::from(p.pixels[i][c]));
+            bias += ours - with;
+            along += (with - without) * (ours - without);
+            square += (with - without) * (with - without);
+        }
+    }
+    Ok([
+        over(object, 1)?,
+        over(ground, 1)?,
+        over(walls, FEW)?,
+        ours.psnr(&view.with, None)?,
+        bias / (3 * count(ground)) as f64,
+        along / square.max(1e-9),
+    ])
+}
