@@ -1,0 +1,221 @@
+//! Scenes of several objects: drawn as one, relit together, written and probed.
+
+use std::fs;
+use std::path::Path;
+
+use transplat_core::color::{Encoding, encode_sh};
+use transplat_core::files::{load_asset, load_environment, write_splat};
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::synthetic;
+use transplat_tests::{Folder, args, asset, picture, psnr, run_json, run_told};
+
+const VIEW: &str = "--eye 2,-2,1.5 --look-at 0,0,0.2 --size 160x120 --background black";
+
+fn write(folder: &Folder, name: &str, cloud: &SurfelCloud) -> String {
+    let path = folder.name(name);
+    let stored = encode_sh(cloud.sh.clone(), cloud.sh_degree, Encoding::Stored);
+    write_splat(cloud, &stored, path.as_ref()).expect("room");
+    path
+}
+
+/// A ball of half the size over a plate, both captured under even light.
+fn ball_over_plate(folder: &Folder) -> String {
+    write(folder, "plate.ply", &synthetic::sheet(40));
+    write(folder, "ball.ply", &synthetic::sphere(1500));
+    let scene = r#"{"version": 3, "objects": [
+        {"asset": "plate.ply", "source": {"file": "even"}},
+        {"name": "the ball", "asset": "ball.ply", "source": {"file": "even"},
+         "transform": {"scale": 0.4, "rotation": [0, 0, 0.6, 0.8], "translation": [0, 0, 0.5]}}]}"#;
+    folder.write("scene.json", scene)
+}
+
+/// What a command line draws.
+fn drawn(folder: &Folder, line: &str, names: &[&str]) -> Vec<[f32; 3]> {
+    let out = folder.name("picture.png");
+    let line = format!("render {line} {VIEW} -o {{}}");
+    run_json(&args(&line, &[names, &[&out]].concat()));
+    picture(out.as_ref())
+}
+
+fn mean(pixels: impl Iterator<Item = f32> + Clone) -> f32 {
+    pixels.clone().sum::<f32>() / pixels.count() as f32
+}
+
+/// Eight bits a channel leave 59 dB; what is drawn in another order leaves less than 40.
+#[test]
+fn a_capture_that_is_split_in_two_is_drawn_as_the_whole() {
+    let folder = Folder::empty();
+    let (whole, _) = load_asset(asset("teapot.ply").as_ref()).expect("the asset");
+    for (name, half) in [("even.ply", 0), ("odd.ply", 1)] {
+        let taken: Vec<usize> = (half..whole.len()).step_by(2).collect();
+        let part = whole.selected(&taken);
+        write_splat(&part, &part.sh, folder.path(name).as_ref()).expect("room");
+    }
+    let scene = r#"{"version": 3, "objects": [{"asset": "even.ply"}, {"asset": "odd.ply"}]}"#;
+    let scene = folder.write("scene.json", scene);
+    for device in ["--device cpu", "--device gpu"] {
+        let line = format!("{{}} {device} --view before");
+        let together = drawn(&folder, &line, &[&scene]);
+        let apart = drawn(&folder, &line, &[&asset("teapot.ply")]);
+        let alike = psnr(&together, &apart);
+        assert!(alike > 60.0, "{device}: {alike}");
+    }
+}
+
+/// A ball of radius r at height d over a plate takes `(r / d)^2` of an even sky from the point below it.
+#[test]
+fn an_object_darkens_the_scene_below_it_and_nothing_far_from_it() {
+    let folder = Folder::empty();
+    let scene = ball_over_plate(&folder);
+    let told = run_json(&args(
+        "relight {} -o {} --device cpu",
+        &[&scene, &folder.name("out/")],
+    ));
+    assert_eq!(told["surfels"], 1600 + 1500);
+    assert_eq!(told["targets"][0]["name"], "even");
+    let (before, _) = load_asset(&folder.path("plate.ply")).expect("the plate");
+    let (after, _) = load_asset(&folder.path("out/plate.ply")).expect("the plate, relit");
+    let ratio = |near: f32, far: f32| {
+        let there = |i: &usize| (near..far).contains(&before.positions[*i].length());
+        let light = |cloud: &SurfelCloud, i: usize| {
+            Encoding::Stored.decode(0.282_095 * cloud.sh_of(i)[0][1])
+        };
+        let each = (0..before.len())
+            .filter(there)
+            .map(|i| light(&after, i) / light(&before, i));
+        mean(each.collect::<Vec<_>>().into_iter())
+    };
+    let below = ratio(0.0, 0.15);
+    // It takes 0.64 from above and throws back some of that; a sheet whose colour knows no view shows the mean of that and its other side.
+    assert!((0.68..0.85).contains(&below), "{below}");
+    let far = ratio(1.2, 2.0);
+    assert!((0.93..1.01).contains(&far), "{far}");
+    assert!(folder.path("out/the ball.ply").is_file());
+}
+
+#[test]
+fn all_objects_in_one_splat_look_as_the_scene_does_on_either_device_and_by_either_preset() {
+    let folder = Folder::empty();
+    let (scene, one, city) = (
+        ball_over_plate(&folder),
+        folder.name("one.ply"),
+        asset("city.hdr"),
+    );
+    for preset in ["best", "paper"] {
+        let by = format!("--preset {preset} --device cpu");
+        let line = format!("relight {{}} --target {{}} {by} -o {{}}");
+        run_json(&args(&line, &[&scene, &city, &one]));
+        let line = format!("{{}} --target {{}} {by}");
+        let together = drawn(&folder, &line, &[&scene, &city]);
+        let merged = drawn(&folder, "{} --device cpu", &[&one]);
+        let alike = psnr(&together, &merged);
+        // The paper's colours are linear, and lose a little when they are encoded.
+        assert!(
+            alike > if preset == "best" { 50.0 } else { 35.0 },
+            "{preset}: {alike}"
+        );
+        let line = format!("{{}} --target {{}} --preset {preset} --device gpu");
+        let alike = psnr(&together, &drawn(&folder, &line, &[&scene, &city]));
+        assert!(alike > 45.0, "{preset}: {alike}");
+        let captured = drawn(&folder, "{} --view before --device cpu", &[&scene]);
+        assert!(
+            psnr(&together, &captured) < 35.0,
+            "{preset}: something is relit"
+        );
+    }
+    // What is not shown is not there.
+    let text = fs::read_to_string(&scene).expect("the scene");
+    let alone = folder.write(
+        "alone.json",
+        text.replace("\"name\"", "\"shown\": false, \"name\""),
+    );
+    let told = run_json(&args(
+        "relight {} --target {} -o {} --device cpu",
+        &[&alone, &city, &folder.name("alone.ply")],
+    ));
+    assert_eq!(told["surfels"], 1600);
+}
+
+#[test]
+fn a_probe_sees_the_scene_from_where_an_object_stands_without_it() {
+    let folder = Folder::empty();
+    let (scene, light) = (ball_over_plate(&folder), folder.name("light.exr"));
+    let told = run_json(&args(
+        "probe {} --at {} -o {} --device cpu",
+        &[&scene, "the ball", &light],
+    ));
+    let place = &told["places"][0];
+    assert_eq!(
+        place["at"][2].as_f64().map(|z| (100.0 * z).round()),
+        Some(50.0)
+    );
+    // The plate is half of radiance 1/2 below; above there is the even light of the capture.
+    let map = load_environment(light.as_ref()).expect("a light");
+    let toward = |z: f32| map.sample(glam::Vec3::new(0.0, 0.0, z))[1];
+    assert!((toward(1.0) - 1.0).abs() < 0.01, "{}", toward(1.0));
+    assert!((toward(-1.0) - 0.5).abs() < 0.05, "{}", toward(-1.0));
+    let many = folder.name("many");
+    let told = run_json(&args(
+        "probe {} --at 0,0,0.3 --at -1,0,0.4 --environment {} -o {} --device cpu",
+        &[&folder.name("plate.ply"), &asset("city.hdr"), &many],
+    ));
+    assert_eq!(told["outputs"].as_array().map(Vec::len), Some(2));
+    assert!(Path::new(&many).join("001.exr").is_file());
+    let told = run_json(&args(
+        "probe {} --at 0,0,0.3 -o {} --device cpu",
+        &[&folder.name("plate.ply"), &light],
+    ));
+    assert!(
+        told["warnings"].to_string().contains("--environment"),
+        "{told}"
+    );
+}
+
+#[test]
+fn scenes_that_say_too_little_are_refused_with_what_is_missing() {
+    let folder = Folder::empty();
+    let scene = ball_over_plate(&folder);
+    let text = fs::read_to_string(&scene).expect("the scene");
+    let no_light = text.replacen("\"source\": {\"file\": \"even\"}", "\"locked\": false", 1);
+    let no_light = folder.write("no_light.json", no_light);
+    let gone = folder.write("gone.json", text.replace("ball.ply", "bull.ply"));
+    let out = folder.name("out.ply");
+    run_told(&["relight", &no_light, "-o", &out], 2, &["--source"]);
+    run_told(&["relight", &gone, "-o", &out], 1, &["bull.ply"]);
+    run_told(
+        &[
+            "probe",
+            &scene,
+            "--at",
+            "a ball",
+            "-o",
+            &folder.name("a.exr"),
+        ],
+        1,
+        &["a ball", "the ball", "plate"],
+    );
+    run_told(
+        &[
+            "probe",
+            &scene,
+            "--at",
+            "0,0,1",
+            "-o",
+            &folder.name("a.hdr"),
+        ],
+        1,
+        &[".exr"],
+    );
+    let bake = folder.name("plate.bake");
+    run_json(&[
+        "bake",
+        &folder.name("plate.ply"),
+        "-o",
+        &bake,
+        "--device",
+        "cpu",
+    ]);
+    let line = "relight {} --bake {} -o {} --device cpu";
+    run_told(&args(line, &[&scene, &bake, &out]), 1, &["one object"]);
+    assert!(!Path::new(&out).exists());
+}
