@@ -42,9 +42,9 @@ fn project_surfels(@builtin(global_invocation_id) id: vec3u) {
     if opacity > MIN_ALPHA && p.z > view.near {
         let a = rotation * surfel.axis_a.xyz;
         let b = rotation * surfel.axis_b.xyz;
-        let t_w = vec3f(a.z, b.z, p.z);
-        let t_u = view.focal * vec3f(a.x, b.x, p.x) + view.principal.x * t_w;
-        let t_v = view.focal * vec3f(a.y, b.y, p.y) + view.principal.y * t_w;
+        let t_w = view.scale * vec3f(a.z, b.z, p.z);
+        let t_u = view.scale * view.focal * vec3f(a.x, b.x, p.x) + view.principal.x * t_w;
+        let t_v = view.scale * view.focal * vec3f(a.y, b.y, p.y) + view.principal.y * t_w;
         // Where alpha falls to 1/255: u^2 + v^2 = 2 ln(255 opacity).
         let r2 = 2.0 * log(max(opacity / MIN_ALPHA, 1.0001));
         let exact = ellipse_box(t_u, t_v, t_w, r2);

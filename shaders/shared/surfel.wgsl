@@ -11,7 +11,8 @@ struct View {
     principal: vec2f,
     // What depth is divided by, so that half floats hold it; and the origin of the tile that is drawn.
     depth_unit: f32,
-    unused: f32,
+    // What 1 in the surfels' own unit is in that of depths.
+    scale: f32,
     origin: vec2f,
     // Size of the tile; first surfel and count of this dispatch.
     tile: vec2f,

@@ -1,6 +1,6 @@
 //! A pinhole camera with OpenCV axes: x right, y down, z forward.
 
-use glam::{DMat3, DMat4, DVec2, DVec3, Mat3, Vec3};
+use glam::{Affine3A, DMat3, DMat4, DVec2, DVec3, Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, ensure};
@@ -166,6 +166,17 @@ impl Camera {
             backdrop_focal: self.backdrop_focal * factor as f32,
             width: self.width * factor,
             height: self.height * factor,
+            ..*self
+        }
+    }
+
+    /// The same view as an object sees it that stands in the scene: in its own coordinates and unit.
+    pub fn seen_from(&self, scene_from_object: Affine3A) -> Self {
+        let (scale, turn, _) = scene_from_object.to_scale_rotation_translation();
+        Self {
+            view_from_world: self.view_from_world * Mat3::from_quat(turn),
+            eye: scene_from_object.inverse().transform_point3(self.eye),
+            near: self.near / scale.x,
             ..*self
         }
     }

@@ -13,7 +13,7 @@ use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
-pub use object::{MOST_PLACES, Object, Transform};
+pub use object::{MOST_OBJECTS, MOST_PLACES, Object, Transform};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,6 +108,15 @@ impl Scene {
         }
         self.environment.validate("target")?;
         self.camera.map_or(Ok(()), |c| c.validate())
+    }
+
+    /// Objects that are put into a scene are lit by its light, unless there is to be another.
+    pub fn light_as_captured(&mut self) {
+        if self.objects.len() > 1 && self.environment.file.is_none() {
+            let strength = self.environment.strength;
+            self.environment = self.objects[0].source.clone();
+            self.environment.strength += strength;
+        }
     }
 
     /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment

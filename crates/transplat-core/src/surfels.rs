@@ -274,6 +274,26 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// Around several.
+    pub fn around(all: impl Iterator<Item = Self> + Clone) -> Option<Self> {
+        let ends = |b: Self| (b.center - b.radius, b.center + b.radius);
+        let corners = all.clone().map(ends);
+        let (low, high) = corners.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)))?;
+        let center = low.midpoint(high);
+        let reach = |b: Self| b.center.distance(center) + b.radius;
+        let radius = all.map(reach).fold(0.0, f32::max);
+        Some(Self { center, radius })
+    }
+
+    /// Of the same elsewhere: scaled by one factor, turned, moved.
+    pub fn transformed(&self, there_from_here: Affine3A) -> Self {
+        let (scale, ..) = there_from_here.to_scale_rotation_translation();
+        Self {
+            center: there_from_here.transform_point3(self.center),
+            radius: scale.x * self.radius,
+        }
+    }
+
     /// Middle of the box that leaves out 0.5 % of the points at either end of each axis, and the radius that holds
     /// 99.5 % of the points around it; all of them, unless the rest is far away.
     fn of(points: &[Vec3]) -> Self {

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
@@ -20,7 +20,8 @@ use transplat_core::transfer::Part;
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
 use crate::rasterize::{
-    GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target, read_texture,
+    Canvas, GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target,
+    read_texture,
 };
 use crate::transfer::GpuTransfer;
 
@@ -97,6 +98,19 @@ impl Relit {
     }
 }
 
+/// How an object stands in the scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Placement {
+    /// From its coordinates to the scene's: scaled by one factor, turned, moved.
+    pub scene_from_object: Affine3A,
+    /// Whether it is drawn.
+    pub shown: bool,
+    /// Its surfels that are not drawn, `[n]` or empty.
+    pub hidden: Arc<Vec<bool>>,
+    /// Differs where they do.
+    pub hidden_version: u64,
+}
+
 /// What is asked of a frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
@@ -106,8 +120,8 @@ pub struct Frame {
     pub against_pinned: bool,
     /// Whether marks are laid over the surfels.
     pub marks: bool,
-    /// Surfels of each object that are not drawn, `[n]` or empty, and a number that differs where they do.
-    pub hidden: Vec<(Arc<Vec<bool>>, u64)>,
+    /// How the objects stand in the scene.
+    pub objects: Vec<Placement>,
 }
 
 /// What one side of a comparison is painted with.
@@ -174,14 +188,22 @@ struct LiveObject {
     pinned: Versioned<Option<(ResidentSh, Display)>>,
     visibility: Versioned<Vec<[f32; 3]>>,
     doubts: Versioned<Option<Doubts>>,
-    /// By eye, direction and what is hidden.
-    order: Derived<(Vec3, Vec3, u64), Order>,
+    scene_from_object: Affine3A,
     projected: Derived<Camera, ()>,
 }
 
 impl LiveObject {
     fn has_relit(&self) -> bool {
         self.relit.version > 0 && self.relit.value.is_some()
+    }
+
+    /// The camera as the object sees it.
+    fn camera(&self, frame: &Frame) -> Camera {
+        let camera = &frame.presentation.camera;
+        if self.scene_from_object == Affine3A::IDENTITY {
+            return *camera;
+        }
+        camera.seen_from(self.scene_from_object)
     }
 
     fn left_paint(&self, frame: &Frame) -> SidePaint {
@@ -226,7 +248,7 @@ impl LiveObject {
                 SidePaint::Doubts => self.doubts.version,
                 _ => 0,
             },
-            eye: frame.presentation.camera.eye,
+            eye: self.camera(frame).eye,
             space,
             marks: is_marked.then_some(self.doubts.version),
         }
@@ -257,6 +279,9 @@ impl LiveObject {
     }
 }
 
+/// Eye and direction, the version of the places, and whether and what of each object is shown.
+type OrderKey = (Vec3, Vec3, u64, Vec<(bool, u64)>);
+
 struct Screen {
     view: wgpu::TextureView,
     texture: wgpu::Texture,
@@ -271,6 +296,12 @@ pub struct Live {
     blit: Blit,
     objects: Vec<LiveObject>,
     objects_made: u64,
+    /// Of the objects: whose and where, and their surfels' places in the scene.
+    placed: Derived<Vec<(u64, Affine3A)>, Vec<Vec3>>,
+    /// What they are drawn on, and for how many surfels it has room.
+    canvas: Option<(Canvas, usize)>,
+    /// By eye, direction, whose and where, and what is shown of them.
+    order: Derived<OrderKey, Order>,
     backdrops: [Option<Backdrop>; 2],
     ground: [Option<GroundLit>; 2],
     /// Of backdrops and ground.
@@ -291,6 +322,9 @@ impl Live {
             context: context.clone(),
             objects: Vec::new(),
             objects_made: 0,
+            placed: Derived::default(),
+            canvas: None,
+            order: Derived::default(),
             backdrops: [None, None],
             ground: [None, None],
             surroundings_version: 0,
@@ -308,8 +342,7 @@ impl Live {
 
     /// How many surfels the last frame drew.
     pub fn drawn(&self) -> usize {
-        let orders = self.objects.iter().filter_map(|o| o.order.get());
-        orders.map(|o| o.drawn).sum()
+        self.order.get().map_or(0, |order| order.drawn)
     }
 
     /// Whether there is something relit of an object to be shown.
@@ -318,7 +351,17 @@ impl Live {
     }
 
     /// Shows another asset as an object, one of those that are there or the next; what was made of the last one is dropped.
-    pub fn set_asset(&mut self, object: usize, asset: LiveAsset) {
+    ///
+    /// # Errors
+    /// All objects together are too large for the adapter; nothing is changed then.
+    pub fn set_asset(&mut self, object: usize, asset: LiveAsset) -> Result<()> {
+        let others = self
+            .objects
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| *i != object);
+        let surfels: usize = others.map(|(_, o)| o.asset.rasterizer.cloud().len()).sum();
+        Canvas::check(&self.context, surfels + asset.rasterizer.cloud().len())?;
         self.objects_made += 1;
         let made = LiveObject {
             id: self.objects_made,
@@ -327,7 +370,7 @@ impl Live {
             pinned: Versioned::default(),
             visibility: Versioned::default(),
             doubts: Versioned::default(),
-            order: Derived::default(),
+            scene_from_object: Affine3A::IDENTITY,
             projected: Derived::default(),
         };
         match self.objects.get_mut(object) {
@@ -336,6 +379,15 @@ impl Live {
         }
         self.ground = [None, None];
         self.surroundings_version += 1;
+        Ok(())
+    }
+
+    /// Forgets an object.
+    pub fn remove(&mut self, object: usize) {
+        if object < self.objects.len() {
+            self.objects.remove(object);
+            self.surroundings_version += 1;
+        }
     }
 
     /// Forgets all objects but so many of the first.
@@ -432,9 +484,13 @@ impl Live {
         }
         let before = self.passes;
         let mut frame = frame.clone();
+        self.place(&frame);
         let presentation = &mut frame.presentation;
         let units = self.objects.iter();
-        let units = units.map(|o| o.asset.rasterizer.depth_unit(&presentation.camera));
+        let units = units.map(|o| {
+            let camera = presentation.camera.seen_from(o.scene_from_object);
+            o.asset.rasterizer.depth_unit(&camera)
+        });
         presentation.depth_unit = units.fold(0.0, f32::max);
         presentation.false_color &= presentation.view.is_light();
         presentation.display = presentation.display.for_picture(presentation.false_color);
@@ -449,21 +505,67 @@ impl Live {
         self.passes != before
     }
 
+    /// Puts the objects where they stand, all surfels on one canvas.
+    fn place(&mut self, frame: &Frame) {
+        let places = self.objects.iter_mut().zip(&frame.objects);
+        let key: Vec<(u64, Affine3A)> = places
+            .map(|(object, placement)| {
+                object.scene_from_object = placement.scene_from_object;
+                (object.id, placement.scene_from_object)
+            })
+            .collect();
+        if !self.placed.ask(&key) {
+            return;
+        }
+        let mut positions = Vec::new();
+        for object in &self.objects {
+            let cloud = object.asset.rasterizer.cloud();
+            let there = |p: &Vec3| object.scene_from_object.transform_point3(*p);
+            positions.extend(cloud.positions.iter().map(there));
+        }
+        self.join_objects(positions.len());
+        self.placed.accept(key, positions);
+    }
+
+    /// Gives the objects a canvas that they share.
+    fn join_objects(&mut self, surfels: usize) {
+        let canvas = match &self.canvas {
+            Some((canvas, room)) if *room == surfels => canvas.clone(),
+            _ => match Canvas::new(&self.context, surfels) {
+                Ok(canvas) => canvas,
+                Err(_) => return,
+            },
+        };
+        let mut first = 0;
+        for object in &mut self.objects {
+            let (scale, ..) = object.scene_from_object.to_scale_rotation_translation();
+            object.asset.rasterizer.join(&canvas, first, scale.x);
+            object.projected.clear();
+            first += object.asset.rasterizer.cloud().len();
+        }
+        self.canvas = Some((canvas, surfels));
+    }
+
     fn draw_sides(&mut self, frame: &Frame) {
         let view = frame.presentation.view;
         let camera = &frame.presentation.camera;
         let forward = camera.view_from_world.transpose() * Vec3::Z;
         let mut moved = false;
-        for (object, (hidden, version)) in self.objects.iter_mut().zip(&frame.hidden) {
-            let rasterizer = &object.asset.rasterizer;
-            let key = (camera.eye, forward, *version);
-            if object.order.ask(&key) {
-                object.order.accept(key, rasterizer.sort(camera, hidden));
-                self.passes.sort += 1;
-                moved = true;
-            }
-            if object.projected.ask(camera) {
-                rasterizer.project(camera);
+        let placements = || self.objects.iter().zip(&frame.objects).map(|(_, p)| p);
+        let shown = placements().map(|p| (p.shown, p.hidden_version)).collect();
+        let key = (camera.eye, forward, self.placed.version(), shown);
+        if let Some(positions) = self.placed.get().filter(|_| self.order.ask(&key)) {
+            let hidden = self.hidden(frame);
+            let order = Order::of(&self.context, positions, camera, &hidden);
+            self.order.accept(key, order);
+            self.passes.sort += 1;
+            moved = true;
+        }
+        for object in &mut self.objects {
+            let camera = object.camera(frame);
+            if object.projected.ask(&camera) {
+                object.asset.rasterizer.project(&camera);
+                object.projected.accept(camera, ());
                 self.passes.project += 1;
                 moved = true;
             }
@@ -482,14 +584,31 @@ impl Live {
         }
     }
 
-    /// Draws the objects of a side, the farthest first.
+    /// Which surfels are not drawn, `[n]` of all objects or empty.
+    fn hidden(&self, frame: &Frame) -> Vec<bool> {
+        let placements = &frame.objects;
+        if placements.iter().all(|p| p.shown && p.hidden.is_empty()) {
+            return Vec::new();
+        }
+        let each = self.objects.iter().zip(placements);
+        each.flat_map(|(object, placement)| {
+            let mut hidden = placement.hidden.to_vec();
+            hidden.resize(object.asset.rasterizer.cloud().len(), false);
+            if !placement.shown {
+                hidden.fill(true);
+            }
+            hidden
+        })
+        .collect()
+    }
+
+    /// Draws the objects of a side as one.
     fn draw_side(&mut self, frame: &Frame, side: usize, paint: impl Fn(&LiveObject) -> SidePaint) {
         let camera = &frame.presentation.camera;
         let size = [camera.width, camera.height];
-        let mut objects: Vec<&LiveObject> = self.objects.iter().collect();
-        let distance = |o: &LiveObject| o.asset.rasterizer.distance(camera);
-        objects.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
-        let keys: Vec<_> = objects.iter().map(|o| o.key(paint(o), frame)).collect();
+        let keys: Vec<_> = (self.objects.iter())
+            .map(|o| o.key(paint(o), frame))
+            .collect();
         let state = &mut self.sides[side];
         let is_new = state.drawn.ask(&keys);
         let resized = state.target.as_ref().is_none_or(|t| t.size != size);
@@ -499,22 +618,18 @@ impl Live {
         if resized {
             state.target = Some(Target::new(&self.context, size));
         }
-        let Some(target) = &state.target else {
-            return;
-        };
-        for (i, (object, key)) in objects.iter().zip(&keys).enumerate() {
-            object.shade(camera, key);
+        for (object, key) in self.objects.iter().zip(&keys) {
+            object.shade(&object.camera(frame), key);
             self.passes.shade += 1;
+        }
+        let drawn = (&state.target, self.order.get(), self.objects.first());
+        if let (Some(target), Some(order), Some(any)) = drawn {
             let layer = Layer {
-                is_first: i == 0,
                 depth_unit: frame.presentation.depth_unit,
                 ..Layer::default()
             };
-            if let Some(order) = object.order.get() {
-                let rasterizer = &object.asset.rasterizer;
-                rasterizer.draw_tile(camera, layer, order, target);
-                self.passes.draw += 1;
-            }
+            any.asset.rasterizer.draw_tile(camera, layer, order, target);
+            self.passes.draw += 1;
         }
         state.drawn.accept(keys, ());
     }

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
+use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
@@ -36,7 +37,7 @@ gpu_struct! {
         near: f32,
         principal: [f32; 2],
         depth_unit: f32,
-        unused: f32,
+        scale: f32,
         origin: [f32; 2],
         tile: [f32; 2],
         first: u32,
@@ -191,6 +192,23 @@ pub struct Order {
     pub drawn: usize,
 }
 
+impl Order {
+    /// Sorts what is in front of the camera and not hidden; `hidden` `[n]` or empty.
+    pub(crate) fn of(
+        context: &Context,
+        positions: &[Vec3],
+        camera: &Camera,
+        hidden: &[bool],
+    ) -> Self {
+        let mut order = depth_order(positions, camera, hidden);
+        order.reverse();
+        Self {
+            drawn: order.len(),
+            buffer: context.upload(&order, BufferUsages::STORAGE),
+        }
+    }
+}
+
 /// What is drawn into: premultiplied colour, and depth times alpha.
 #[derive(Clone, Debug)]
 pub struct Target {
@@ -240,6 +258,42 @@ struct SurfelChunk {
     count: usize,
 }
 
+/// Where an asset stands among others that it is drawn with: as one, with them in one order.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    /// Its first surfel among theirs.
+    first: usize,
+    /// What 1 in its own unit is in that of the scene.
+    scale: f32,
+}
+
+/// Surfels on the screen, of one asset or of several.
+#[derive(Clone)]
+pub(crate) struct Canvas {
+    projected: wgpu::Buffer,
+    colors: wgpu::Buffer,
+}
+
+impl Canvas {
+    /// Room for so many.
+    ///
+    /// # Errors
+    /// They are too many for the adapter.
+    pub fn new(context: &Context, surfels: usize) -> Result<Self> {
+        Self::check(context, surfels)?;
+        Ok(Self {
+            projected: context.storage(surfels * size_of::<ProjectedSurfel>()),
+            colors: context.storage(surfels * 16),
+        })
+    }
+
+    /// Whether there would be room.
+    pub fn check(context: &Context, surfels: usize) -> Result<()> {
+        let bytes = surfels * size_of::<ProjectedSurfel>();
+        context.check_fits("the projected scene", bytes)
+    }
+}
+
 /// An asset on the GPU, ready to be drawn.
 pub struct GpuRasterizer {
     context: Arc<Context>,
@@ -250,8 +304,8 @@ pub struct GpuRasterizer {
     shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
     draw: RenderPass,
     chunks: Vec<SurfelChunk>,
-    projected: wgpu::Buffer,
-    colors: wgpu::Buffer,
+    canvas: Canvas,
+    place: Place,
 }
 
 impl GpuRasterizer {
@@ -261,7 +315,7 @@ impl GpuRasterizer {
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
         let n = cloud.len();
-        context.check_fits("the projected asset", n * size_of::<ProjectedSurfel>())?;
+        let canvas = Canvas::new(context, n)?;
         let surfels: Vec<Surfel> = (0..n)
             .map(|i| {
                 let [u, v] = cloud.tangents[i];
@@ -291,8 +345,11 @@ impl GpuRasterizer {
             shade_passes: Mutex::default(),
             draw: draw_pass(context),
             chunks,
-            projected: context.storage(n * size_of::<ProjectedSurfel>()),
-            colors: context.storage(n * 16),
+            canvas,
+            place: Place {
+                first: 0,
+                scale: 1.0,
+            },
         };
         context.wait()?;
         Ok(rasterizer)
@@ -351,12 +408,7 @@ impl GpuRasterizer {
 
     /// Sorts what is in front of the camera and not hidden.
     pub fn sort(&self, camera: &Camera, hidden: &[bool]) -> Order {
-        let mut order = depth_order(&self.cloud.positions, camera, hidden);
-        order.reverse();
-        Order {
-            drawn: order.len(),
-            buffer: self.context.upload(&order, BufferUsages::STORAGE),
-        }
+        Order::of(&self.context, &self.cloud.positions, camera, hidden)
     }
 
     /// Sets the colour of each surfel.
@@ -366,9 +418,11 @@ impl GpuRasterizer {
     pub fn set_colors(&self, colors: &[[f32; 3]]) {
         assert_eq!(colors.len(), self.cloud.len());
         let wide: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        let start = 16 * self.place.first as u64;
+        let colors = bytemuck::cast_slice(&wide);
         self.context
             .queue
-            .write_buffer(&self.colors, 0, bytemuck::cast_slice(&wide));
+            .write_buffer(&self.canvas.colors, start, colors);
     }
 
     fn view(
@@ -388,7 +442,7 @@ impl GpuRasterizer {
             near: camera.near,
             principal: camera.principal_point(),
             depth_unit: layer.depth_unit,
-            unused: 0.0,
+            scale: self.place.scale,
             origin: pair(layer.origin),
             tile: pair(tile),
             first: surfels.start as u32,
@@ -402,14 +456,21 @@ impl GpuRasterizer {
         self.cloud = cloud.clone();
     }
 
-    /// How far away the middle of the asset is.
-    pub(crate) fn distance(&self, camera: &Camera) -> f32 {
-        camera.eye.distance(self.bounds.center)
+    /// Is drawn with others from now on, its surfels counted from `first`; 1 in its own unit is `scale` in theirs.
+    pub(crate) fn join(&mut self, canvas: &Canvas, first: usize, scale: f32) {
+        self.canvas = canvas.clone();
+        self.place = Place { first, scale };
+    }
+
+    /// Its surfels.
+    pub(crate) fn cloud(&self) -> &Arc<SurfelCloud> {
+        &self.cloud
     }
 
     /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
     pub(crate) fn depth_unit(&self, camera: &Camera) -> f32 {
-        (self.distance(camera) + self.bounds.radius).max(camera.near)
+        let distance = camera.eye.distance(self.bounds.center);
+        self.place.scale * (distance + self.bounds.radius).max(camera.near)
     }
 
     /// Gives all surfels one colour.
@@ -421,12 +482,13 @@ impl GpuRasterizer {
     pub fn project(&self, camera: &Camera) {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let tile = [camera.width, camera.height];
-            let surfels = i * CHUNK..i * CHUNK + chunk.count;
+            let first = self.place.first + i * CHUNK;
+            let surfels = first..first + chunk.count;
             let view = self.view(camera, Layer::default(), tile, surfels);
             let bindings = [
                 ("view", &view),
                 ("surfels", &chunk.surfels),
-                ("projected", &self.projected),
+                ("projected", &self.canvas.projected),
             ];
             let group = self.context.bind(&self.project, &bindings);
             self.context.run_each(&self.project, &group, chunk.count);
@@ -468,7 +530,7 @@ impl GpuRasterizer {
         for (i, chunk) in self.chunks.iter().enumerate() {
             let parameters = ShadeParameters {
                 eye: camera.eye.extend(exposure).to_array(),
-                first: (i * CHUNK) as u32,
+                first: (self.place.first + i * CHUNK) as u32,
                 count: chunk.count as u32,
                 encoding: encoding as u32,
                 linear: u32::from(display.is_none()),
@@ -481,7 +543,7 @@ impl GpuRasterizer {
             let mut bindings = vec![
                 ("parameters", &parameters),
                 ("positions", &chunk.positions),
-                ("colors", &self.colors),
+                ("colors", &self.canvas.colors),
             ];
             bindings.extend(sh.map(|sh| ("sh", &sh.chunks[i])));
             bindings.extend(vectors.map(|(name, v)| (name, &v.0[i])));
@@ -495,8 +557,8 @@ impl GpuRasterizer {
         let view = self.view(camera, layer, target.size, 0..0);
         let bindings = [
             ("view", &view),
-            ("projected", &self.projected),
-            ("colors", &self.colors),
+            ("projected", &self.canvas.projected),
+            ("colors", &self.canvas.colors),
             ("order", &order.buffer),
         ];
         let group = self.context.bind(&self.draw, &bindings);

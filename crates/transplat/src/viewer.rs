@@ -5,6 +5,7 @@ mod adapter;
 mod annotations;
 mod app;
 mod asset;
+mod composing;
 mod environments;
 mod export;
 mod files;

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use eframe::wgpu::TextureFormat;
-use glam::Vec3;
+use glam::{Affine3A, Quat, Vec3};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::SurfelCloud;
-use transplat_gpu::live::{Live, LiveAsset};
+use transplat_gpu::live::{Live, LiveAsset, Placement};
 use transplat_gpu::transfer::GpuTransfer;
 
 use transplat_tests::driver::Driver;
@@ -22,10 +22,8 @@ fn the_gpu_shows_what_the_cpu_relit() {
     let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
     let prepared = session.prepared().cloned().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
-    live.set_asset(
-        0,
-        LiveAsset::new(&context, &cloud).expect("the driver works"),
-    );
+    let asset = LiveAsset::new(&context, &cloud).expect("the driver works");
+    live.set_asset(0, asset).expect("room for it");
     live.set_transfer(
         0,
         GpuTransfer::new(&context, &prepared).expect("the driver works"),
@@ -54,7 +52,8 @@ fn the_gpu_shows_what_the_cpu_relit() {
     assert!(sum(0) > sum(1) && sum(0) > sum(2));
 }
 
-/// Two objects one behind the other are what one of all their surfels is, whichever was opened first.
+/// Two objects, one in front of the other or each in the midst of the other, are what one of all their surfels is, whichever was opened first
+/// and however they are placed.
 #[test]
 fn two_objects_are_drawn_like_one_of_both() {
     let mut d = Driver::bundled();
@@ -66,31 +65,44 @@ fn two_objects_are_drawn_like_one_of_both() {
     let near = session.asset().expect("a splat").cloud.clone();
     let size = session.live().read_screen().expect("the driver works").1;
     let mut frame = session.frame(size, View::Before).expect("a splat");
-    // None hidden of either.
-    frame.hidden = vec![Default::default(); 2];
-    let camera = &frame.presentation.camera;
-    let axes = camera.view_from_world.transpose();
-    let radius = session.asset().expect("a splat").bounds.radius;
-    // So far that no depth is in both, and half hidden.
-    let mut far = near.thinned(0);
-    far.add(&near, 1.0, radius * (3.0 * axes.z_axis + axes.x_axis));
-    let mut both = SurfelCloud::clone(&near);
-    both.add(&far, 1.0, Vec3::ZERO);
-    let [far, both] = [far, both].map(Arc::new);
-    let seen = |clouds: &[&Arc<SurfelCloud>]| -> Vec<[f32; 3]> {
+    let mut seen = |objects: &[(&SurfelCloud, Affine3A)]| -> Vec<[f32; 3]> {
         let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
-        for (object, cloud) in clouds.iter().enumerate() {
-            let asset = LiveAsset::new(&context, cloud).expect("the driver works");
-            live.set_asset(object, asset);
+        frame.objects.clear();
+        for (object, (cloud, place)) in objects.iter().enumerate() {
+            let cloud = Arc::new((*cloud).clone());
+            let asset = LiveAsset::new(&context, &cloud).expect("the driver works");
+            live.set_asset(object, asset).expect("room for both");
+            frame.objects.push(Placement {
+                scene_from_object: *place,
+                shown: true,
+                ..Placement::default()
+            });
         }
         assert!(live.frame(&frame));
         live.read_screen().expect("the driver works").0
     };
-    let merged = seen(&[&both]);
-    assert!(psnr(&one, &merged) < 30.0, "the far one is not seen");
-    // A surfel is left out where what is before it leaves less than 1e-4 of it: less than a step of eight bits.
-    for clouds in [[&near, &far], [&far, &near]] {
-        let apart = seen(&clouds);
-        assert!(psnr(&merged, &apart) > 60.0, "{}", psnr(&merged, &apart));
+    let camera = session.frame(size, View::Before).expect("a splat");
+    let axes = camera.presentation.camera.view_from_world.transpose();
+    let radius = session.asset().expect("a splat").bounds.radius;
+    let here = Affine3A::IDENTITY;
+    // Behind it and half hidden, or turned and in its midst.
+    let behind = Affine3A::from_translation(radius * (3.0 * axes.z_axis + axes.x_axis));
+    let amidst = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(0.7),
+        Quat::from_rotation_z(1.0),
+        0.4 * radius * axes.x_axis,
+    );
+    for there in [behind, amidst] {
+        let both = SurfelCloud::composed(&[(&near, here), (&near, there)]);
+        let merged = seen(&[(&both, here)]);
+        assert!(psnr(&one, &merged) < 30.0, "the other one is seen");
+        // A surfel is left out where what is before it leaves less than 1e-4 of it: less than a step of eight bits.
+        for objects in [
+            [(&*near, here), (&*near, there)],
+            [(&*near, there), (&*near, here)],
+        ] {
+            let apart = seen(&objects);
+            assert!(psnr(&merged, &apart) > 50.0, "{}", psnr(&merged, &apart));
+        }
     }
 }

@@ -13,7 +13,7 @@ use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
-use crate::scene::{EnvironmentLight, Object, Scene, is_file};
+use crate::scene::{EnvironmentLight, MOST_OBJECTS, Object, Scene, is_file};
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
@@ -22,9 +22,6 @@ const LOOK_VERSION: u32 = 3;
 
 /// The version of those that hold one object where it was captured.
 const VERSION_OF_ONE: u32 = 2;
-
-/// The most objects of a scene.
-pub const MOST_OBJECTS: usize = 256;
 
 /// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
 #[derive(Serialize, Deserialize)]

@@ -10,6 +10,9 @@ use crate::color::Encoding;
 use crate::error::{Result, ensure};
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
 
+/// The most objects of a scene.
+pub const MOST_OBJECTS: usize = 256;
+
 /// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
 pub const MOST_PLACES: usize = 32;
 const FARTHEST: f32 = 1e12;

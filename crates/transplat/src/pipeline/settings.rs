@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use transplat_core::files::{FileKind, file_kind, load_look};
-use transplat_core::scene::{EnvironmentLight, Scene};
+use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skips;
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
@@ -82,13 +82,8 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;
-    // Objects that are put into a scene are lit by its light, unless there is to be another.
-    if scene.objects.len() > 1 && scene.environment.file.is_none() && light.target.is_empty() {
-        let turned = EnvironmentLight {
-            strength: scene.objects[0].source.strength + scene.environment.strength,
-            ..scene.objects[0].source.clone()
-        };
-        scene.environment = turned;
+    if light.target.is_empty() {
+        scene.light_as_captured();
     }
     scene.validate()?;
     Ok(scene)

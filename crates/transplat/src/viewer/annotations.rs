@@ -132,11 +132,13 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
     let (Some(asset), true) = (session.asset(), hide.crop) else {
         return;
     };
+    let scene_from_object = session.object().transform.scene_from_object();
     let ends = [hide.crop_min, hide.crop_max];
     let corner = |i: usize| {
         let pick = |axis: usize| ends[i >> axis & 1][axis];
         let offset = Vec3::new(pick(0), pick(1), pick(2)) * asset.bounds.radius;
-        let ([x, y], depth) = camera.project(asset.bounds.center + offset);
+        let place = scene_from_object.transform_point3(asset.bounds.center + offset);
+        let ([x, y], depth) = camera.project(place);
         (depth > camera.near).then(|| rect.min + egui::vec2(x, y))
     };
     let painter = ui.painter_at(rect);
@@ -154,7 +156,11 @@ pub fn draw_crop_box(ui: &Ui, rect: Rect, session: &Session, camera: &Camera) {
 
 /// A ring around the surfel that is inspected.
 pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surfel: Option<usize>) {
-    let position = |i: usize| session.asset()?.cloud.positions.get(i).copied();
+    let scene_from_object = session.object().transform.scene_from_object();
+    let position = |i: usize| {
+        let own = *session.asset()?.cloud.positions.get(i)?;
+        Some(scene_from_object.transform_point3(own))
+    };
     let Some(position) = surfel.and_then(position) else {
         return;
     };

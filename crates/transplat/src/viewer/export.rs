@@ -9,13 +9,16 @@ use anyhow::{Context as _, Result, bail};
 use serde::{Deserialize, Serialize};
 use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose};
-use transplat_core::color::Display;
+use transplat_core::color::{Display, Encoding};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{AssetFile, ExrFloats, PngBits, write_exr, write_png, write_relit};
+use transplat_core::files::{
+    AssetFile, ExrFloats, PngBits, write_exr, write_png, write_relit, write_splat,
+};
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
+use transplat_core::settings::Method;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
@@ -176,8 +179,13 @@ struct Snapshot {
     /// Whole ones of any method.
     bakes: Vec<Arc<Bake>>,
     ground: Option<Ground>,
-    /// Which of the look's objects it is.
+    /// Surfels that are not drawn, `[n]` or empty.
+    hidden: Vec<bool>,
+    /// Files that it is made of.
+    captures: Vec<PathBuf>,
+    /// Which of the look's objects it is; the first one where it is all of them.
     object: usize,
+    is_composed: bool,
     lights: [Arc<Environment>; 2],
     shelf: Vec<Arc<Environment>>,
     /// A pinned look, where that is compared with.
@@ -193,6 +201,13 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     };
     let settings = match task.settings(settings) {
         Ok(settings) => settings,
+        Err(error) => {
+            session.error(error.to_string());
+            return;
+        }
+    };
+    let composed = match composed(session, &task) {
+        Ok(composed) => composed,
         Err(error) => {
             session.error(error.to_string());
             return;
@@ -217,7 +232,13 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         bake: bake.clone(),
         bakes: session.state().whole_bakes().cloned().collect(),
         ground: session.ground().cloned(),
+        hidden: {
+            let (hide, skips) = (&session.object().hide, &session.scene.transfer.skips);
+            hide.unseen(&asset.cloud, &asset.bounds, skips)
+        },
+        captures: vec![asset.path.clone()],
         object: session.selected,
+        is_composed: false,
         lights: [SOURCE, TARGET].map(|side| session.light(side).clone()),
         shelf: shelf
             .iter()
@@ -226,6 +247,10 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         pinned: session.compared().cloned(),
         settings,
         scene,
+    };
+    let snapshot = match composed {
+        Some(composed) => composed.over(session, snapshot),
+        None => snapshot,
     };
     if session.bake_share() < 1.0 {
         let percent = 100.0 * session.bake_share();
@@ -249,6 +274,83 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         Made::Files(paths) => session.info(saved(&paths)),
         Made::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
     });
+}
+
+/// All objects of a scene, to be saved as one.
+struct Composed {
+    cloud: SurfelCloud,
+    hidden: Vec<bool>,
+    captures: Vec<PathBuf>,
+    /// With the bake; none where nothing relit is to be saved.
+    prepared: Option<(PreparedTransfer, Bake)>,
+}
+
+/// What of a scene is to be saved where it is more than an object as it was captured.
+fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
+    if !session.is_composed() {
+        return Ok(None);
+    }
+    let prepared = session.scene_transfer().map(|(_, scene)| {
+        let bake = Bake::Scene(scene.bake.clone());
+        (PreparedTransfer::Scene(Arc::new(scene)), bake)
+    });
+    let needs_relit = matches!(task, Task::Splat(_)) || session.scene.view.needs_relit();
+    if needs_relit && prepared.is_none() {
+        match session.scene.transfer.method {
+            Method::Directional => {
+                bail!("the objects are still being prepared; try again when that is done")
+            }
+            Method::Harmonic => bail!(
+                "of several objects, preset paper is saved by the command line alone: transplat render LOOK --preset paper"
+            ),
+        }
+    }
+    let objects = session.scene.objects.iter().zip(&session.states);
+    let shown = objects.filter(|(object, _)| object.shown);
+    let there = shown.filter_map(|(object, state)| Some((object, state.asset.as_ref()?)));
+    let there: Vec<_> = there.collect();
+    let skips = &session.scene.transfer.skips;
+    let hidden = there.iter().flat_map(|(object, asset)| {
+        let mut hidden = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
+        hidden.resize(asset.cloud.len(), false);
+        hidden
+    });
+    let placed = there.iter();
+    let placed = placed.map(|(o, a)| (&*a.cloud, o.transform.scene_from_object()));
+    Ok(Some(Composed {
+        hidden: hidden.collect(),
+        captures: there.iter().map(|(_, a)| a.path.clone()).collect(),
+        cloud: SurfelCloud::composed(&placed.collect::<Vec<_>>()),
+        prepared,
+    }))
+}
+
+impl Composed {
+    /// What is saved of one object, as that of all.
+    fn over(self, session: &Session, one: Snapshot) -> Snapshot {
+        let source = session.states[0].source.light.clone();
+        let [_, target] = one.lights;
+        let (prepared, bake) = match self.prepared {
+            Some((prepared, bake)) => (OnceCell::from(prepared), Arc::new(bake)),
+            None => (OnceCell::new(), one.bake),
+        };
+        Snapshot {
+            prepared,
+            bake,
+            bakes: Vec::new(),
+            cloud: Arc::new(self.cloud),
+            hidden: self.hidden,
+            captures: self.captures,
+            up: session.scene_up(),
+            radius: session.scene_bounds().map_or(one.radius, |b| b.radius),
+            object: 0,
+            is_composed: true,
+            lights: [source, target],
+            // It is of single objects.
+            pinned: None,
+            ..one
+        }
+    }
 }
 
 impl Snapshot {
@@ -366,11 +468,7 @@ impl Snapshot {
         let linear = self.settings.format.is_linear();
         let (painter, _) = self.device.fastest().painter(&self.cloud)?;
         let mut studio = Studio::new(&self.cloud, self.scene.clone(), view, linear, painter);
-        let (hide, skips) = (
-            &self.scene.objects[self.object].hide,
-            &self.scene.transfer.skips,
-        );
-        studio.hidden = hide.unseen(&self.cloud, &self.cloud.bounds(), skips);
+        studio.hidden = self.hidden.clone();
         if view == View::Visibility {
             studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }
@@ -623,7 +721,9 @@ impl Snapshot {
     }
 
     fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
-        if path.canonicalize().ok() == self.file.path.canonicalize().ok() && path.exists() {
+        let written = path.canonicalize().ok();
+        let is_it = |capture: &PathBuf| capture.canonicalize().ok() == written;
+        if path.exists() && self.captures.iter().any(is_it) {
             bail!(
                 "{}: is the capture itself and would be lost; choose another name",
                 path.display()
@@ -632,7 +732,12 @@ impl Snapshot {
         let target = &self.lights[TARGET];
         let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;
         handle_step(handle, 0, 1)?;
-        write_relit(&self.file, &relit.stored(&self.cloud), path)?;
+        if self.is_composed {
+            let stored = relit.stored_as(self.cloud.sh_degree, Encoding::Stored);
+            write_splat(&self.cloud, &stored, path)?;
+        } else {
+            write_relit(&self.file, &relit.stored(&self.cloud), path)?;
+        }
         Ok(Made::Files(vec![path.to_owned()]))
     }
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use transplat_core::camera::Camera;
 use transplat_core::ground::GROUND_REACH;
 use transplat_core::present::{Background, View};
-use transplat_core::scene::{EnvironmentLight, Scene};
-use transplat_gpu::live::Frame;
+use transplat_core::scene::{EnvironmentLight, Object, Scene};
+use transplat_gpu::live::{Frame, Placement};
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
 use super::environments::Environment;
@@ -17,9 +17,9 @@ use crate::picture::half;
 impl Session {
     /// What a viewport of a size shows with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
-        let asset = self.asset()?;
-        let up = self.up();
-        let whole = Camera::from_pose(&self.pose, up, size, asset.bounds.radius);
+        let asset = self.states[0].asset.as_ref()?;
+        let (up, bounds) = (self.scene_up(), self.scene_bounds().unwrap_or(asset.bounds));
+        let whole = Camera::from_pose(&self.pose, up, size, bounds.radius);
         let camera = if view == View::SideBySide {
             half(&whole)
         } else {
@@ -60,18 +60,20 @@ impl Session {
                     center,
                     axes,
                     half: GROUND_REACH * asset.bounds.radius,
-                    catches: scene.shadow_catcher && self.state().ground_lit.get().is_some(),
-                    grid: self
-                        .overlays
-                        .grid
-                        .then(|| grid_spacing(asset.bounds.radius)),
+                    catches: scene.shadow_catcher && self.states[0].ground_lit.get().is_some(),
+                    grid: self.overlays.grid.then(|| grid_spacing(bounds.radius)),
                 },
-                bounds: asset.bounds,
+                bounds,
                 depth_unit: 1.0,
             },
             against_pinned: self.compared().is_some(),
             marks: self.overlays.marks,
-            hidden: self.states.iter().map(hidden).collect(),
+            objects: scene
+                .objects
+                .iter()
+                .zip(&self.states)
+                .map(placement)
+                .collect(),
         })
     }
 
@@ -104,10 +106,14 @@ fn match_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
     scene.match_gain(&scene.objects[at], maps)
 }
 
-/// What of an object is not drawn, and its version.
-fn hidden(state: &ObjectState) -> (Arc<Vec<bool>>, u64) {
-    let hidden = state.hidden.get().cloned();
-    (hidden.unwrap_or_default(), state.hidden.version())
+/// How an object stands in the scene, and what of it is drawn.
+fn placement((object, state): (&Object, &ObjectState)) -> Placement {
+    Placement {
+        scene_from_object: object.transform.scene_from_object(),
+        shown: object.shown,
+        hidden: state.hidden.get().cloned().unwrap_or_default(),
+        hidden_version: state.hidden.version(),
+    }
 }
 
 /// A round spacing of the grid, a quarter of the object's radius and more.

@@ -17,6 +17,9 @@ pub enum Kind {
     /// A stage of an object, by the number of its state.
     Of(u64, Work),
     Light,
+    /// What objects see of each other, and all of them relit.
+    Surroundings,
+    RelightTogether,
     Backdrop(usize),
     Export,
     Extremes,
@@ -63,6 +66,7 @@ impl Job {
         matches!(
             self.kind,
             Kind::Of(_, Work::Load | Work::Bake(_) | Work::Ground | Work::Measure)
+                | Kind::Surroundings
                 | Kind::Export
                 | Kind::Extremes
         )

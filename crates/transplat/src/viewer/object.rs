@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
+use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
+use transplat_core::bake::scene::SceneBake;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
@@ -111,8 +113,30 @@ impl PartialEq for OrientedLight {
     }
 }
 
-/// What an object's lights are made from: maps, settings, whether they are matched, the other lights, and the asset's up axis.
-pub type LightsKey = ([u64; 2], [EnvironmentLight; 2], bool, Vec<Light>, UpAxis);
+/// What an object's lights are made from: maps, settings, whether they are matched, the other lights, and the up axes of the object and the
+/// scene; what the scene was captured under, and how the object is turned in it.
+pub type LightsKey = (
+    [u64; 2],
+    [EnvironmentLight; 2],
+    bool,
+    Vec<Light>,
+    [UpAxis; 2],
+    (u64, EnvironmentLight),
+    Quat,
+);
+
+/// What the objects that are shown see of each other.
+#[derive(Default)]
+pub struct Surroundings {
+    /// Of whose bakes, and where they stand.
+    pub of: Vec<(u64, u64, Affine3A)>,
+    pub bake: Option<Arc<SceneBake>>,
+    /// Differs between all.
+    pub version: u64,
+}
+
+/// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, and what of the objects is not seen.
+pub type TogetherKey = (Vec<u64>, u64, OrientedLight, Part, Vec<u64>);
 
 /// Directions. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = usize;

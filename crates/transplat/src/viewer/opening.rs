@@ -24,6 +24,9 @@ impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
+            Ok(FileKind::Ply) if self.adds_splats && self.asset().is_some() => {
+                self.add_object(path.to_owned());
+            }
             Ok(FileKind::Ply) => {
                 // Nothing is told of it: its light is estimated.
                 let object = Object {
@@ -64,6 +67,8 @@ impl Session {
                 self.load_asset(at, path, OpenedWith::Scene(Box::new(scene)));
             }
             _ => {
+                let mut scene = scene;
+                scene.light_as_captured();
                 if let Some(camera) = scene.camera {
                     self.pose = camera;
                 }
@@ -83,6 +88,7 @@ impl Session {
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let label = format!("loading {name}");
+        let is_scene = matches!(opened_with, OpenedWith::Scene(_));
         let (object, asked) = (opened_with.object(at).clone(), self.scene.clone());
         let work = move |_: &_| {
             let start = Instant::now();
@@ -114,6 +120,10 @@ impl Session {
                 Ok(loaded) => {
                     let scene = opened_with.over(at, &asked, &session.scene, session.pose);
                     session.show_asset(at, scene, loaded);
+                    if is_scene {
+                        // The next of its splats.
+                        session.apply(session.scene.clone());
+                    }
                 }
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
@@ -143,10 +153,14 @@ impl Session {
             let up = object.up.unwrap_or(asset.file_up);
             navigation::first_pose(&asset.cloud, up, &asset.bounds, size)
         });
+        let is_taken = self.live().set_asset(at, live);
+        if let Err(error) = is_taken {
+            self.error(error.to_string());
+            return;
+        }
         let last = &self.states[at];
         self.jobs.cancel_object(last.id);
         self.stages.load += 1;
-        self.live().set_asset(at, live);
         self.opened.push(asset.path.clone());
         for warning in asset.warnings.clone() {
             self.info(warning);

@@ -21,10 +21,11 @@ impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
         ui.horizontal(|ui| {
-            let total = session.asset().map_or(0, |a| a.cloud.len());
+            let assets = session.states.iter().filter_map(|s| s.asset.as_ref());
+            let total = assets.map(|a| a.cloud.len()).sum();
             let drawn = session.live().drawn();
             ui.label(format!("{} of {} surfels", thousands(drawn), thousands(total)))
-                .on_hover_text("Drawn, of all that the splat has: what is hidden or behind the camera is not drawn.");
+                .on_hover_text("Drawn, of all that there are: what is hidden or behind the camera is not drawn.");
             ui.separator();
             ui.label(format!("frame {}", milliseconds(session.timers.frame.ms())))
                 .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
@@ -156,7 +157,7 @@ impl Viewer {
                 light: session.light(side).id,
                 oriented: lights[side].clone(),
                 transfer: session.scene.transfer.clone(),
-                map_from_asset: settings.map_from_asset(session.up()),
+                map_from_asset: settings.map_from_asset(session.scene_up()),
                 gain: shown.gain,
                 display: session.scene.display,
                 view: frame.presentation.camera.view_from_world,

@@ -3,6 +3,7 @@
 mod asset;
 mod export;
 mod light;
+mod objects;
 mod report;
 mod transfer;
 mod view;
@@ -21,6 +22,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     egui::ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {
+            panel(ui, "Objects", false, |ui| objects::show(ui, viewer));
             panel(ui, "Asset", true, |ui| asset::show(ui, viewer));
             panel(ui, "Source light", false, |ui| {
                 light::show(ui, viewer, SOURCE)

@@ -10,8 +10,8 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
-use transplat_core::scene::{EnvironmentLight, Object, Scene, is_estimate};
-use transplat_core::surfels::UpAxis;
+use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
+use transplat_core::surfels::{Bounds, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Live, Passes};
@@ -20,7 +20,7 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
-use super::object::{ObjectState, OrientedLight};
+use super::object::{ObjectState, OrientedLight, Surroundings, TogetherKey};
 use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.
@@ -133,9 +133,14 @@ pub struct Session {
     pub states: Vec<ObjectState>,
     /// The object that the panels are about.
     pub selected: usize,
+    /// Whether a splat that is opened is put into the scene.
+    pub adds_splats: bool,
     pub environments: Environments,
     /// What the objects are relit by.
     pub environment: Resolved,
+    /// What the objects see of each other.
+    pub(super) surroundings: Surroundings,
+    pub(super) relit_together: Derived<TogetherKey, ()>,
     pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
     pub pinned: Option<Pinned>,
     pub overlays: Overlays,
@@ -179,8 +184,11 @@ impl Session {
                 orthographic: false,
             },
             selected: 0,
+            adds_splats: false,
             environments: Environments::default(),
             environment: Resolved::default(),
+            surroundings: Surroundings::default(),
+            relit_together: Derived::default(),
             backdrops: Default::default(),
             pinned: None,
             overlays: Overlays::default(),
@@ -251,6 +259,30 @@ impl Session {
     /// Its up axis as it is set.
     pub fn up(&self) -> UpAxis {
         self.up_of(self.selected)
+    }
+
+    /// The scene's, in whose coordinates camera and lights are: the first object's.
+    pub fn scene_up(&self) -> UpAxis {
+        self.up_of(0)
+    }
+
+    /// Where the objects that are shown are.
+    pub fn scene_bounds(&self) -> Option<Bounds> {
+        let each = self.scene.objects.iter().zip(&self.states);
+        let shown = each.filter(|(object, _)| object.shown);
+        let bounds = shown.filter_map(|(object, state)| {
+            let own = state.asset.as_ref()?.bounds;
+            Some(if object.transform == Transform::default() {
+                own
+            } else {
+                own.transformed(object.transform.scene_from_object())
+            })
+        });
+        let mut few = bounds.clone();
+        match (few.next(), few.next()) {
+            (one, None) => one,
+            _ => Bounds::around(bounds),
+        }
     }
 
     pub(super) fn up_of(&self, at: usize) -> UpAxis {
@@ -367,8 +399,16 @@ impl Session {
             self.orient_lights(at);
             self.start_prepare(at);
             self.update_hidden(at);
-            self.relight(at);
-            self.update_ground(at);
+        }
+        self.start_surroundings();
+        let is_together = self.relight_together();
+        for at in 0..self.scene.objects.len() {
+            if !is_together {
+                self.relight(at);
+            }
+            if at == 0 {
+                self.update_ground(at);
+            }
             self.update_visibility(at);
             self.start_doubts(at);
         }

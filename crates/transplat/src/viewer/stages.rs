@@ -11,6 +11,7 @@ mod hidden;
 mod lights;
 mod prepare;
 mod relight;
+mod together;
 mod visibility;
 
 pub use estimate::DROP_IT;

@@ -163,12 +163,12 @@ impl Viewport {
 
     /// From a place in the window to the picture's pixels and its camera.
     fn camera_at(&self, session: &Session, at: Pos2) -> Option<(Camera, usize, usize)> {
-        let asset = session.asset()?;
+        let bounds = session.scene_bounds()?;
         let size = [
             self.rect.width().max(1.0) as usize,
             self.rect.height().max(1.0) as usize,
         ];
-        let whole = Camera::from_pose(&session.pose, session.up(), size, asset.bounds.radius);
+        let whole = Camera::from_pose(&session.pose, session.scene_up(), size, bounds.radius);
         let at = at - self.rect.min;
         if session.scene.view == View::SideBySide {
             let half = crate::picture::half(&whole);
@@ -179,16 +179,35 @@ impl Viewport {
     }
 
     fn pick_at(&self, session: &Session, at: Pos2) -> Option<Pick> {
+        self.picked(session, at).map(|(_, pick)| pick)
+    }
+
+    /// The object that is in front at a place in the window, and its surfel; where that is in the scene.
+    fn picked(&self, session: &Session, at: Pos2) -> Option<(usize, Pick)> {
         let (camera, x, y) = self.camera_at(session, at)?;
-        let asset = session.asset()?;
-        let hidden = session.state().hidden.get();
-        let hidden = hidden.map_or(&[][..], |h| h);
-        pick(&asset.cloud, &camera, hidden, x, y)
+        let each = session
+            .scene
+            .objects
+            .iter()
+            .zip(&session.states)
+            .enumerate();
+        let shown = each.filter(|(_, (object, _))| object.shown);
+        let picks = shown.filter_map(|(which, (object, state))| {
+            let asset = state.asset.as_ref()?;
+            let hidden = state.hidden.get().map_or(&[][..], |h| h);
+            let scene_from_object = object.transform.scene_from_object();
+            let seen = camera.seen_from(scene_from_object);
+            let mut pick = pick(&asset.cloud, &seen, hidden, x, y)?;
+            pick.position = scene_from_object.transform_point3(pick.position);
+            Some((which, pick))
+        });
+        let distance = |(_, pick): &(usize, Pick)| pick.position.distance(camera.eye);
+        picks.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
     fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
-        let up = session.up();
-        let radius = session.asset().map_or(1.0, |a| a.bounds.radius);
+        let up = session.scene_up();
+        let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
         let part = self.part_at(session, response.hover_pos());
         let shorter = part.width().min(part.height()).max(1.0);
         let drag = self.drag_since_last_frame(ui, response);
@@ -230,8 +249,11 @@ impl Viewport {
             }
         } else if response.clicked() {
             let at = response.interact_pointer_pos();
-            let picked = at.and_then(|at| self.pick_at(session, at));
-            self.inspected = picked.map(|p| p.surfel);
+            let picked = at.and_then(|at| self.picked(session, at));
+            if let Some((object, _)) = picked {
+                session.selected = object;
+            }
+            self.inspected = picked.map(|(_, pick)| pick.surfel);
         }
     }
 
@@ -259,7 +281,7 @@ impl Viewport {
             Vec3::new(key(D) - key(A), key(E) - key(Q), key(W) - key(S)) * i.stable_dt.min(0.1)
         });
         if step != Vec3::ZERO {
-            let up = session.up();
+            let up = session.scene_up();
             navigation::fly(&mut session.pose, up, step * radius * 1.5);
         }
         ui.request_repaint();

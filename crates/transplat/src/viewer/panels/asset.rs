@@ -90,7 +90,9 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
         if button(ui, "This side is out", tip) {
-            let eye = navigation::eye(&session.pose, session.up());
+            let eye = navigation::eye(&session.pose, session.scene_up());
+            let object_from_scene = session.object().transform.scene_from_object().inverse();
+            let eye = object_from_scene.transform_point3(eye);
             let places = &mut session.object_mut().outside_from;
             if places.len() < MOST_PLACES && !places.contains(&eye) {
                 places.push(eye);

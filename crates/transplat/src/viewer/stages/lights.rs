@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use glam::{DMat3, Quat};
 use transplat_core::scene::EnvironmentLight;
 
 use crate::viewer::environments::Resolved;
@@ -40,19 +41,31 @@ impl Session {
     /// Turns an object's lights as they are set.
     pub(in crate::viewer) fn orient_lights(&mut self, at: usize) {
         let (object, up) = (&self.scene.objects[at], self.up_of(at));
+        let [(_, captured_under), _] = self.sides_of(0);
+        let first = &self.scene.objects[0];
         let sides = self.sides_of(at);
         let key: LightsKey = (
             sides.map(|(_, there)| there.light.id),
             sides.map(|(settings, _)| settings.clone()),
             self.scene.match_strength,
             self.scene.lights.clone(),
-            up,
+            [up, self.scene_up()],
+            (captured_under.light.id, first.source.clone()),
+            object.transform.rotation,
         );
         if self.states[at].lights.is_asked(&key) {
             return;
         }
-        let maps = sides.map(|(_, there)| &there.light.illumination);
-        let made = self.scene.lights_on(object, maps, up).map(Arc::new);
+        let [source, environment] = sides.map(|(_, there)| &there.light.illumination);
+        let source = object.source.orient(source, up);
+        // All objects are in one light, which they see as they are turned.
+        let maps = [&captured_under.light.illumination, environment];
+        let [_, mut target] = self.scene.lights_on(first, maps, self.scene_up());
+        if object.transform.rotation != Quat::IDENTITY {
+            let object_from_scene = object.transform.rotation.inverse();
+            target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
+        }
+        let made = [source, target].map(Arc::new);
         let before = self.states[at].lights.get();
         let lights = std::array::from_fn(|side| match before {
             Some(before) if before[side].light == made[side] => before[side].clone(),

@@ -96,7 +96,12 @@ impl Session {
         }
     }
 
-    fn relighting(&self, at: usize, key: &RelitKey, cpu_ms: Option<f64>) -> Relighting {
+    pub(in crate::viewer) fn relighting(
+        &self,
+        at: usize,
+        key: &RelitKey,
+        cpu_ms: Option<f64>,
+    ) -> Relighting {
         let prepared = self.states[at].prepared.get();
         let gain = prepared.map_or(1.0, |p| p.prepared.light_gain());
         let stops = (key.target.light.mean_irradiance() * gain).log2();

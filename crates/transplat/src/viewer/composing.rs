@@ -1,0 +1,120 @@
+//! A scene put together: objects added, doubled, taken away, and stood on what is below them.
+
+use std::path::PathBuf;
+
+use glam::Vec3;
+use transplat_core::scene::{ESTIMATE, EnvironmentLight, MOST_OBJECTS, Object, Transform};
+
+use super::session::Session;
+
+/// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
+const STICKING_OUT: f32 = 0.01;
+
+/// Share of an object's radius around its middle under which the ground is looked for.
+const FOOTPRINT: f32 = 0.5;
+
+impl Session {
+    /// Puts a splat into the scene, where the camera looks.
+    pub fn add_object(&mut self, asset: PathBuf) {
+        if self.scene.objects.len() >= MOST_OBJECTS {
+            self.error(format!("a scene holds up to {MOST_OBJECTS} objects"));
+            return;
+        }
+        let mut scene = self.scene.clone();
+        scene.objects.push(Object {
+            asset: Some(asset),
+            // Nothing is told of it.
+            source: EnvironmentLight::of(ESTIMATE),
+            transform: Transform {
+                translation: self.pose.pivot,
+                ..Transform::default()
+            },
+            ..Object::default()
+        });
+        self.selected = scene.objects.len() - 1;
+        scene.camera = Some(self.pose);
+        self.apply(scene);
+    }
+
+    /// Another object of the selected one's splat, beside it.
+    pub fn duplicate_object(&mut self) {
+        let mut copy = self.object().clone();
+        let Some(bounds) = self.asset().map(|a| a.bounds) else {
+            return;
+        };
+        let aside = copy.transform.rotation * Vec3::X;
+        copy.transform.translation += 2.0 * copy.transform.scale * bounds.radius * aside;
+        copy.asset = self.asset().map(|a| a.path.clone());
+        copy.locked = false;
+        let mut scene = self.scene.clone();
+        scene.objects.push(copy);
+        self.selected = scene.objects.len() - 1;
+        scene.camera = Some(self.pose);
+        self.apply(scene);
+    }
+
+    /// Takes the selected object out of the scene, unless it is the only one.
+    pub fn remove_object(&mut self) {
+        let at = self.selected;
+        if self.scene.objects.len() < 2 {
+            return;
+        }
+        self.scene.objects.remove(at);
+        let state = self.states.remove(at);
+        self.jobs.cancel_object(state.id);
+        self.live().remove(at);
+        self.pinned = None;
+        self.selected = at.min(self.scene.objects.len() - 1);
+    }
+
+    /// Stands the selected object on what is below it: another object's surface, or else the ground of the scene.
+    pub fn drop_to_ground(&mut self) {
+        let up = self.scene_up().direction();
+        let at = self.selected;
+        let Some(asset) = &self.states[at].asset else {
+            return;
+        };
+        let place = self.scene.objects[at].transform.scene_from_object();
+        let height = |p: Vec3| place.transform_point3(p).dot(up);
+        let seen = asset.cloud.opacities.iter().map(|o| *o > 0.5);
+        let heights = asset.cloud.positions.iter().zip(seen);
+        let heights = heights.filter(|(_, seen)| *seen).map(|(p, _)| height(*p));
+        let Some(foot) = quantile(heights.collect(), STICKING_OUT) else {
+            return;
+        };
+        let ball = asset.bounds.transformed(place);
+        let middle = ball.center - up * ball.center.dot(up);
+        let mut below = Vec::new();
+        for (which, (object, state)) in self.scene.objects.iter().zip(&self.states).enumerate() {
+            let Some(other) = state.asset.as_ref().filter(|_| which != at && object.shown) else {
+                continue;
+            };
+            let place = object.transform.scene_from_object();
+            let each = other.cloud.positions.iter().zip(&other.cloud.opacities);
+            let there = each
+                .filter(|(_, o)| **o > 0.5)
+                .map(|(p, _)| place.transform_point3(*p));
+            let under = there.filter(|p| {
+                let aside = *p - up * p.dot(up) - middle;
+                aside.length() < FOOTPRINT * ball.radius && p.dot(up) < ball.center.dot(up)
+            });
+            below.extend(under.map(|p| p.dot(up)));
+        }
+        let ground = match quantile(below, 1.0 - STICKING_OUT) {
+            Some(ground) => ground,
+            None if at == 0 => return,
+            None => match &self.states[0].asset {
+                Some(scene) => scene.ground.0.dot(up),
+                None => return,
+            },
+        };
+        self.scene.objects[at].transform.translation += (ground - foot) * up;
+    }
+}
+
+/// The value that a share of them lies below.
+fn quantile(mut values: Vec<f32>, share: f32) -> Option<f32> {
+    let last = values.len().checked_sub(1)?;
+    let at = (last as f32 * share) as usize;
+    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+}

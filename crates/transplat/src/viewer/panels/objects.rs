@@ -1,0 +1,135 @@
+//! The objects of the scene: which there are, and where the selected one stands.
+
+use std::f32::consts::PI;
+
+use eframe::egui::{self, Ui};
+use glam::{EulerRot, Quat};
+use transplat_core::scene::Transform;
+
+use crate::viewer::app::Viewer;
+use crate::viewer::session::Session;
+use crate::viewer::widgets::{button, name, named};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    for at in 0..session.scene.objects.len() {
+        row(ui, session, at);
+    }
+    ui.horizontal_wrapped(|ui| {
+        ui.checkbox(&mut session.adds_splats, "Add what is opened").on_hover_text(
+            "A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object.",
+        );
+        if button(ui, "Duplicate", "Another object of the selected one's splat, beside it.") {
+            session.duplicate_object();
+        }
+        let several = session.scene.objects.len() > 1;
+        ui.add_enabled_ui(several, |ui| {
+            if button(ui, "Remove", "Takes the selected object out of the scene. (Undo brings it back.)") {
+                session.remove_object();
+            }
+        });
+    });
+    let is_locked = session.object().locked;
+    ui.add_enabled_ui(!is_locked, |ui| stand(ui, session));
+}
+
+/// An object of the list.
+fn row(ui: &mut Ui, session: &mut Session, at: usize) {
+    let of_file = session.states.get(at).and_then(|s| s.asset.as_ref());
+    let file = session.scene.objects[at]
+        .asset
+        .as_ref()
+        .and_then(|a| a.file_stem());
+    let file = file.map(|f| f.to_string_lossy().into_owned());
+    let called = of_file.map(|a| a.name()).or(file);
+    let object = &mut session.scene.objects[at];
+    let called = object.name.clone().or(called);
+    let called = called.unwrap_or_else(|| "no splat".into());
+    ui.horizontal(|ui| {
+        let shown = ui
+            .checkbox(&mut object.shown, "")
+            .on_hover_text("Shown. What is not neither casts a shadow nor shines on anything.");
+        named(&shown, egui::Role::CheckBox, format!("Show {called}"));
+        let lock = if object.locked { "locked" } else { "free" };
+        let lock = ui
+            .selectable_label(object.locked, lock)
+            .on_hover_text("A locked object stays where it stands.");
+        if lock.clicked() {
+            object.locked = !object.locked;
+        }
+        let chosen = ui.selectable_label(session.selected == at, &called);
+        if chosen.clicked() {
+            session.selected = at;
+        }
+        chosen.on_hover_text(
+            "The panels are about this object. A click on it in the picture selects it, too.",
+        );
+    });
+}
+
+/// Where the selected object stands.
+fn stand(ui: &mut Ui, session: &mut Session) {
+    let step = session.scene_bounds().map_or(0.01, |b| b.radius / 200.0);
+    let mut transform = session.object().transform;
+    ui.horizontal(|ui| {
+        name(ui, "Place");
+        for (axis, value) in ["x", "y", "z"]
+            .into_iter()
+            .zip(transform.translation.as_mut())
+        {
+            let drag = egui::DragValue::new(value)
+                .speed(step)
+                .max_decimals(3)
+                .prefix(axis);
+            let drag = ui.add(drag).on_hover_text(
+                "In the scene's coordinates, those of its first object. Ctrl: in steps.",
+            );
+            named(&drag, egui::Role::SpinButton, format!("Place {axis}"));
+        }
+    });
+    let (z, y, x) = transform.rotation.to_euler(EulerRot::ZYX);
+    let mut degrees = [x, y, z].map(|a| a * 180.0 / PI);
+    let mut turned = false;
+    ui.horizontal(|ui| {
+        name(ui, "Turn");
+        for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut degrees) {
+            let drag = egui::DragValue::new(value)
+                .speed(0.5)
+                .max_decimals(1)
+                .prefix(axis)
+                .suffix("°");
+            let drag = ui.add(drag).on_hover_text(
+                "About the scene's axes, x first. Highlights stay with the light. Ctrl: in steps.",
+            );
+            named(&drag, egui::Role::SpinButton, format!("Turn {axis}"));
+            turned |= drag.changed();
+        }
+    });
+    if turned {
+        let [x, y, z] = degrees.map(|a| a * PI / 180.0);
+        transform.rotation = Quat::from_euler(EulerRot::ZYX, z, y, x).normalize();
+    }
+    let mut drops = false;
+    ui.horizontal(|ui| {
+        name(ui, "Scale");
+        let speed = 0.005 * transform.scale;
+        let scale = egui::DragValue::new(&mut transform.scale);
+        let drag = ui.add(scale.speed(speed).range(1e-4..=1e4).max_decimals(4));
+        named(
+            &drag.on_hover_text("Of all lengths."),
+            egui::Role::SpinButton,
+            "Scale",
+        );
+        if button(ui, "Reset", "Where it was captured.") {
+            transform = Transform::default();
+        }
+        let tip = "Stands it on what is below it: another object, or the scene's ground.";
+        drops = button(ui, "Drop to ground", tip);
+    });
+    if transform.translation.is_finite() {
+        session.object_mut().transform = transform;
+    }
+    if drops {
+        session.drop_to_ground();
+    }
+}
