@@ -1,5 +1,6 @@
 //! The viewer's own interface, driven without a window on the adapter that the tests have.
 
+mod composing;
 mod dropping;
 mod estimate;
 mod live;

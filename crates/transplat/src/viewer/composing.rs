@@ -8,7 +8,13 @@ use transplat_core::scene::{ESTIMATE, EnvironmentLight, MOST_OBJECTS, Object, Tr
 use super::session::Session;
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
-const STICKING_OUT: f32 = 0.01;
+const STICKING_OUT: f32 = 0.001;
+
+/// What it stands on is as high as that share of its surfels is not: a ground is rough.
+const ROUGH: f32 = 0.05;
+
+/// Cosine to the vertical from which a surface is too steep to stand on.
+const STEEP: f32 = 0.7;
 
 /// Share of an object's radius around its middle under which the ground is looked for.
 const FOOTPRINT: f32 = 0.5;
@@ -31,7 +37,6 @@ impl Session {
             },
             ..Object::default()
         });
-        self.selected = scene.objects.len() - 1;
         scene.camera = Some(self.pose);
         self.apply(scene);
     }
@@ -48,7 +53,6 @@ impl Session {
         copy.locked = false;
         let mut scene = self.scene.clone();
         scene.objects.push(copy);
-        self.selected = scene.objects.len() - 1;
         scene.camera = Some(self.pose);
         self.apply(scene);
     }
@@ -90,17 +94,21 @@ impl Session {
                 continue;
             };
             let place = object.transform.scene_from_object();
-            let each = other.cloud.positions.iter().zip(&other.cloud.opacities);
-            let there = each
-                .filter(|(_, o)| **o > 0.5)
-                .map(|(p, _)| place.transform_point3(*p));
+            let (cloud, turn) = (&other.cloud, object.transform.rotation);
+            // What one can stand on.
+            let carries = |i: &usize| {
+                let slope = (turn * cloud.stored_normal(*i)).dot(up).abs();
+                cloud.opacities[*i] > 0.5 && slope > STEEP
+            };
+            let there = (0..cloud.len()).filter(carries);
+            let there = there.map(|i| place.transform_point3(cloud.positions[i]));
             let under = there.filter(|p| {
                 let aside = *p - up * p.dot(up) - middle;
                 aside.length() < FOOTPRINT * ball.radius && p.dot(up) < ball.center.dot(up)
             });
             below.extend(under.map(|p| p.dot(up)));
         }
-        let ground = match quantile(below, 1.0 - STICKING_OUT) {
+        let ground = match quantile(below, 1.0 - ROUGH) {
             Some(ground) => ground,
             None if at == 0 => return,
             None => match &self.states[0].asset {

@@ -119,7 +119,11 @@ impl Session {
             match loaded {
                 Ok(loaded) => {
                     let scene = opened_with.over(at, &asked, &session.scene, session.pose);
+                    let is_added = at >= session.scene.objects.len();
                     session.show_asset(at, scene, loaded);
+                    if is_added {
+                        session.selected = at;
+                    }
                     if is_scene {
                         // The next of its splats.
                         session.apply(session.scene.clone());

@@ -1,7 +1,7 @@
 //! The splat: what it is, how it stands, what of it is hidden, and the surfel that was clicked.
 
 use eframe::egui::{self, Ui};
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use transplat_core::color::decode_sh;
 use transplat_core::files::AssetKind;
 use transplat_core::scene::MOST_PLACES;
@@ -44,7 +44,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             if chosen.clicked() && up != axis {
                 session.object_mut().up = Some(axis);
                 let size = session.viewport;
-                if let Some(asset) = session.asset() {
+                let alone = !session.is_composed();
+                if let Some(asset) = session.asset().filter(|_| alone) {
                     session.pose = navigation::first_pose(&asset.cloud, axis, &asset.bounds, size);
                 }
             }
@@ -67,7 +68,15 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
         );
     named(&drag, egui::Role::SpinButton, "Turn the object");
-    if drag.changed() {
+    if drag.changed() && viewer.session.is_composed() {
+        let session = &mut viewer.session;
+        let turn =
+            Quat::from_axis_angle(session.scene_up().direction(), (turned as f32).to_radians());
+        if !session.object().locked {
+            let transform = &mut session.object_mut().transform;
+            transform.rotation = (turn * transform.rotation).normalize();
+        }
+    } else if drag.changed() {
         // The object's turn is the camera's and the light's together the other way.
         let session = &mut viewer.session;
         session.pose.azimuth = navigation::wrap(session.pose.azimuth - turned);

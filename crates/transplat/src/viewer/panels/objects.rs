@@ -80,7 +80,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
             let drag = egui::DragValue::new(value)
                 .speed(step)
                 .max_decimals(3)
-                .prefix(axis);
+                .prefix(format!("{axis} "));
             let drag = ui.add(drag).on_hover_text(
                 "In the scene's coordinates, those of its first object. Ctrl: in steps.",
             );
@@ -88,7 +88,8 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         }
     });
     let (z, y, x) = transform.rotation.to_euler(EulerRot::ZYX);
-    let mut degrees = [x, y, z].map(|a| a * 180.0 / PI);
+    // Never minus nothing.
+    let mut degrees = [x, y, z].map(|a| (a * 1800.0 / PI).round() / 10.0 + 0.0);
     let mut turned = false;
     ui.horizontal(|ui| {
         name(ui, "Turn");
@@ -96,7 +97,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
             let drag = egui::DragValue::new(value)
                 .speed(0.5)
                 .max_decimals(1)
-                .prefix(axis)
+                .prefix(format!("{axis} "))
                 .suffix("°");
             let drag = ui.add(drag).on_hover_text(
                 "About the scene's axes, x first. Highlights stay with the light. Ctrl: in steps.",

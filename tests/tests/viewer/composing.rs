@@ -1,0 +1,149 @@
+//! Scenes of several objects in the window.
+
+use std::path::Path;
+
+use glam::{Quat, Vec3};
+use transplat::viewer::{Startup, Task};
+use transplat_core::color::{Encoding, encode_sh};
+use transplat_core::files::{load_asset, load_look, save_look, write_splat};
+use transplat_core::scene::Transform;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::synthetic;
+use transplat_tests::driver::Driver;
+use transplat_tests::{Folder, args, asset, picture, psnr, run_json};
+
+fn write(folder: &Folder, name: &str, cloud: &SurfelCloud) {
+    let stored = encode_sh(cloud.sh.clone(), cloud.sh_degree, Encoding::Stored);
+    write_splat(cloud, &stored, &folder.path(name)).expect("room");
+}
+
+/// A ball over a plate, both captured under even light and lit by a city.
+fn ball_over_plate() -> Driver {
+    let folder = Folder::empty();
+    write(&folder, "plate.ply", &synthetic::sheet(30));
+    write(&folder, "ball.ply", &synthetic::sphere(800));
+    std::fs::copy(asset("city.hdr"), folder.path("city.hdr")).expect("room");
+    let scene = r#"{"version": 3, "target": {"file": "city.hdr"}, "objects": [
+        {"asset": "plate.ply", "source": {"file": "even"}},
+        {"name": "the ball", "asset": "ball.ply", "source": {"file": "even"},
+         "transform": {"scale": 0.4, "rotation": [0, 0, 0.6, 0.8], "translation": [0, 0, 0.5]}}]}"#;
+    folder.write("scene.json", scene);
+    let startup = Startup {
+        files: vec![folder.path("scene.json")],
+        ..Startup::default()
+    };
+    Driver::open(startup, folder)
+}
+
+#[test]
+fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
+    let mut d = ball_over_plate();
+    assert_eq!(d.viewer().session.states.len(), 2);
+    let [look, ours, theirs] = ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
+    let scene = d.viewer().session.scene_to_save();
+    save_look(look.as_ref(), &scene).expect("room");
+    assert_eq!(load_look(look.as_ref()).expect("its own").objects.len(), 2);
+    let settings = d.viewer().export_settings();
+    settings.size = [200, 160];
+    settings.transparent = true;
+    settings.supersample = 1;
+    let path = ours.clone().into();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let line = "render {} --size 200x160 --background transparent --device cpu -o {}";
+    run_json(&args(line, &[&look, &theirs]));
+    let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
+    assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
+    // All of it as one splat.
+    let merged = d.folder.path("merged.ply");
+    let path = merged.clone();
+    d.after(|v| v.export(Task::Splat(path)));
+    let (cloud, _) = load_asset(&merged).expect("a splat");
+    assert_eq!(cloud.len(), 900 + 800);
+}
+
+#[test]
+fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
+    let mut d = ball_over_plate();
+    let first = d.picture();
+    let session = &mut d.viewer().session;
+    session.selected = 1;
+    let at_rest = session.passes();
+    // Moved, everything is relit, drawn and sorted anew.
+    session.scene.objects[1].transform.translation = Vec3::new(0.3, 0.0, 0.9);
+    let moved = d.picture();
+    assert!(psnr(&first, &moved) < 35.0);
+    assert!(d.viewer().session.passes().transfer > at_rest.transfer);
+    // Down on the plate: the ball's lowest point is on it.
+    d.after(|v| v.session.drop_to_ground());
+    let foot = |d: &mut Driver| {
+        let object = &d.viewer().session.scene.objects[1];
+        object.transform.translation.z - 0.4
+    };
+    assert!(foot(&mut d).abs() < 0.02, "{}", foot(&mut d));
+    let dropped = d.picture();
+    let scene = d.viewer().session.scene.clone();
+    d.after(|v| v.session.duplicate_object());
+    assert_eq!(
+        (d.viewer().session.states.len(), d.viewer().session.selected),
+        (3, 2)
+    );
+    let doubled = d.picture();
+    assert!(psnr(&dropped, &doubled) < 40.0);
+    d.after(|v| v.session.remove_object());
+    assert!(psnr(&dropped, &d.picture()) > 50.0);
+    assert_eq!(d.viewer().session.scene, scene);
+    // The first one away, and back: as another one's loading and undoing does it.
+    d.after(|v| {
+        v.session.selected = 0;
+        v.session.remove_object();
+    });
+    assert_eq!(
+        d.viewer().session.scene.objects[0].name.as_deref(),
+        Some("the ball")
+    );
+    let alone = d.picture();
+    assert!(psnr(&dropped, &alone) < 35.0);
+    let back = scene.clone();
+    d.after(|v| v.session.apply(back));
+    assert_eq!(d.viewer().session.scene.objects.len(), 2);
+    assert!(psnr(&dropped, &d.picture()) > 50.0);
+    d.after(|v| v.session.scene.objects[1].shown = false);
+    let hidden = d.picture();
+    assert!(psnr(&dropped, &hidden) < 35.0);
+    // What is opened is put into the scene, and replaces nothing.
+    let ball = d.folder.path("ball.ply");
+    d.after(|v| {
+        v.session.adds_splats = true;
+        v.open(Path::new(&ball));
+    });
+    let session = &d.viewer().session;
+    assert_eq!((session.states.len(), session.selected), (3, 2));
+    assert!(
+        session.messages.iter().all(|m| !m.is_error),
+        "{:?}",
+        session.messages
+    );
+}
+
+/// Where a scene stands is nothing to its light: turned as a whole, with the camera, it is the same picture but for the light from the sky.
+#[test]
+fn an_object_that_is_turned_keeps_the_light_where_it_is() {
+    let mut d = ball_over_plate();
+    let session = &mut d.viewer().session;
+    session.scene.objects[0].shown = false;
+    let straight = d.picture();
+    // A grey ball looks the same however it is turned.
+    d.viewer().session.scene.objects[1].transform = Transform {
+        rotation: Quat::from_rotation_x(2.0),
+        ..d.viewer().session.scene.objects[1].transform
+    };
+    let turned = d.picture();
+    assert!(
+        psnr(&straight, &turned) > 30.0,
+        "{}",
+        psnr(&straight, &turned)
+    );
+    d.viewer().session.scene.environment.rotation = 90.0;
+    let other = d.picture();
+    assert!(psnr(&straight, &other) < psnr(&straight, &turned));
+}
