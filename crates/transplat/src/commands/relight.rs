@@ -37,6 +37,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         .inputs(&scene, &named)
         .chain(assets.iter().map(|a| &**a));
     refuse_overwriting(inputs, &outputs)?;
+    output.check_name()?;
     if output.is_file {
         check_output(&args.output)?;
     }
@@ -132,18 +133,11 @@ struct Output<'a> {
 
 impl<'a> Output<'a> {
     fn new(path: &'a Path, objects: Vec<String>, is_for_many: bool) -> Result<Self> {
-        let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
         let extension = path.extension().filter(|_| !path.is_dir());
         let is_ply = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
         if is_for_many && is_ply {
             bail!(
                 "{}: more than one splat may be written; give a folder",
-                path.display()
-            );
-        }
-        if extension.is_some() && !is_ply && !is_for_many && !is_folder {
-            bail!(
-                "{}: a splat is written as .ply; a folder ends with a slash",
                 path.display()
             );
         }
@@ -154,6 +148,20 @@ impl<'a> Output<'a> {
             is_for_many,
             objects,
         })
+    }
+
+    /// Refuses a file that is called as no splat is.
+    fn check_name(&self) -> Result<()> {
+        let extension = self.path.extension().filter(|_| !self.path.is_dir());
+        let is_ply = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+        let is_folder = self.is_for_many || self.path.to_string_lossy().ends_with('/');
+        if extension.is_some() && !is_ply && !is_folder {
+            bail!(
+                "{}: a splat is written as .ply; a folder ends with a slash",
+                self.path.display()
+            );
+        }
+        Ok(())
     }
 
     /// The files of a light.
