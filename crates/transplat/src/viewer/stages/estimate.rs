@@ -17,7 +17,8 @@ pub const DROP_IT: &str =
 impl Session {
     /// Whether the settings ask for the light that the asset tells of.
     fn asks_for_estimate(&self, at: usize) -> bool {
-        let is_asked_as_target = at == self.selected && self.scene.environment.is_estimate();
+        // That of the scene: its first object.
+        let is_asked_as_target = at == 0 && self.scene.environment.is_estimate();
         self.scene.objects[at].source.is_estimate() || is_asked_as_target
     }
 

@@ -18,8 +18,8 @@ impl Session {
                 self.states[at].source = resolved;
             }
         }
-        let [_, environment] = self.sides_of(self.selected);
-        if let Some(resolved) = self.resolve(self.selected, environment) {
+        let [_, environment] = self.sides_of(0);
+        if let Some(resolved) = self.resolve(0, environment) {
             self.environment = resolved;
         }
     }
