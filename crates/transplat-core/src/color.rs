@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::sh::{self, MAX_COEFFICIENTS, coefficient_count, evaluate_basis, sphere_quadrature};
 
+/// Light up to which sRGB is linear.
+const SRGB_TOE: f32 = 0.003_130_8;
+
 /// Linear value of a display-encoded (sRGB, IEC 61966-2-1) one; odd-symmetric and unbounded.
 pub fn srgb_decode(encoded: f32) -> f32 {
     let v = encoded.abs();
@@ -20,7 +23,7 @@ pub fn srgb_decode(encoded: f32) -> f32 {
 /// Display-encoded value of a linear one: the inverse of [`srgb_decode`].
 pub fn srgb_encode(linear: f32) -> f32 {
     let v = linear.abs();
-    let encoded = if v <= 0.003_130_8 {
+    let encoded = if v <= SRGB_TOE {
         v * 12.92
     } else {
         1.055 * v.powf(1.0 / 2.4) - 0.055
@@ -33,21 +36,34 @@ pub fn srgb_encode(linear: f32) -> f32 {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 pub fn srgb_encode_all(values: &mut [f32]) {
     for v in values {
-        let x = v.max(1e-6);
-        // A twelfth of the exponent, within 3 %, and two steps of third order towards `x y^12 = 1`.
-        let mut y = f32::from_bits(0x44c4_902a - x.to_bits() / 12);
-        for _ in 0..2 {
-            let square = y * y;
-            let fourth = square * square;
-            let error = 1.0 - x * (fourth * fourth) * fourth;
-            y += y * error * (1.0 / 12.0 + 13.0 / 288.0 * error);
-        }
-        *v = if *v <= 0.003_130_8 {
+        *v = if *v <= SRGB_TOE {
             *v * 12.92
         } else {
-            1.055 * (x.sqrt() * y) - 0.055
+            1.055 * srgb_power(*v) - 0.055
         };
     }
+}
+
+/// The power that sRGB is above its toe, of many values, in place.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn srgb_powers(values: &mut [f32]) {
+    for v in values {
+        *v = srgb_power(*v);
+    }
+}
+
+#[inline(always)]
+fn srgb_power(x: f32) -> f32 {
+    let x = x.max(1e-6);
+    // A twelfth of the exponent, within 3 %, and two steps of third order towards `x y^12 = 1`.
+    let mut y = f32::from_bits(0x44c4_902a - x.to_bits() / 12);
+    for _ in 0..2 {
+        let square = y * y;
+        let fourth = square * square;
+        let error = 1.0 - x * (fourth * fourth) * fourth;
+        y += y * error * (1.0 / 12.0 + 13.0 / 288.0 * error);
+    }
+    x.sqrt() * y
 }
 
 /// [`srgb_decode`] of many values that are not negative, in place, to six digits: `x^(12/5)` as `(x x^(-1/5))^3`.
@@ -209,6 +225,31 @@ impl Encoding {
         match self {
             Self::Stored | Self::StoredLinear => STORED_OFFSET,
             Self::Linear => 0.0,
+        }
+    }
+
+    /// Whether light of at least `darkest` that is multiplied by at least `least` and at most `most` is stored as a power of it:
+    /// `encode(factor x) = g (encode(x) + shift) - shift`, with [`Encoding::gains`] of the factor as g and [`Encoding::shift`]. sRGB is a power
+    /// but for its toe.
+    pub fn is_power(self, darkest: f32, [least, most]: [f32; 2]) -> bool {
+        // So that nothing is clamped.
+        let is_in_range = least >= 0.0 && most <= 1e6;
+        let toe = if self == Self::Stored { SRGB_TOE } else { -1.0 };
+        is_in_range && darkest * least.min(1.0) > toe
+    }
+
+    /// What stored values and [`Encoding::shift`] are multiplied by where light is multiplied by such factors, in place.
+    pub fn gains(self, factors: &mut [f32]) {
+        if self == Self::Stored {
+            srgb_powers(factors);
+        }
+    }
+
+    /// See [`Encoding::is_power`].
+    pub fn shift(self) -> f32 {
+        match self {
+            Self::Stored => self.offset() + 0.055,
+            Self::StoredLinear | Self::Linear => self.offset(),
         }
     }
 

@@ -12,6 +12,7 @@ mod rays;
 
 use std::sync::Arc;
 
+use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
@@ -20,11 +21,11 @@ use crate::error::Result;
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
-use crate::sh::coefficient_count;
+use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count};
 use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
-pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack};
+pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
 pub(super) use incident::Incident;
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
@@ -81,6 +82,8 @@ pub struct DirectionalTransfer {
     pub divisor: Vec<FrontAndBack>,
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
     pub matte: Vec<[f32; 3]>,
+    /// The least of it in each channel. `[n]`
+    darkest: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
     pub residual: Vec<[f32; 3]>,
     /// Mean encoded colour that the model of the source has. `[n]`
@@ -112,13 +115,13 @@ impl DirectionalAsset {
     fn explain(
         &self,
         i: usize,
-        (gloss, light): (&Gloss, &Incident<'_>),
+        (gloss, light, radiance): (&Gloss, &Incident<'_>, &[Radiance]),
         scratch: &mut Scratch,
         matte: &mut [[f32; 3]],
         residual: &mut [[f32; 3]],
     ) -> [f32; 3] {
         let nodes = &self.nodes;
-        self.reflect(i, gloss, light, &self.means, scratch);
+        self.reflect(i, gloss, light, radiance, scratch);
         if !scratch.glossy.is_empty() {
             let seen = nodes.values(&nodes.refit, &scratch.glossy);
             for (m, s) in matte.iter_mut().zip(&seen) {
@@ -140,7 +143,7 @@ impl DirectionalAsset {
         i: usize,
         gloss: &Gloss,
         light: &Incident<'_>,
-        radiance: &[FrontAndBack],
+        radiance: &[Radiance],
         scratch: &mut Scratch,
     ) {
         scratch.glossy.clear();
@@ -157,6 +160,27 @@ impl DirectionalAsset {
             let rise = if gloss.rises { self.nodes.rise[s] } else { 1.0 };
             std::array::from_fn(|c| rise * gloss.reflectance[c] * values[c * q + s])
         }));
+    }
+
+    /// The least of a surfel's colour at the nodes in each channel: of `matte`, `[n][Q]`, and where it has two sides of both as stored.
+    fn darkest(&self, matte: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        let nodes = &self.nodes;
+        let k = coefficient_count(nodes.degree);
+        let of_surfel = |(i, matte): (usize, &[[f32; 3]])| {
+            if self.bake.two_sided[i] == 0.0 {
+                return darkest(matte);
+            }
+            let mut f = self.sh[i * k..][..k].to_vec();
+            SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut f);
+            let sides =
+                [&nodes.evaluate, &nodes.evaluate_back].map(|e| darkest(&nodes.values(e, &f)));
+            let stored = darkest(&sides).map(|v| self.encoding.decode(v));
+            // What is clamped is not what is stored.
+            let least = darkest(&[darkest(matte), stored]);
+            least.map(|v| if v > 0.0 { v } else { f32::NAN })
+        };
+        let each = matte.par_chunks_exact(nodes.count()).enumerate();
+        each.map(of_surfel).collect()
     }
 
     /// Stored colour of `matte * tau`, `[Q]`, and what is in `scratch.glossy`, into `scratch.stored`.
@@ -208,15 +232,16 @@ impl DirectionalTransfer {
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
         let light = asset.incident(light, settings, None);
+        let radiance = asset.captured_radiance();
         let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
             .into_par_iter()
             .map(|i| {
-                let bounced = asset.bounced(i, &light, &asset.means);
+                let bounced = asset.bounced(i, &light, &radiance);
                 added(light.irradiance[i], bounced)
             })
             .collect();
         let gloss = if settings.terms.lobe && trust >= 1.0 {
-            find_gloss(asset, &light, whitest(asset, &divisor))
+            find_gloss(asset, (&light, &radiance), whitest(asset, &divisor))
         } else {
             vec![Gloss::default(); asset.bake.len()]
         };
@@ -228,7 +253,7 @@ impl DirectionalTransfer {
             .zip(residual.par_chunks_exact_mut(k))
             .enumerate()
             .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
-                asset.explain(i, (&gloss[i], &light), scratch, matte, residual)
+                asset.explain(i, (&gloss[i], &light, &radiance), scratch, matte, residual)
             })
             .collect();
         Ok(Self {
@@ -242,6 +267,7 @@ impl DirectionalTransfer {
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
             gloss,
             divisor,
+            darkest: asset.darkest(&matte),
             matte,
             residual,
             encoded_mean,
@@ -251,6 +277,8 @@ impl DirectionalTransfer {
     /// Divisor and colours in half precision.
     pub(super) fn rounded_to_half(&self) -> Self {
         let mut rounded = self.clone();
+        // What is rounded shall be what is used.
+        rounded.darkest.fill([f32::NAN; 3]);
         for sides in &mut rounded.divisor {
             round_to_half(sides);
         }
@@ -288,7 +316,7 @@ impl DirectionalTransfer {
         let start = self.mean_ratio(&light);
         let light = asset.incident(light, &self.settings, None);
         let tau = self.bounce(&light, start);
-        let radiance = asset.radiance(&tau);
+        let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
         self.shown((&light, part), tau, &radiance, unseen)
     }
 
@@ -297,7 +325,7 @@ impl DirectionalTransfer {
         &self,
         (light, part): (&Incident<'_>, Part),
         tau: Vec<FrontAndBack>,
-        radiance: &[FrontAndBack],
+        radiance: &[Radiance],
         unseen: &[bool],
     ) -> Relit {
         let asset = &*self.asset;
@@ -342,18 +370,15 @@ impl DirectionalTransfer {
         let asset = &*self.asset;
         let mut tau = vec![[start; 2]; asset.bake.len()];
         for _ in 0..self.turns() {
-            tau = self.turn(light, &asset.radiance(&tau));
+            let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
+            tau = self.turn(light, &radiance);
         }
         self.trusted(&mut tau);
         tau
     }
 
     /// A turn of the fixed point: how much the matte light changes where the surfels radiate that. `[n]`
-    pub(super) fn turn(
-        &self,
-        light: &Incident<'_>,
-        radiance: &[FrontAndBack],
-    ) -> Vec<FrontAndBack> {
+    pub(super) fn turn(&self, light: &Incident<'_>, radiance: &[Radiance]) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         (0..asset.bake.len())
             .into_par_iter()
@@ -382,7 +407,7 @@ impl DirectionalTransfer {
         i: usize,
         (light, part): (&Incident<'_>, Part),
         tau: FrontAndBack,
-        radiance: &[FrontAndBack],
+        radiance: &[Radiance],
         scratch: &mut Scratch,
         out: &mut [[f32; 3]],
     ) {
@@ -397,13 +422,23 @@ impl DirectionalTransfer {
         } else {
             tau
         };
+        let has_two_sides = asset.bake.two_sided[i] > 0.0 && self.settings.terms.two_sided;
+        let two_sided = if has_two_sides {
+            asset.bake.two_sided[i]
+        } else {
+            0.0
+        };
+        let is_matte =
+            self.gloss[i].is_matte() && scratch.glossy.is_empty() && part != Part::Specular;
+        if is_matte && self.multiply(i, (tau, two_sided), part, scratch, out) {
+            return;
+        }
         asset.store(&self.matte[i * q..][..q], matte[0], scratch);
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = SurfelFrame::new(asset.bake.normals[i]);
         asset.nodes.fit_into(&scratch.stored, out);
-        let two_sided = asset.bake.two_sided[i];
-        if two_sided > 0.0 && self.settings.terms.two_sided {
+        if has_two_sides {
             self.add_back(i, matte, two_sided, scratch, out);
         }
         frame.apply_sh(asset.nodes.degree, out);
@@ -416,6 +451,89 @@ impl DirectionalTransfer {
                 o[c] += r[c] * scale[c];
             }
         }
+    }
+
+    /// Relights a surfel that is matte where its stored colour is a power of its light: that is multiplied, without a look at the nodes.
+    /// Tells whether it did.
+    fn multiply(
+        &self,
+        i: usize,
+        (tau, two_sided): (FrontAndBack, f32),
+        part: Part,
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) -> bool {
+        let (asset, k) = (&*self.asset, out.len());
+        let encoding = asset.encoding;
+        let back = if two_sided > 0.0 {
+            within_range(tau)
+        } else {
+            tau[0]
+        };
+        let is_power = |c: usize| {
+            let [front, back] = [tau[0][c], back[c]];
+            encoding.is_power(self.darkest[i][c], [front.min(back), front.max(back)])
+        };
+        if !(0..3).all(is_power) {
+            return false;
+        }
+        // Of the front, and where the back takes part, of each height.
+        let gains = &mut scratch.gains;
+        gains.clear();
+        gains.push(tau[0]);
+        if two_sided > 0.0 {
+            for side in [1.0, -1.0] {
+                gains.extend(asset.nodes.heights().map(|z| {
+                    let share = share_of_back(two_sided, side * z);
+                    std::array::from_fn(|c| tau[0][c] + share * (back[c] - tau[0][c]))
+                }));
+            }
+        }
+        encoding.gains(bytemuck::cast_slice_mut(gains));
+        let (front, shift) = (gains[0], encoding.shift());
+        let stored = &asset.sh[i * k..][..k];
+        let with_residual = part == Part::Whole && self.settings.terms.residual;
+        let rest: [f32; 3] = std::array::from_fn(|c| {
+            let then = self.encoded_mean[i][c];
+            let now = then + (front[c] - 1.0) * (then + shift - encoding.offset());
+            let kept = if with_residual {
+                residual_scale(now, then)
+            } else {
+                0.0
+            };
+            kept - front[c]
+        });
+        // A constant is its first coefficient, and the fit has no other.
+        let constant = shift * SQRT_4PI as f32;
+        for (o, (f, r)) in out
+            .iter_mut()
+            .zip(stored.iter().zip(&self.residual[i * k..]))
+        {
+            *o = std::array::from_fn(|c| front[c] * f[c] + rest[c] * r[c]);
+        }
+        for (o, g) in out[0].iter_mut().zip(front) {
+            *o += (g - 1.0) * constant;
+        }
+        if two_sided > 0.0 {
+            let frame = SurfelFrame::new(asset.bake.normals[i]);
+            let (mut from, mut added) =
+                ([[0.0; 3]; MAX_COEFFICIENTS], [[0.0; 3]; MAX_COEFFICIENTS]);
+            from[..k].copy_from_slice(stored);
+            from[0] = from[0].map(|v| v + constant);
+            frame.apply_sh(asset.nodes.degree, &mut from[..k]);
+            let front = Vec3A::from_array(front);
+            let factors = &mut scratch.factors;
+            factors.clear();
+            factors.extend(gains[1..].iter().map(|g| Vec3A::from_array(*g) - front));
+            asset
+                .nodes
+                .add_by_height(factors, &from[..k], &mut added[..k]);
+            frame.apply_sh(asset.nodes.degree, &mut added[..k]);
+            for (o, a) in out.iter_mut().zip(added) {
+                *o = std::array::from_fn(|c| o[c] + a[c]);
+            }
+        }
+        true
     }
 
     /// What changes of a two-sided surfel's colour because its back has a light of its own.
@@ -432,9 +550,7 @@ impl DirectionalTransfer {
         let k = out.len();
         let mut f = asset.sh[i * k..][..k].to_vec();
         SurfelFrame::new(asset.bake.normals[i]).apply_sh(nodes.degree, &mut f);
-        let back: [f32; 3] = std::array::from_fn(|c| {
-            tau[1][c].clamp(tau[0][c] / BACK_RANGE, tau[0][c] * BACK_RANGE)
-        });
+        let back = within_range(tau);
         let sides = [(&nodes.evaluate, 1.0), (&nodes.evaluate_back, -1.0)];
         for ((evaluate, side), project) in sides.into_iter().zip(&nodes.project) {
             let mut before = nodes.values(evaluate, &f);
@@ -442,7 +558,7 @@ impl DirectionalTransfer {
             let after = &mut scratch.stored;
             after.clear();
             after.extend(before.iter().zip(&nodes.to_camera).map(|(v, d)| {
-                let share = two_sided * smoothstep(-HORIZON, HORIZON, -side * d.z);
+                let share = share_of_back(two_sided, side * d.z);
                 std::array::from_fn(|c| v[c] * (tau[0][c] + share * (back[c] - tau[0][c])))
             }));
             for v in &mut before {
@@ -559,6 +675,7 @@ impl Relight for DirectionalTransfer {
             + size_of_val(&self.matte[..])
             + size_of_val(&self.residual[..])
             + size_of_val(&self.encoded_mean[..])
+            + size_of_val(&self.darkest[..])
     }
 
     fn bytes_saved_by_half(&self) -> usize {
@@ -605,6 +722,24 @@ struct Scratch {
     values: Vec<f32>,
     glossy: Vec<[f32; 3]>,
     stored: Vec<[f32; 3]>,
+    gains: Vec<[f32; 3]>,
+    factors: Vec<Vec3A>,
+}
+
+/// The back's change, held to what is believed beside the front's.
+fn within_range([front, back]: FrontAndBack) -> [f32; 3] {
+    std::array::from_fn(|c| back[c].clamp(front[c] / BACK_RANGE, front[c] * BACK_RANGE))
+}
+
+/// How much of the back's change a view sees, from that high over the front.
+fn share_of_back(two_sided: f32, height: f32) -> f32 {
+    two_sided * smoothstep(-HORIZON, HORIZON, -height)
+}
+
+/// The least of some colours in each channel.
+fn darkest(colors: &[[f32; 3]]) -> [f32; 3] {
+    let least = |a: [f32; 3], b: &[f32; 3]| std::array::from_fn(|c| a[c].min(b[c]));
+    colors.iter().fold([f32::INFINITY; 3], least)
 }
 
 fn added(a: FrontAndBack, b: FrontAndBack) -> FrontAndBack {

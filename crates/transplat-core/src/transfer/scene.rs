@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DMat3;
 use rayon::prelude::*;
 
-use super::directional::{DirectionalTransfer, FrontAndBack, Incident, TURNS};
+use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Radiance, TURNS};
 use super::relit::{Part, Relight, Relit};
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
@@ -83,9 +83,12 @@ impl SceneTransfer {
     }
 
     /// What all surfels of the scene radiate. `[n]`
-    fn radiance(&self, taus: &[Vec<FrontAndBack>]) -> Vec<FrontAndBack> {
-        let each = self.objects.iter().zip(taus);
-        each.flat_map(|(o, tau)| o.asset.radiance(tau)).collect()
+    fn radiance(&self, taus: &[Vec<FrontAndBack>]) -> Vec<Radiance> {
+        let mut all = Vec::with_capacity(self.bake.normals.len());
+        for (object, tau) in self.objects.iter().zip(taus) {
+            all.par_extend(object.asset.radiance(tau));
+        }
+        all
     }
 
     /// What the objects' results are as one asset's.

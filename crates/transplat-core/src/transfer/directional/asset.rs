@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::neighbors::neighbors;
@@ -24,6 +24,9 @@ pub(super) fn planes(values: impl Iterator<Item = [f32; 3]> + Clone) -> Planes {
 
 /// A colour of a surfel's front, and one of its back.
 pub type FrontAndBack = [[f32; 3]; 2];
+
+/// What a surfel radiates on its front and its back: padded, since rays that bounce meet surfels far from each other in memory.
+pub type Radiance = [Vec3A; 2];
 
 /// What of an asset no light changes.
 #[derive(Debug)]
@@ -93,10 +96,17 @@ impl DirectionalAsset {
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
-    pub(in crate::transfer) fn radiance(&self, tau: &[FrontAndBack]) -> Vec<FrontAndBack> {
-        let each = self.means.iter().zip(tau);
-        each.map(|(m, t)| std::array::from_fn(|s| std::array::from_fn(|c| m[s][c] * t[s][c])))
-            .collect()
+    pub(in crate::transfer) fn radiance<'a>(
+        &'a self,
+        tau: &'a [FrontAndBack],
+    ) -> impl IndexedParallelIterator<Item = Radiance> + 'a {
+        let each = self.means.par_iter().zip(tau);
+        each.map(|(m, t)| [0, 1].map(|s| Vec3A::from(m[s]) * Vec3A::from(t[s])))
+    }
+
+    /// What each surfel radiates as captured. `[n]`
+    pub(super) fn captured_radiance(&self) -> Vec<Radiance> {
+        self.means.iter().map(|m| m.map(Vec3A::from)).collect()
     }
 }
 

@@ -2,11 +2,11 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, planes};
+use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
 use super::rays::Rays;
 use crate::bake::directional::Sight;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
@@ -126,6 +126,7 @@ impl DirectionalAsset {
             terms,
             skips: settings.skips,
         };
+
         light.irradiance = (0..self.bake.len())
             .into_par_iter()
             .map(|i| self.irradiance(i, &light))
@@ -184,19 +185,19 @@ impl DirectionalAsset {
         &self,
         i: usize,
         light: &Incident<'_>,
-        radiance: &[FrontAndBack],
+        radiance: &[Radiance],
     ) -> FrontAndBack {
         let scale = 4.0 * PI / PATCHES as f32;
         let n = self.bake.normals[i];
-        let mut sides = FrontAndBack::default();
+        let [mut front, mut back] = [Vec3A::ZERO; 2];
         for hit in light.hits(i) {
             let cosine = scale * n.dot(self.directions[hit.patch()]);
             let b = light.radiance_of(radiance, *hit);
-            for (s, b) in sides[usize::from(cosine < 0.0)].iter_mut().zip(b) {
-                *s += cosine.abs() * b;
-            }
+            // Without a branch: it could not be foretold.
+            front += cosine.max(0.0) * b;
+            back += (-cosine).max(0.0) * b;
         }
-        sides
+        [front.to_array(), back.to_array()]
     }
 
     /// All that shines on the front of surfel `i`, a ray a patch: the open sky, and what is met where it is blocked; and the suns.
@@ -204,14 +205,14 @@ impl DirectionalAsset {
         &self,
         i: usize,
         light: &Incident<'_>,
-        radiance: &[FrontAndBack],
+        radiance: &[Radiance],
         out: &mut Rays,
     ) {
         let n = self.bake.normals[i];
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
         let near = if light.terms.bounce { scale } else { 0.0 };
-        let [r, g, b] = radiance[light.own[0] + i][0].map(|v| v * near);
+        let [r, g, b] = (radiance[light.own[0] + i][0] * near).to_array();
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
         for hit in light.hits(i) {
             let b = light.radiance_of(radiance, *hit);
@@ -248,11 +249,12 @@ impl Incident<'_> {
     }
 
     /// Radiance of the side of a surfel that a ray met.
-    fn radiance_of(&self, radiance: &[FrontAndBack], hit: Hit) -> [f32; 3] {
+    #[inline(always)]
+    fn radiance_of(&self, radiance: &[Radiance], hit: Hit) -> Vec3A {
         let [first, count] = self.own;
         let is_own = hit.surfel().wrapping_sub(first) < count;
         let gain = if is_own { 1.0 } else { self.gain_of_others };
-        radiance[hit.surfel()][usize::from(hit.is_back())].map(|v| gain * v)
+        radiance[hit.surfel()][usize::from(hit.is_back())] * gain
     }
 }
 

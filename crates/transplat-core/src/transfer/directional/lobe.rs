@@ -8,7 +8,7 @@ use std::f32::consts::PI;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use super::asset::DirectionalAsset;
+use super::asset::{DirectionalAsset, Radiance};
 use super::incident::Incident;
 use super::nodes::{BLOCK, Nodes, SurfelFrame, weighted_mean};
 use super::rays::Rays;
@@ -131,7 +131,11 @@ struct Moments {
 /// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
-pub(super) fn find_gloss(asset: &DirectionalAsset, light: &Incident<'_>, white: f32) -> Vec<Gloss> {
+pub(super) fn find_gloss(
+    asset: &DirectionalAsset,
+    (light, radiance): (&Incident<'_>, &[Radiance]),
+    white: f32,
+) -> Vec<Gloss> {
     let n = asset.bake.len();
     if asset.nodes.degree == 0 || n == 0 {
         return vec![Gloss::default(); n];
@@ -141,7 +145,7 @@ pub(super) fn find_gloss(asset: &DirectionalAsset, light: &Incident<'_>, white: 
         .map_init(
             || (Rays::default(), vec![0f32; 3 * asset.nodes.count()]),
             |(rays, values), i| {
-                asset.rays_of(i, light, &asset.means, rays);
+                asset.rays_of(i, light, radiance, rays);
                 let frame = SurfelFrame::new(asset.bake.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {

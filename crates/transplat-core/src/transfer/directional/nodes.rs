@@ -47,6 +47,9 @@ pub struct Nodes {
     pub evaluate_back: Vec<f32>,
     /// Projection of values at the nodes of the front, and of the back. `[Q][K]` each
     pub project: [Vec<f32>; 2],
+    /// What a factor on the nodes of a height, those of the front before those of the back, makes of a function: a number for each pair of
+    /// bands l <= l' of each order m >= 0, in [`Nodes::bands`]' order. `[pairs][2 heights]`
+    by_height: Vec<f32>,
 }
 
 impl Nodes {
@@ -92,6 +95,15 @@ impl Nodes {
                     .sum::<f64>();
             }
         }
+        let by_height = Self::bands(degree)
+            .flat_map(|(m, a, b)| (0..2 * heights).map(move |h| (m, a, b, h)))
+            .map(|(m, a, b, h)| {
+                let basis = [&front, &back][h / heights];
+                let ring = (h % heights) * azimuths..(h % heights + 1) * azimuths;
+                let at = |s: usize, l: usize| basis[s * k + l * (l + 1) + m];
+                ring.map(|s| areas[s] * at(s, a) * at(s, b)).sum::<f64>() as f32
+            })
+            .collect();
         let filling = q.next_multiple_of(BLOCK) - q;
         let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
         let project = |basis: &[f64]| -> Vec<f32> {
@@ -116,6 +128,7 @@ impl Nodes {
                 half.chain(std::iter::repeat_n(0.0, filling)).collect()
             }),
             project: [project(&front), project(&back)],
+            by_height,
             evaluate: transposed(&front, q),
             evaluate_back: transposed(&back, q),
             fit: transposed(&fit, k),
@@ -135,6 +148,44 @@ impl Nodes {
     /// Number of nodes Q.
     pub fn count(&self) -> usize {
         self.to_camera.len()
+    }
+
+    /// Orders m >= 0 with each pair of bands that have them.
+    fn bands(degree: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+        let of_order =
+            move |m| (m..=degree).flat_map(move |a| (a..=degree).map(move |b| (m, a, b)));
+        (0..=degree).flat_map(of_order)
+    }
+
+    /// Heights of the front's nodes over the horizon, as cosines.
+    pub fn heights(&self) -> impl Iterator<Item = f32> {
+        let azimuths = 2 * (self.degree + 1);
+        self.to_camera.iter().step_by(azimuths).map(|d| d.z)
+    }
+
+    /// What a function `[K]` in the surfel's frame becomes when it is multiplied by a factor that depends on the height alone, those of the
+    /// front before those of the back, added to `out`. Nodes of a height are as many as it takes for orders not to mix.
+    pub fn add_by_height(&self, factors: &[Vec3A], function: &[[f32; 3]], out: &mut [[f32; 3]]) {
+        let each = self.by_height.chunks_exact(factors.len());
+        for ((m, a, b), heights) in Self::bands(self.degree).zip(each) {
+            let weighted = |sum, (f, h): (&Vec3A, &f32)| sum + *f * *h;
+            let both = factors.iter().zip(heights).fold(Vec3A::ZERO, weighted);
+            let [a, b] = [a, b].map(|l| l * (l + 1));
+            let mut add = |to: usize, from: usize| {
+                let v = Vec3A::from_array(out[to]) + both * Vec3A::from_array(function[from]);
+                out[to] = v.to_array();
+            };
+            for order in [m as isize, -(m as isize)] {
+                let [a, b] = [a, b].map(|l| l.wrapping_add_signed(order));
+                add(a, b);
+                if a != b {
+                    add(b, a);
+                }
+                if m == 0 {
+                    break;
+                }
+            }
+        }
     }
 
     /// Values `[Q][3]` of a function `[K][3]` in the surfel's frame, by one of the matrices `[K][Q]`.
@@ -345,6 +396,42 @@ mod tests {
                 evaluate_sh(&turned, 3, frame.apply(d).to_array()),
             );
             assert!((a[1] - b[1]).abs() < 1e-5, "{n}: {a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn a_factor_by_height_is_the_same_at_the_nodes() {
+        for degree in 0..=4 {
+            let nodes = Nodes::new(degree);
+            let f = function(degree);
+            let heights: Vec<f32> = nodes.heights().collect();
+            let factor = |h: usize| Vec3A::new((h as f32).sin(), 1.0 / (1 + h) as f32, h as f32);
+            let factors: Vec<Vec3A> = (0..2 * heights.len()).map(factor).collect();
+            let mut fast = vec![[0.0; 3]; f.len()];
+            nodes.add_by_height(&factors, &f, &mut fast);
+            let mut slow = vec![[0.0; 3]; f.len()];
+            let sides = [&nodes.evaluate, &nodes.evaluate_back];
+            for (side, evaluate) in sides.into_iter().enumerate() {
+                let mut values = nodes.values(evaluate, &f);
+                for (s, v) in values.iter_mut().enumerate() {
+                    let height = s / (2 * (degree + 1));
+                    assert_eq!(heights[height], nodes.to_camera[s].z);
+                    let factor = factors[side * heights.len() + height];
+                    *v = (Vec3A::from_array(*v) * factor).to_array();
+                }
+                for (sum, v) in slow
+                    .iter_mut()
+                    .zip(nodes.function(&nodes.project[side], &values))
+                {
+                    *sum = std::array::from_fn(|c| sum[c] + v[c]);
+                }
+            }
+            for (a, b) in fast.iter().zip(&slow) {
+                assert!(
+                    (0..3).all(|c| (a[c] - b[c]).abs() < 1e-4),
+                    "{degree}: {a:?} {b:?}"
+                );
+            }
         }
     }
 

@@ -156,10 +156,11 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let beams = source.for_directional().expect("with beams");
         let light = asset.light(beams, 1.0, &settings, [0.0; 3]);
         let light = asset.incident(light, &settings, None);
+        let radiance = asset.captured_radiance();
         let mut rays = Rays::default();
         let mut values = vec![0f32; 3 * asset.nodes.count()];
         for i in 0..cloud.len() {
-            asset.rays_of(i, &light, &asset.means, &mut rays);
+            asset.rays_of(i, &light, &radiance, &mut rays);
             let frame = SurfelFrame::new(asset.bake.normals[i]);
             mirrored(&asset.nodes, frame, 4, &rays, &mut values);
             let q = asset.nodes.count();
@@ -263,6 +264,33 @@ fn matte_and_mirrored_light_are_the_parts_of_the_colour() {
     let k = coefficient_count(cloud.sh_degree);
     for (gloss, f) in transfer.gloss.iter().zip(mirrored.chunks_exact(k)) {
         assert!(!gloss.is_matte() || size(f) < 1e-6);
+    }
+}
+
+/// Where stored colour is a power of light, it is multiplied; elsewhere it is worked out at the nodes. Both are the same.
+#[test]
+fn a_multiplied_colour_is_what_the_nodes_say() {
+    let sun = DVec3::new(0.4, 0.2, 0.9).normalize();
+    let mut cloud = synthetic::mirroring_ball_plate_and_sheet(sun.as_vec3(), 3);
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
+    for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
+        cloud.encoding = encoding;
+        let transfer = prepared(&asset_of(&cloud), &sky(sun, [1.0, 0.9, 0.8]));
+        let mut at_nodes = transfer.clone();
+        at_nodes.darkest.fill([f32::NAN; 3]);
+        let (fast, slow) = (transfer.relight_by(&target), at_nodes.relight_by(&target));
+        let (mut multiplied, mut of_two_sides) = (0, 0);
+        for (i, (a, b)) in fast.sh.chunks(16).zip(slow.sh.chunks(16)).enumerate() {
+            let size = b.iter().flatten().fold(1f32, |a, b| a.max(b.abs()));
+            assert!(
+                farthest(a, b) < 1e-4 * size,
+                "{encoding:?} {i}: {a:?} {b:?}"
+            );
+            multiplied += usize::from(a != b);
+            of_two_sides += usize::from(a != b && transfer.asset.bake.two_sided[i] > 0.1);
+        }
+        let enough = multiplied * 20 > cloud.len() && of_two_sides > 10;
+        assert!(enough, "{encoding:?}: {multiplied} and {of_two_sides}");
     }
 }
 
