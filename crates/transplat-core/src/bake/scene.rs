@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Quat, Vec3};
 
 use super::directional::DirectionalBake;
-use super::surroundings::{Placed, Surroundings};
+use super::surroundings::{Detail, Placed, Surroundings};
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -26,6 +26,14 @@ impl SceneBake {
     /// # Errors
     /// They have more surfels than can be told apart, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
     pub fn new(objects: Vec<Placed>, progress: Progress<'_>) -> Result<Self> {
+        Self::in_detail(objects, Detail::Full, progress)
+    }
+
+    /// The same as finely as it is asked for.
+    ///
+    /// # Errors
+    /// As [`SceneBake::new`].
+    pub fn in_detail(objects: Vec<Placed>, detail: Detail, progress: Progress<'_>) -> Result<Self> {
         let total: usize = objects.iter().map(|o| o.bake.len()).sum();
         let mut surroundings = Vec::new();
         let mut done = 0;
@@ -33,7 +41,9 @@ impl SceneBake {
             let share = object.bake.len();
             let of_all =
                 |part: f64| progress((done as f64 + part * share as f64) / total.max(1) as f64);
-            surroundings.push(Arc::new(Surroundings::trace(&objects, which, &of_all)?));
+            surroundings.push(Arc::new(Surroundings::trace(
+                &objects, which, detail, &of_all,
+            )?));
             done += share;
         }
         let normals = objects.iter().flat_map(|o| {

@@ -9,7 +9,7 @@ use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use super::directional::{DirectionalBake, Sight, is_met_on_back, sees};
-use super::patches::{Hit, MOST_SURFELS, PATCHES, WORDS, directions};
+use super::patches::{DIRECTIONS, Hit, MOST_SURFELS, PATCHES, WORDS, directions};
 use super::trace::{MISS, PACKET, Tracer};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -60,10 +60,50 @@ impl Other {
 
     /// Whether a ray, in this object's coordinates, may meet it.
     fn is_near(&self, origin: Vec3, direction: Vec3) -> bool {
-        let (middle, radius) = self.ball;
+        self.is_within(self.ball.1, origin, direction)
+    }
+
+    /// Whether any ray may that starts in a ball of the one's coordinates.
+    fn is_near_any(&self, (middle, radius): (Vec3, f32), direction: Vec3) -> bool {
+        let origin = self.other_from_own.transform_point3(middle);
+        self.is_within(self.ball.1 + self.scale * radius, origin, direction)
+    }
+
+    fn is_within(&self, radius: f32, origin: Vec3, direction: Vec3) -> bool {
+        let middle = self.ball.0;
         let away = middle - origin;
         let (along, squared) = (away.dot(direction), away.length_squared());
         squared < radius * radius || along > 0.0 && squared - along * along < radius * radius
+    }
+}
+
+/// Surfels of an object that are still told apart where it is traced coarsely.
+const COARSE_SURFELS: usize = 5000;
+
+/// How finely objects are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Every surfel in every direction.
+    Full,
+    /// Some of the surfels, one direction of a patch: an answer while an object is moved.
+    Coarse,
+}
+
+impl Detail {
+    /// How many directions are traced, those that come first.
+    fn directions(self) -> usize {
+        match self {
+            Self::Full => DIRECTIONS,
+            Self::Coarse => PATCHES,
+        }
+    }
+
+    /// How many neighbours of an object's surfels are taken to see the same.
+    fn surfels_together(self, surfels: usize) -> usize {
+        match self {
+            Self::Full => 1,
+            Self::Coarse => (surfels / COARSE_SURFELS).clamp(1, PACKET),
+        }
     }
 }
 
@@ -93,7 +133,12 @@ impl Surroundings {
     ///
     /// # Errors
     /// The objects have more surfels than can be told apart, or [`Error::Cancelled`] when `progress` asked for it.
-    pub fn trace(objects: &[Placed], which: usize, progress: Progress<'_>) -> Result<Self> {
+    pub fn trace(
+        objects: &[Placed],
+        which: usize,
+        detail: Detail,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
         let own = &objects[which];
         let mut firsts = vec![0];
         for object in objects {
@@ -119,7 +164,7 @@ impl Surroundings {
             })
             .collect();
         let first = firsts[which];
-        let changes = changes(&own.bake, &others, progress)?;
+        let changes = changes(&own.bake, &others, detail, progress)?;
         Ok(Self {
             changed: changes.iter().filter(|c| c.is_any()).count(),
             sight: changed(&own.bake, first as u32, &changes),
@@ -165,15 +210,36 @@ impl Change {
         self.closed[j / 64] |= u64::from(was_open) << (j % 64);
     }
 
+    /// What is known of all directions from those that were traced.
+    fn in_detail(mut self, detail: Detail) -> Self {
+        for j in detail.directions()..DIRECTIONS {
+            let first = j % PATCHES;
+            let closed = self.closed[first / 64] >> (first % 64) & 1 == 1;
+            self.close(j, closed);
+        }
+        self
+    }
+
     fn is_any(&self) -> bool {
         !self.hits.is_empty() || self.closed.iter().any(|c| *c != 0)
     }
 }
 
 /// What others change for each surfel. `[n]`
-fn changes(own: &DirectionalBake, others: &[Other], progress: Progress<'_>) -> Result<Vec<Change>> {
+fn changes(
+    own: &DirectionalBake,
+    others: &[Other],
+    detail: Detail,
+    progress: Progress<'_>,
+) -> Result<Vec<Change>> {
     let directions = directions();
-    let work = |of: &[u32]| neighborhood(own, others, &directions, of);
+    let each = detail.surfels_together(own.len());
+    let work = |of: &[u32]| {
+        let leaders: Vec<u32> = of.iter().step_by(each).copied().collect();
+        let found = neighborhood(own, others, &directions[..detail.directions()], &leaders);
+        let of_all = found.into_iter().map(|c| c.in_detail(detail));
+        of_all.flat_map(|c| vec![c; each]).take(of.len()).collect()
+    };
     let mut all = vec![Change::default(); own.len()];
     for (i, change) in own.tracer.by_neighborhood(progress, work)? {
         all[i] = change;
@@ -181,7 +247,7 @@ fn changes(own: &DirectionalBake, others: &[Other], progress: Progress<'_>) -> R
     Ok(all)
 }
 
-/// The same of surfels that are neighbours.
+/// The same of surfels that are neighbours, in some of the directions.
 fn neighborhood(
     own: &DirectionalBake,
     others: &[Other],
@@ -196,6 +262,7 @@ fn neighborhood(
         hits.fold(0u128, |all, h| all | 1 << h.patch())
     };
     let meet_itself: Vec<u128> = of.iter().map(patches).collect();
+    let starts = own.tracer.ball_of_starts(of);
     for (j, direction) in directions.iter().enumerate() {
         let patch = (j < PATCHES).then_some(j);
         // Where the object itself is met it may be behind another one; only a patch's first ray knows.
@@ -203,6 +270,9 @@ fn neighborhood(
         let mut nearest: Vec<Option<(f32, Hit)>> = vec![None; of.len()];
         for other in others {
             let toward = other.direction(*direction);
+            if !other.is_near_any(starts, toward) {
+                continue;
+            }
             let rays: Vec<(usize, Vec3)> = (of.iter().map(|i| *i as usize).enumerate())
                 .filter(|(lane, i)| own.sight.is_open(*i, j) || meets_itself(*lane))
                 .map(|(lane, i)| (lane, own.tracer.surfels[i].start(*direction).0))
@@ -251,22 +321,39 @@ fn neighborhood(
 /// What the surfels see with these changes.
 fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
     let directions = directions();
-    let (mut open, mut starts, mut hits) = (own.sight.open.clone(), vec![0u32], Vec::new());
-    for (i, change) in changes.iter().enumerate() {
-        for (word, closed) in open[i].iter_mut().zip(change.closed) {
+    let of_surfel = |(i, change): (usize, &Change)| {
+        let mut open = own.sight.open[i];
+        for (word, closed) in open.iter_mut().zip(change.closed) {
             *word &= !closed;
         }
+        let itself = own.sight.hits_of(i).iter();
+        if change.hits.is_empty() {
+            return (open, itself.map(|hit| hit.counted_from(first)).collect());
+        }
+        let behind = change
+            .hits
+            .iter()
+            .fold(0u128, |all, h| all | 1 << h.patch());
+        let itself = itself.filter(|h| behind >> h.patch() & 1 == 0);
+        let mut hits: Vec<Hit> = itself.map(|hit| hit.counted_from(first)).collect();
         let (normal, two_sided) = (own.normals[i], own.two_sided[i]);
         let counts = |hit: &&Hit| sees(normal, two_sided, directions[hit.patch()]);
-        let from = hits.len();
-        let is_behind = |hit: &&Hit| change.hits.iter().any(|h| h.patch() == hit.patch());
-        let itself = own.sight.hits_of(i).iter().filter(|h| !is_behind(h));
-        hits.extend(itself.map(|hit| hit.counted_from(first)));
         hits.extend(change.hits.iter().filter(counts));
-        hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
-        starts.push(hits.len() as u32);
+        hits.sort_unstable_by_key(|h: &Hit| h.patch());
+        (open, hits)
+    };
+    let each = changes.par_iter().enumerate().map(of_surfel);
+    let (open, of_each): (Vec<_>, Vec<Vec<Hit>>) = each.unzip();
+    let mut starts = vec![0u32];
+    starts.extend(of_each.iter().scan(0, |sum, hits| {
+        *sum += hits.len() as u32;
+        Some(*sum)
+    }));
+    Sight {
+        open,
+        starts,
+        hits: of_each.concat(),
     }
-    Sight { open, starts, hits }
 }
 
 #[cfg(test)]

@@ -257,6 +257,15 @@ impl Tracer {
         Ok(numbers.zip(made.into_iter().flatten()).collect())
     }
 
+    /// A ball that holds where the rays of some surfels start: its middle and its radius, in these coordinates.
+    pub(super) fn ball_of_starts(&self, of: &[u32]) -> (Vec3, f32) {
+        let surfels = || of.iter().map(|i| &self.surfels[*i as usize]);
+        let sum: Vec3 = surfels().map(|s| s.position).sum();
+        let middle = sum / of.len().max(1) as f32;
+        let reach = |s: &RaySurfel| s.position.distance(middle) + START_SCALES * s.minor;
+        (middle, surfels().map(reach).fold(0.0, f32::max))
+    }
+
     /// A ball that holds all that casts a shadow: its middle and its radius, in these coordinates.
     pub fn reach(&self) -> (Vec3, f32) {
         let casting = || self.surfels.iter().filter(|s| s.casts());

@@ -116,6 +116,10 @@ impl Look {
             Some(listed) if !(1..=MOST_OBJECTS).contains(&listed.len()) => {
                 return Err(format!("1 to {MOST_OBJECTS} objects are expected"));
             }
+            // One may be for whatever splat is open.
+            Some(listed) if listed.len() > 1 && listed.iter().any(|o| o.asset.is_none()) => {
+                return Err("where several objects are listed, each has its asset".into());
+            }
             Some(listed) => listed,
             None => vec![Object {
                 asset: self.asset,

@@ -33,7 +33,9 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let scene = look_of(&asset.options, Some(&light))?;
     let assets = assets_of(&asset, &scene);
     let inputs = light.inputs(&scene, &[]).map(PathBuf::from);
-    let inputs: Vec<PathBuf> = inputs.chain(assets).collect();
+    let beyond = [&args.environment, &args.clipped_like];
+    let beyond = beyond.into_iter().flatten().cloned();
+    let inputs: Vec<PathBuf> = inputs.chain(assets).chain(beyond).collect();
     let is_file = args.at.len() == 1;
     let extension = args.output.extension().unwrap_or_default();
     if is_file && !extension.eq_ignore_ascii_case("exr") {

@@ -193,7 +193,8 @@ impl Viewer {
                 (Some(own), _) if *own == file => {}
                 // A look beside a splat is for that splat.
                 (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
-                    scene.objects.iter_mut().for_each(|o| o.asset = None);
+                    scene.objects.truncate(1);
+                    scene.objects[0].asset = None;
                     self.session.apply(scene);
                 }
                 _ => self.open(&file),

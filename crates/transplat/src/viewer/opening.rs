@@ -76,6 +76,7 @@ impl Session {
                     camera: None,
                     ..scene
                 };
+                self.selected = self.selected.min(self.scene.objects.len() - 1);
             }
         }
     }
@@ -116,23 +117,27 @@ impl Session {
             let Some(at) = session.at(id) else {
                 return;
             };
+            let is_gone = at >= session.scene.objects.len() && !is_scene;
             match loaded {
+                // Its object was taken away meanwhile.
+                Ok(_) if is_gone => {}
                 Ok(loaded) => {
                     let scene = opened_with.over(at, &asked, &session.scene, session.pose);
                     let is_added = at >= session.scene.objects.len();
-                    session.show_asset(at, scene, loaded);
-                    if is_added {
+                    let is_taken = session.show_asset(at, scene, loaded);
+                    if is_added && is_taken {
                         session.selected = at;
                     }
-                    if is_scene {
+                    if is_scene && is_taken {
                         // The next of its splats.
                         session.apply(session.scene.clone());
                     }
                 }
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
-                    if let Some(asset) = &session.states[at].asset {
-                        asset.give_back(&mut session.scene.objects[at]);
+                    let object = session.scene.objects.get_mut(at);
+                    if let (Some(asset), Some(object)) = (&session.states[at].asset, object) {
+                        asset.give_back(object);
                     }
                     session.error(format!("{error:#}"));
                 }
@@ -140,13 +145,13 @@ impl Session {
         });
     }
 
-    /// Shows a loaded splat; nothing of the last one is left.
+    /// Shows a loaded splat; nothing of the last one is left. Whether the adapter takes it.
     fn show_asset(
         &mut self,
         at: usize,
         mut scene: Scene,
         (asset, live, estimate): (Asset, LiveAsset, Option<Estimate>),
-    ) {
+    ) -> bool {
         let object = &mut scene.objects[at];
         object.asset = Some(asset.path.clone());
         // Where nobody tells it, and as long as what is told cannot be read.
@@ -160,7 +165,7 @@ impl Session {
         let is_taken = self.live().set_asset(at, live);
         if let Err(error) = is_taken {
             self.error(error.to_string());
-            return;
+            return false;
         }
         let last = &self.states[at];
         self.jobs.cancel_object(last.id);
@@ -195,6 +200,8 @@ impl Session {
         }
         self.pinned = None;
         self.scene = scene;
+        self.selected = self.selected.min(self.scene.objects.len() - 1);
+        true
     }
 
     /// Puts a light on a side; it is shown once it is loaded.

@@ -38,7 +38,8 @@ fn objects_see_each_other_as_parts_of_one_do() {
     let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
     let directions = directions();
     for (own, other) in [(0, 1), (1, 0)] {
-        let around = Surroundings::trace(&objects, own, &no_progress).expect("not cancelled");
+        let around =
+            Surroundings::trace(&objects, own, Detail::Full, &no_progress).expect("not cancelled");
         let all = merged(
             [&clouds[own], &clouds[other]],
             places[own].inverse() * places[other],
@@ -91,7 +92,8 @@ fn objects_see_each_other_as_parts_of_one_do() {
 fn suns_are_blocked_by_the_others_too() {
     let (clouds, places) = slab_and_ball();
     let objects = [0, 1].map(|i| placed(&clouds[i], places[i]));
-    let around = Surroundings::trace(&objects, 0, &no_progress).expect("not cancelled");
+    let around =
+        Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
     let sun = Vec3::new(0.1, -0.2, 0.97).normalize();
     let tracer = &objects[0].bake.tracer;
     let open = around.open_towards(tracer, sun, |_| true);
@@ -112,22 +114,50 @@ fn what_is_out_of_sight_changes_nothing() {
         ..ball.clone()
     };
     let objects = [ball.clone(), above];
-    let around = Surroundings::trace(&objects, 0, &no_progress).expect("not cancelled");
+    let around =
+        Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
     for i in (0..ball.bake.len()).filter(|i| ball.bake.normals[*i].z < -0.6) {
         let alone = &ball.bake.sight;
         assert_eq!(around.sight.open[i], alone.open[i], "surfel {i}");
         assert_eq!(around.sight.hits_of(i), alone.hits_of(i), "surfel {i}");
     }
     assert!(around.changed > 0 && around.changed < ball.bake.len());
-    let alone = Surroundings::trace(&objects[..1], 0, &no_progress).expect("not cancelled");
+    let alone =
+        Surroundings::trace(&objects[..1], 0, Detail::Full, &no_progress).expect("not cancelled");
     assert_eq!((alone.changed, alone.first), (0, 0));
     assert_eq!(alone.sight.open, ball.bake.sight.open);
+}
+
+/// A coarse answer is one: as dark in the shadow, within a patch of directions that goes either way, and open where nothing stands.
+#[test]
+fn what_is_traced_coarsely_is_close() {
+    // So many that neighbours share what they see.
+    let slab = synthetic::sheet(110);
+    assert!(Detail::Coarse.surfels_together(slab.len()) > 1);
+    let over =
+        Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), Quat::IDENTITY, 0.5 * Vec3::Z);
+    let objects = [
+        placed(&slab, Affine3A::IDENTITY),
+        placed(&synthetic::sphere(700), over),
+    ];
+    let openness = |detail| {
+        let around = Surroundings::trace(&objects, 0, detail, &no_progress).expect("not cancelled");
+        around.sight.openness(&objects[0].bake.normals)
+    };
+    let (full, coarse) = (openness(Detail::Full), openness(Detail::Coarse));
+    let off = full.iter().zip(&coarse).map(|(a, b)| (a - b).abs());
+    assert!(full.iter().any(|o| *o < 0.6) && full.iter().any(|o| *o > 0.95));
+    let mean = off.clone().sum::<f32>() / full.len() as f32;
+    assert!(mean < 0.025, "{mean}");
+    // Where neighbours in the order are none in space, as at a cell's edge, one may have what is another's.
+    let far = off.filter(|d| *d > 0.1).count();
+    assert!(far * 20 < full.len(), "{far} of {}", full.len());
 }
 
 #[test]
 fn cancelling_stops() {
     let ball = placed(&synthetic::sphere(50), Affine3A::IDENTITY);
     let stop = |_: f64| std::ops::ControlFlow::Break(());
-    let result = Surroundings::trace(&[ball.clone(), ball], 0, &stop);
+    let result = Surroundings::trace(&[ball.clone(), ball], 0, Detail::Full, &stop);
     assert!(matches!(result, Err(Error::Cancelled)));
 }
