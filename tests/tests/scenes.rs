@@ -136,6 +136,59 @@ fn all_objects_in_one_splat_look_as_the_scene_does_on_either_device_and_by_eithe
     assert_eq!(told["surfels"], 1600);
 }
 
+/// Where a scene stands is nothing to its light: turned as a whole, with light and camera, it is the same picture.
+#[test]
+fn objects_light_and_camera_that_are_turned_together_show_the_same() {
+    let folder = Folder::empty();
+    let (scene, city) = (ball_over_plate(&folder), asset("city.hdr"));
+    let text = fs::read_to_string(&scene).expect("the scene");
+    // A quarter turn about the vertical: of the plate that alone, of the ball after its own, and both a step aside.
+    let quarter =
+        r#""transform": {"rotation": [0, 0, 0.70710678, 0.70710678], "translation": [5, 1, 2]}"#;
+    let turned = text.replacen("\"source\"", &format!("{quarter}, \"source\""), 1);
+    let (own, both) = ("[0, 0, 0.6, 0.8]", "[0, 0, 0.98994949, 0.14142136]");
+    let turned = turned
+        .replace(own, both)
+        .replace("[0, 0, 0.5]", "[5, 1, 2.5]");
+    let turned = folder.write("turned.json", turned);
+    let line = "{} --target {} --device cpu";
+    let straight = drawn(&folder, line, &[&scene, &city]);
+    let out = folder.name("turned.png");
+    let view = "--eye 7,3,3.5 --look-at 5,1,2.2 --size 160x120 --background black";
+    let line = format!("render {line} --rotate-target 90 {view} -o {{}}");
+    run_json(&args(&line, &[&turned, &city, &out]));
+    let alike = psnr(&straight, &picture(out.as_ref()));
+    assert!(alike > 50.0, "{alike}");
+}
+
+/// The first object's coordinates and light are the scene's, whether it is shown or not; what is written as one file is where it stands.
+#[test]
+fn an_object_of_a_scene_whose_first_is_not_shown_stays_where_it_stands() {
+    let folder = Folder::empty();
+    let (scene, city) = (ball_over_plate(&folder), asset("city.hdr"));
+    let text = fs::read_to_string(&scene).expect("the scene");
+    let hidden = text.replacen(
+        "\"source\"",
+        "\"shown\": false, \"up\": \"-y\", \"source\"",
+        1,
+    );
+    let hidden = folder.write("hidden.json", hidden);
+    let [one, own] = ["one.ply", "own/"].map(|name| folder.name(name));
+    let line = "relight {} --target {} --device cpu -o {}";
+    for out in [&one, &own] {
+        let told = run_json(&args(line, &[&hidden, &city, out]));
+        assert_eq!(told["surfels"], 1500);
+    }
+    let (placed, _) = load_asset(one.as_ref()).expect("the ball where it stands");
+    let around = placed.bounds();
+    assert!(around.center.distance(glam::Vec3::new(0.0, 0.0, 0.5)) < 0.02);
+    assert!((around.radius / 0.4 - 1.0).abs() < 0.1, "{}", around.radius);
+    assert_eq!(placed.up, transplat_core::surfels::UpAxis::MinusY);
+    let own = folder.path("own/city.ply");
+    let (captured, _) = load_asset(&own).expect("the ball as it was captured");
+    assert!(captured.bounds().center.length() < 0.02);
+}
+
 #[test]
 fn a_probe_sees_the_scene_from_where_an_object_stands_without_it() {
     let folder = Folder::empty();

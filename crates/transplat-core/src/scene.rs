@@ -13,7 +13,7 @@ use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
-pub use object::{MOST_OBJECTS, MOST_PLACES, Object, Transform};
+pub use object::{FARTHEST, MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,9 +113,8 @@ impl Scene {
     /// Objects that are put into a scene are lit by its light, unless there is to be another.
     pub fn light_as_captured(&mut self) {
         if self.objects.len() > 1 && self.environment.file.is_none() {
-            let strength = self.environment.strength;
-            self.environment = self.objects[0].source.clone();
-            self.environment.strength += strength;
+            let captured = self.objects[0].source.clone();
+            self.environment = std::mem::take(&mut self.environment).over(captured);
         }
     }
 
@@ -176,6 +175,40 @@ mod tests {
         scene.match_strength = false;
         let [_, t] = lights(&scene);
         assert!((t.mean_irradiance() / target.mean_irradiance() - 2.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_put_into_a_scene_is_lit_by_its_light_as_that_is_turned_further() {
+        let source = EnvironmentLight {
+            rotation: 30.0,
+            mirror: true,
+            tint: [1.0, 0.5, 1.0],
+            strength: 1.0,
+            ..EnvironmentLight::of("forest.hdr")
+        };
+        let mut scene = Scene::default();
+        scene.objects[0].source = source.clone();
+        scene.objects.push(Object::default());
+        scene.environment = EnvironmentLight {
+            rotation: 60.0,
+            tilt: 5.0,
+            tint: [0.5, 1.0, 1.0],
+            strength: 60.0,
+            ..EnvironmentLight::default()
+        };
+        scene.light_as_captured();
+        let expected = EnvironmentLight {
+            rotation: 90.0,
+            tilt: 5.0,
+            tint: [0.5, 0.5, 1.0],
+            strength: 60.0,
+            ..source
+        };
+        assert_eq!(scene.environment, expected);
+        assert!(scene.validate().is_ok());
+        // One that is named is as it is set.
+        scene.light_as_captured();
+        assert_eq!(scene.environment, expected);
     }
 
     /// Irradiance adds up, whichever form of the light is asked; there is room for any number.

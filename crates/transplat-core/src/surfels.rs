@@ -1,5 +1,7 @@
 //! The asset: 2D Gaussian surfels with view-dependent colour.
 
+use std::sync::Arc;
+
 use glam::{Affine3A, DMat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -122,6 +124,18 @@ impl SurfelCloud {
         };
         let all = placed.into_iter().reduce(together);
         all.expect("at least one object")
+    }
+
+    /// The same of any number of objects; one where it was captured is itself.
+    pub fn whole(objects: &[(Arc<Self>, Affine3A)]) -> Option<Arc<Self>> {
+        match objects {
+            [] => None,
+            [(one, place)] if *place == Affine3A::IDENTITY => Some(one.clone()),
+            several => {
+                let each: Vec<_> = several.iter().map(|(c, place)| (&**c, *place)).collect();
+                Some(Arc::new(Self::composed(&each)))
+            }
+        }
     }
 
     /// At most `count` surfels of it, taken evenly from their order and so much larger that they cover as much.

@@ -294,7 +294,8 @@ pub struct Live {
     context: Arc<Context>,
     present: PresentPass,
     blit: Blit,
-    objects: Vec<LiveObject>,
+    /// A place for each of the scene's objects; empty until its asset is there.
+    objects: Vec<Option<LiveObject>>,
     objects_made: u64,
     /// Of the objects: whose and where, and their surfels' places in the scene.
     placed: Derived<Vec<(u64, Affine3A)>, Vec<Vec3>>,
@@ -347,20 +348,40 @@ impl Live {
 
     /// Whether there is something relit of an object to be shown.
     pub fn has_relit(&self, object: usize) -> bool {
-        self.objects.get(object).is_some_and(LiveObject::has_relit)
+        self.object(object).is_some_and(LiveObject::has_relit)
     }
 
-    /// Shows another asset as an object, one of those that are there or the next; what was made of the last one is dropped.
+    fn object(&self, at: usize) -> Option<&LiveObject> {
+        self.objects.get(at)?.as_ref()
+    }
+
+    fn object_mut(&mut self, at: usize) -> Option<&mut LiveObject> {
+        self.objects.get_mut(at)?.as_mut()
+    }
+
+    /// Those that are there.
+    fn present_objects(&self) -> impl Iterator<Item = &LiveObject> + Clone {
+        self.objects.iter().flatten()
+    }
+
+    /// Those with how they stand.
+    fn placed_objects<'a>(
+        &'a self,
+        frame: &'a Frame,
+    ) -> impl Iterator<Item = (&'a LiveObject, &'a Placement)> + Clone {
+        let each = self.objects.iter().zip(&frame.objects);
+        each.filter_map(|(object, placement)| Some((object.as_ref()?, placement)))
+    }
+
+    /// Shows another asset as an object; what was made of the last one is dropped.
     ///
     /// # Errors
     /// All objects together are too large for the adapter; nothing is changed then.
     pub fn set_asset(&mut self, object: usize, asset: LiveAsset) -> Result<()> {
-        let others = self
-            .objects
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| *i != object);
-        let surfels: usize = others.map(|(_, o)| o.asset.rasterizer.cloud().len()).sum();
+        let all = self.objects.iter().enumerate();
+        let others = all.filter(|(i, _)| *i != object);
+        let others = others.filter_map(|(_, o)| o.as_ref());
+        let surfels: usize = others.map(|o| o.asset.rasterizer.cloud().len()).sum();
         Canvas::check(&self.context, surfels + asset.rasterizer.cloud().len())?;
         self.objects_made += 1;
         let made = LiveObject {
@@ -373,44 +394,39 @@ impl Live {
             scene_from_object: Affine3A::IDENTITY,
             projected: Derived::default(),
         };
-        match self.objects.get_mut(object) {
-            Some(last) => *last = made,
-            None => self.objects.push(made),
-        }
-        self.ground = [None, None];
-        self.surroundings_version += 1;
+        let slots = self.objects.len().max(object + 1);
+        self.objects.resize_with(slots, || None);
+        self.objects[object] = Some(made);
         Ok(())
     }
 
-    /// Forgets an object.
-    pub fn remove(&mut self, object: usize) {
-        if object < self.objects.len() {
-            self.objects.remove(object);
-            self.surroundings_version += 1;
-        }
-    }
-
-    /// Forgets all objects but so many of the first.
-    pub fn truncate(&mut self, count: usize) {
-        self.objects.truncate(count);
-        self.surroundings_version += 1;
+    /// Takes the objects in another order, `of` is which one each is now: one that is not named is forgotten.
+    pub fn arrange(&mut self, of: &[Option<usize>]) {
+        let mut last = std::mem::take(&mut self.objects);
+        let mut take = |at: &Option<usize>| last.get_mut((*at)?)?.take();
+        self.objects = of.iter().map(&mut take).collect();
     }
 
     /// Takes an object's surfels where they are held now; they are the same.
     pub fn set_cloud(&mut self, object: usize, cloud: &Arc<SurfelCloud>) {
-        self.objects[object].asset.rasterizer.set_cloud(cloud);
+        if let Some(object) = self.object_mut(object) {
+            object.asset.rasterizer.set_cloud(cloud);
+        }
     }
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
     pub fn set_transfer(&mut self, object: usize, transfer: GpuTransfer) {
-        self.objects[object].relit.value = Some(Relit::Live(Box::new(transfer)));
+        if let Some(object) = self.object_mut(object) {
+            object.relit.value = Some(Relit::Live(Box::new(transfer)));
+        }
     }
 
     /// Shows what was relit on the CPU, with its colours in the channel *tau*.
     pub fn set_relit(&mut self, object: usize, relit: ResidentSh, tau: Vec<[f32; 3]>) {
-        let relit = Relit::Uploaded(relit, tau);
-        self.objects[object].relit.set(Some(relit));
-        self.passes.transfer += 1;
+        if let Some(object) = self.object_mut(object) {
+            object.relit.set(Some(Relit::Uploaded(relit, tau)));
+            self.passes.transfer += 1;
+        }
     }
 
     /// Relights an object by another light, for a view that shows a part of it, and leaves out surfels that nobody sees (`[n]` or empty).
@@ -424,7 +440,9 @@ impl Live {
         part: Part,
         unseen: &[bool],
     ) -> transplat_core::Result<()> {
-        let relit = &mut self.objects[object].relit;
+        let Some(LiveObject { relit, .. }) = self.object_mut(object) else {
+            return Ok(());
+        };
         if let Some(Relit::Live(transfer)) = &mut relit.value {
             transfer.submit(target, part, unseen)?;
             relit.version += 1;
@@ -435,7 +453,9 @@ impl Live {
 
     /// Keeps what is shown relit of an object now, to compare others with it.
     pub fn pin(&mut self, object: usize, display: Display) {
-        let object = &mut self.objects[object];
+        let Some(Some(object)) = self.objects.get_mut(object) else {
+            return;
+        };
         let relit = object.relit.value.as_ref().map(Relit::sh);
         let pinned = relit.map(|r| (r.snapshot(&self.context), display));
         object.pinned.set(pinned);
@@ -443,12 +463,16 @@ impl Live {
 
     /// The same with what was relit on the CPU.
     pub fn pin_relit(&mut self, object: usize, relit: ResidentSh, display: Display) {
-        self.objects[object].pinned.set(Some((relit, display)));
+        if let Some(object) = self.object_mut(object) {
+            object.pinned.set(Some((relit, display)));
+        }
     }
 
     /// Sets the surfel colours of the channel *visibility*.
     pub fn set_visibility(&mut self, object: usize, colors: Vec<[f32; 3]>) {
-        self.objects[object].visibility.set(colors);
+        if let Some(object) = self.object_mut(object) {
+            object.visibility.set(colors);
+        }
     }
 
     /// Sets the surfel colours of the channel *doubts*, and the marks with their weight.
@@ -459,9 +483,9 @@ impl Live {
         marks: impl Iterator<Item = [f32; 4]>,
     ) {
         let marks = ResidentVectors::upload(&self.context, marks);
-        self.objects[object]
-            .doubts
-            .set(Some(Doubts { colors, marks }));
+        if let Some(object) = self.object_mut(object) {
+            object.doubts.set(Some(Doubts { colors, marks }));
+        }
     }
 
     /// Sets the map behind one side: 0 is what is as captured, 1 what is relit.
@@ -479,15 +503,14 @@ impl Live {
 
     /// Brings the screen's picture up to date, and tells whether anything ran.
     pub fn frame(&mut self, frame: &Frame) -> bool {
-        if self.objects.is_empty() {
+        if self.present_objects().next().is_none() {
             return false;
         }
         let before = self.passes;
         let mut frame = frame.clone();
         self.place(&frame);
         let presentation = &mut frame.presentation;
-        let units = self.objects.iter();
-        let units = units.map(|o| {
+        let units = self.present_objects().map(|o| {
             let camera = presentation.camera.seen_from(o.scene_from_object);
             o.asset.rasterizer.depth_unit(&camera)
         });
@@ -509,16 +532,17 @@ impl Live {
     fn place(&mut self, frame: &Frame) {
         let places = self.objects.iter_mut().zip(&frame.objects);
         let key: Vec<(u64, Affine3A)> = places
-            .map(|(object, placement)| {
+            .filter_map(|(object, placement)| {
+                let object = object.as_mut()?;
                 object.scene_from_object = placement.scene_from_object;
-                (object.id, placement.scene_from_object)
+                Some((object.id, placement.scene_from_object))
             })
             .collect();
         if !self.placed.ask(&key) {
             return;
         }
         let mut positions = Vec::new();
-        for object in &self.objects {
+        for object in self.present_objects() {
             let cloud = object.asset.rasterizer.cloud();
             let there = |p: &Vec3| object.scene_from_object.transform_point3(*p);
             positions.extend(cloud.positions.iter().map(there));
@@ -537,7 +561,7 @@ impl Live {
             },
         };
         let mut first = 0;
-        for object in &mut self.objects {
+        for object in self.objects.iter_mut().flatten() {
             let (scale, ..) = object.scene_from_object.to_scale_rotation_translation();
             object.asset.rasterizer.join(&canvas, first, scale.x);
             object.projected.clear();
@@ -551,8 +575,8 @@ impl Live {
         let camera = &frame.presentation.camera;
         let forward = camera.view_from_world.transpose() * Vec3::Z;
         let mut moved = false;
-        let placements = || self.objects.iter().zip(&frame.objects).map(|(_, p)| p);
-        let shown = placements().map(|p| (p.shown, p.hidden_version)).collect();
+        let placed = self.placed_objects(frame);
+        let shown = placed.map(|(_, p)| (p.shown, p.hidden_version)).collect();
         let key = (camera.eye, forward, self.placed.version(), shown);
         if let Some(positions) = self.placed.get().filter(|_| self.order.ask(&key)) {
             let hidden = self.hidden(frame);
@@ -561,7 +585,7 @@ impl Live {
             self.passes.sort += 1;
             moved = true;
         }
-        for object in &mut self.objects {
+        for object in self.objects.iter_mut().flatten() {
             let camera = object.camera(frame);
             if object.projected.ask(&camera) {
                 object.asset.rasterizer.project(&camera);
@@ -586,11 +610,11 @@ impl Live {
 
     /// Which surfels are not drawn, `[n]` of all objects or empty.
     fn hidden(&self, frame: &Frame) -> Vec<bool> {
-        let placements = &frame.objects;
-        if placements.iter().all(|p| p.shown && p.hidden.is_empty()) {
+        let each = self.placed_objects(frame);
+        let mut placements = each.clone().map(|(_, p)| p);
+        if placements.all(|p| p.shown && p.hidden.is_empty()) {
             return Vec::new();
         }
-        let each = self.objects.iter().zip(placements);
         each.flat_map(|(object, placement)| {
             let mut hidden = placement.hidden.to_vec();
             hidden.resize(object.asset.rasterizer.cloud().len(), false);
@@ -606,7 +630,8 @@ impl Live {
     fn draw_side(&mut self, frame: &Frame, side: usize, paint: impl Fn(&LiveObject) -> SidePaint) {
         let camera = &frame.presentation.camera;
         let size = [camera.width, camera.height];
-        let keys: Vec<_> = (self.objects.iter())
+        let keys: Vec<_> = self
+            .present_objects()
             .map(|o| o.key(paint(o), frame))
             .collect();
         let state = &mut self.sides[side];
@@ -618,11 +643,15 @@ impl Live {
         if resized {
             state.target = Some(Target::new(&self.context, size));
         }
-        for (object, key) in self.objects.iter().zip(&keys) {
+        for (object, key) in self.objects.iter().flatten().zip(&keys) {
             object.shade(&object.camera(frame), key);
             self.passes.shade += 1;
         }
-        let drawn = (&state.target, self.order.get(), self.objects.first());
+        let drawn = (
+            &state.target,
+            self.order.get(),
+            self.objects.iter().flatten().next(),
+        );
         if let (Some(target), Some(order), Some(any)) = drawn {
             let layer = Layer {
                 depth_unit: frame.presentation.depth_unit,

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::{Affine3A, DMat3};
+use glam::DMat3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
@@ -37,13 +37,15 @@ use crate::device::{Device, Transfer};
 use crate::summary::Summary;
 use estimate::{estimate_in_words, why_not};
 use object::LoadedObject;
-use settings::{assets_of, targets_of};
+use settings::{asset_of, assets_of, targets_of};
 use warnings::{AMBIGUOUS_SHARE, ambiguous_warning, map_warnings};
 
 /// The objects of a scene, loaded, and everything the command line says about them.
 pub struct Pipeline {
     /// Those that are shown.
     pub objects: Vec<LoadedObject>,
+    /// The first one, in whose coordinates the scene is, where it is not shown.
+    unshown_first: Option<LoadedObject>,
     /// All of them where they stand, in the coordinates of the first one's scene.
     pub cloud: Arc<SurfelCloud>,
     pub scene: Scene,
@@ -61,8 +63,12 @@ impl Pipeline {
             .zip(&assets)
             .map(|(object, asset)| LoadedObject::load(asset, object.clone(), summary))
             .collect::<Result<_>>()?;
+        let first = &scene.objects[0];
+        let unshown_first = (!first.shown)
+            .then(|| LoadedObject::load(&asset_of(args, &scene, 0), first.clone(), summary))
+            .transpose()?;
         let device = summary.time("open device", || Device::open(args.options.device))?;
-        let pipeline = Self::of(objects, scene, device);
+        let pipeline = Self::of(objects, unshown_first, scene, device);
         summary.set("asset", assets[0].display().to_string());
         summary.set("surfels", pipeline.cloud.len());
         summary.set("sh_degree", pipeline.cloud.sh_degree);
@@ -70,18 +76,26 @@ impl Pipeline {
         Ok(pipeline)
     }
 
-    /// What is lit are loaded objects.
-    pub fn of(objects: Vec<LoadedObject>, scene: Scene, device: Device) -> Self {
+    /// What is lit are loaded objects, those of the scene that are shown, and its first one if it is not among them.
+    pub fn of(
+        objects: Vec<LoadedObject>,
+        unshown_first: Option<LoadedObject>,
+        scene: Scene,
+        device: Device,
+    ) -> Self {
         let placed = |o: &LoadedObject| o.settings.transform.scene_from_object();
-        let cloud = match &objects[..] {
-            [one] if placed(one) == Affine3A::IDENTITY => one.cloud.clone(),
-            several => {
-                let each: Vec<_> = several.iter().map(|o| (&*o.cloud, placed(o))).collect();
-                Arc::new(SurfelCloud::composed(&each))
-            }
+        let each = objects.iter().map(|o| (o.cloud.clone(), placed(o)));
+        let cloud = SurfelCloud::whole(&each.collect::<Vec<_>>()).expect("at least one object");
+        let cloud = match &unshown_first {
+            Some(first) => Arc::new(SurfelCloud {
+                up: first.cloud.up,
+                ..(*cloud).clone()
+            }),
+            None => cloud,
         };
         Self {
             objects,
+            unshown_first,
             cloud,
             scene,
             device,
@@ -91,7 +105,7 @@ impl Pipeline {
 
     /// The first object, in whose coordinates the scene is.
     pub fn first(&self) -> &LoadedObject {
-        &self.objects[0]
+        self.unshown_first.as_ref().unwrap_or(&self.objects[0])
     }
 
     /// Whether there is more than one object as it was captured.
@@ -218,6 +232,10 @@ impl Pipeline {
             let file = source_of(object)?;
             known.push(is_file(&file).then(|| light(object, &file)).transpose()?);
         }
+        // Where nobody tells what that was captured under, what is shown is matched to.
+        let first = self.unshown_first.as_ref();
+        let first = first.and_then(|o| Some((o, o.settings.source.file.clone()?)));
+        let first = first.map(|(o, file)| light(o, &file)).transpose()?;
         let mut targets = Vec::new();
         for (name, path) in targets_of(args, &self.scene)? {
             let light = light(self.first(), &path)?;
@@ -227,6 +245,7 @@ impl Pipeline {
         let sources = each.map(|(o, known)| known.map_or_else(|| light(o, &source_of(o)?), Ok));
         Ok(Lights {
             sources: sources.collect::<Result<_>>()?,
+            first,
             targets,
         })
     }
@@ -459,6 +478,8 @@ pub fn two_sided(bake: &Bake) -> usize {
 pub struct Lights {
     /// Of each object.
     pub sources: Vec<Illumination>,
+    /// Of the scene's first one, where it is not among them.
+    first: Option<Illumination>,
     pub targets: Vec<Target>,
 }
 
@@ -482,7 +503,8 @@ impl Lights {
 
     /// What the first object was captured under and the target, as their maps hold them.
     pub fn maps<'a>(&'a self, target: &'a Target) -> [&'a Illumination; 2] {
-        [&self.sources[0], &target.light]
+        let first = self.first.as_ref().unwrap_or(&self.sources[0]);
+        [first, &target.light]
     }
 }
 

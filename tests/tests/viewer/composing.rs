@@ -6,7 +6,7 @@ use glam::{Quat, Vec3};
 use transplat::viewer::{Startup, Task};
 use transplat_core::color::{Encoding, encode_sh};
 use transplat_core::files::{load_asset, load_look, save_look, write_splat};
-use transplat_core::scene::Transform;
+use transplat_core::scene::{Scene, Transform};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
 use transplat_tests::driver::Driver;
@@ -107,9 +107,19 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     d.after(|v| v.session.apply(back));
     assert_eq!(d.viewer().session.scene.objects.len(), 2);
     assert!(psnr(&dropped, &d.picture()) > 50.0);
+    // What is not shown leaves no shadow, and neither does what is gone.
     d.after(|v| v.session.scene.objects[1].shown = false);
     let hidden = d.picture();
     assert!(psnr(&dropped, &hidden) < 35.0);
+    d.after(|v| {
+        v.session.selected = 1;
+        v.session.remove_object();
+    });
+    let plate = d.picture();
+    assert!(psnr(&hidden, &plate) > 45.0, "{}", psnr(&hidden, &plate));
+    let mut back = scene.clone();
+    back.objects[1].shown = false;
+    d.after(|v| v.session.apply(back));
     // What is opened is put into the scene, and replaces nothing.
     let ball = d.folder.path("ball.ply");
     d.after(|v| {
@@ -125,7 +135,87 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     );
 }
 
-/// Where a scene stands is nothing to its light: turned as a whole, with the camera, it is the same picture but for the light from the sky.
+#[test]
+fn what_cannot_be_loaded_stops_nothing_else_and_is_not_forgotten() {
+    let folder = Folder::empty();
+    write(&folder, "plate.ply", &synthetic::sheet(20));
+    std::fs::copy(asset("city.hdr"), folder.path("city.hdr")).expect("room");
+    let scene = r#"{"version": 3, "target": {"file": "city.hdr"}, "objects": [
+        {"asset": "gone.ply", "source": {"file": "even"}},
+        {"asset": "plate.ply", "source": {"file": "even"}}]}"#;
+    folder.write("scene.json", scene);
+    let startup = Startup {
+        files: vec![folder.path("scene.json")],
+        ..Startup::default()
+    };
+    let mut d = Driver::open(startup, folder);
+    let session = &d.viewer().session;
+    let told = session.messages.iter().filter(|m| m.is_error);
+    assert!(told.clone().count() == 1 && told.clone().all(|m| m.text.contains("gone.ply")));
+    assert!(session.states[1].asset.is_some() && session.is_missing(0));
+    let saved = session.scene_to_save();
+    assert!(
+        saved.objects[0]
+            .asset
+            .as_ref()
+            .is_some_and(|p| p.ends_with("gone.ply"))
+    );
+    // What does not stand is picture enough for what does.
+    let without = d.picture();
+    write(&d.folder, "gone.ply", &synthetic::sphere(400));
+    d.after(|v| v.session.load_again(0));
+    assert!(d.viewer().session.states[0].asset.is_some());
+    assert!(psnr(&without, &d.picture()) < 35.0);
+    // What is added and is no splat leaves nothing behind.
+    d.folder.write("bad.ply", "ply\nformat ascii 1.0\n");
+    let bad = d.folder.path("bad.ply");
+    d.after(|v| {
+        v.session.adds_splats = true;
+        v.open(&bad);
+    });
+    let session = &d.viewer().session;
+    assert_eq!((session.scene.objects.len(), session.states.len()), (2, 2));
+}
+
+#[test]
+fn all_that_is_added_arrives_and_what_is_changed_meanwhile_stays() {
+    let mut d = ball_over_plate();
+    let [ball, plate] = ["ball.ply", "plate.ply"].map(|n| d.folder.path(n));
+    let pose = {
+        let session = &mut d.viewer().session;
+        session.pose.azimuth = 33.0;
+        session.pose
+    };
+    let before = d.viewer().session.scene.clone();
+    d.after(|v| {
+        v.session.adds_splats = true;
+        v.open(&ball);
+        v.open(&plate);
+        v.session.scene.environment.rotation = 40.0;
+        v.session.scene.objects[0].name = Some("ground".into());
+    });
+    let session = &d.viewer().session;
+    assert_eq!(session.states.len(), 4);
+    assert!(session.states.iter().all(|s| s.asset.is_some()));
+    assert_eq!(session.scene.environment.rotation, 40.0);
+    assert_eq!(session.scene.objects[0].name.as_deref(), Some("ground"));
+    assert_eq!(session.pose, pose, "the camera is where it was");
+    // Back, and forth: what was taken away is loaded again, where the camera is.
+    let four = d.viewer().session.scene.clone();
+    for scene in [before, four] {
+        let count = scene.objects.len();
+        let scene = Scene {
+            camera: Some(pose),
+            ..scene
+        };
+        d.after(|v| v.session.apply(scene));
+        let session = &d.viewer().session;
+        assert_eq!((session.states.len(), session.pose), (count, pose));
+        assert!(session.states.iter().all(|s| s.asset.is_some()));
+    }
+}
+
+/// The light stays with the scene: an object that is turned in it is lit from where it was lit before.
 #[test]
 fn an_object_that_is_turned_keeps_the_light_where_it_is() {
     let mut d = ball_over_plate();

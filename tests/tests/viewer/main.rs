@@ -12,7 +12,7 @@ use eframe::egui;
 use transplat::viewer::Task;
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
-use transplat_core::scene::{EVEN, Scene};
+use transplat_core::scene::{EVEN, Object, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
@@ -522,7 +522,11 @@ fn a_pinned_look_is_compared_with_and_swapped() {
 fn a_scene_grows_and_shrinks() {
     let mut d = Driver::bundled();
     let alone = d.picture();
-    let object = d.viewer().session.scene.objects[0].clone();
+    // One that is nothing yet.
+    let object = Object {
+        asset: None,
+        ..d.viewer().session.scene.objects[0].clone()
+    };
     d.viewer().session.scene.objects.push(object);
     assert!(psnr(&alone, &d.picture()) > 60.0);
     d.viewer().session.pin();

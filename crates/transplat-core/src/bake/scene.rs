@@ -96,9 +96,16 @@ impl SceneBake {
 
     /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1.
     pub fn openness(&self) -> Vec<f32> {
-        let each = self.bakes().zip(&self.surroundings);
-        each.flat_map(|(bake, around)| around.sight.openness(&bake.normals))
+        let objects = 0..self.objects.len();
+        objects
+            .flat_map(|object| self.openness_of(object))
             .collect()
+    }
+
+    /// That of one object's surfels.
+    pub fn openness_of(&self, object: usize) -> Vec<f32> {
+        let sight = &self.surroundings[object].sight;
+        sight.openness(&self.objects[object].bake.normals)
     }
 }
 

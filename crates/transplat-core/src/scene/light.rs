@@ -75,6 +75,20 @@ impl EnvironmentLight {
         self.file = Some(file);
     }
 
+    /// Another light with these settings on top of its own; they name no file.
+    pub(super) fn over(self, light: Self) -> Self {
+        let (low, high) = STOPS.into_inner();
+        let tint = std::array::from_fn(|c| (self.tint[c] * light.tint[c]).min(MOST_TINT));
+        Self {
+            rotation: light.rotation + self.rotation,
+            tilt: light.tilt + self.tilt,
+            mirror: light.mirror != self.mirror,
+            strength: (light.strength + self.strength).clamp(low, high),
+            tint,
+            ..light
+        }
+    }
+
     /// The turn of the (mirrored) map in the Z-up world.
     pub fn world_from_map(&self) -> DMat3 {
         DMat3::from_rotation_z(self.rotation.to_radians())
@@ -116,11 +130,15 @@ impl EnvironmentLight {
         ensure(self.rotation.is_finite() && self.tilt.is_finite(), || {
             format!("the turn of the {name} light is not a number")
         })?;
-        ensure(self.tint.iter().all(|t| (0.0..=1e3).contains(t)), || {
-            format!("the tint of the {name} light is out of range 0 to 1000")
-        })
+        ensure(
+            self.tint.iter().all(|t| (0.0..=MOST_TINT).contains(t)),
+            || format!("the tint of the {name} light is out of range 0 to 1000"),
+        )
     }
 }
+
+/// The most that a channel of a light is multiplied by, beside its strength.
+const MOST_TINT: f32 = 1e3;
 
 /// Whether a light's name stands for uniform white light.
 pub fn is_even(path: &Path) -> bool {

@@ -15,10 +15,12 @@ pub const MOST_OBJECTS: usize = 256;
 
 /// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
 pub const MOST_PLACES: usize = 32;
-const FARTHEST: f32 = 1e12;
+
+/// How far from the origin a place may be, on each axis.
+pub const FARTHEST: f32 = 1e12;
 
 /// Range of an object's scale.
-const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
+pub const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;
 
 /// A splat in a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,13 +81,13 @@ impl Object {
     }
 
     pub(super) fn validate(&self) -> Result<()> {
-        let is_place = |p: &Vec3| p.abs().max_element() < FARTHEST;
+        let is_place = |p: &Vec3| p.abs().max_element() <= FARTHEST;
         let places = &self.outside_from;
         ensure(
             places.len() <= MOST_PLACES && places.iter().all(is_place),
             || {
                 format!(
-                    "outside_from: up to {MOST_PLACES} places of three numbers below {FARTHEST:e} are expected"
+                    "outside_from: up to {MOST_PLACES} places of three numbers up to {FARTHEST:e} are expected"
                 )
             },
         )?;
@@ -119,10 +121,14 @@ impl Transform {
         cloud.transformed(self.scene_from_object())
     }
 
-    fn validate(&self) -> Result<()> {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// Says what is expected.
+    pub fn validate(&self) -> Result<()> {
         let good = SCALES.contains(&self.scale)
             && self.rotation.is_normalized()
-            && self.translation.abs().max_element() < FARTHEST;
+            && self.translation.abs().max_element() <= FARTHEST;
         ensure(good, || {
             "an object's transform is out of range (scale 1e-6 to 1e6, rotation a unit quaternion, translation three numbers)".into()
         })

@@ -16,7 +16,7 @@ use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::{Paint, Painter};
 use crate::pipeline::Pipeline;
-use crate::pipeline::object::LoadedObject;
+use crate::pipeline::object::{LoadedObject, told_apart};
 use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
 use crate::summary::Summary;
 use crate::words::percent;
@@ -76,14 +76,13 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let mut told = Vec::new();
     for (place, output) in places.iter().zip(&outputs) {
         let without = without.iter().chain(&place.object).copied();
+        let lights = Lights {
+            around: around.as_ref(),
+            clipped_gain: (args.clipped_gain as f32).exp2(),
+            clipped_like: like.as_ref(),
+        };
         let probe = summary.time("probe", || {
-            seen(
-                &pipeline,
-                (&painter, without),
-                place.at,
-                [&around, &like],
-                args,
-            )
+            seen(&pipeline, (&painter, without), place.at, args.rows, &lights)
         })?;
         tell(
             &probe,
@@ -132,7 +131,7 @@ fn place(pipeline: &Pipeline, at: &str) -> Result<Place> {
 }
 
 fn object_named(pipeline: &Pipeline, name: &str) -> Result<usize> {
-    let names: Vec<String> = pipeline.objects.iter().map(|o| o.name()).collect();
+    let names = told_apart(pipeline.objects.iter().map(|o| o.name()));
     let found = names.iter().position(|n| n == name);
     found.with_context(|| {
         format!(
@@ -143,13 +142,25 @@ fn object_named(pipeline: &Pipeline, name: &str) -> Result<usize> {
 }
 
 /// An environment around a scene.
-struct Around {
+pub struct Around {
     map: EnvironmentMap,
     settings: EnvironmentLight,
 }
 
+/// What is told of the light beyond what the splat shows.
+#[derive(Default)]
+pub struct Lights<'a> {
+    /// Where it is open.
+    pub around: Option<&'a Around>,
+    /// What clipped radiance is multiplied by; 0 is none told.
+    pub clipped_gain: f32,
+    /// What it is like.
+    pub clipped_like: Option<&'a Around>,
+}
+
 impl Around {
-    fn load(
+    /// Reads one that settings name, if they do.
+    pub fn load(
         pipeline: &Pipeline,
         place: Vec3,
         settings: Option<EnvironmentLight>,
@@ -194,12 +205,12 @@ fn near(scene: &LoadedObject, place: Vec3) -> LoadedObject {
 }
 
 /// The light at a place, some objects left out.
-fn seen(
+pub fn seen(
     pipeline: &Pipeline,
     (painter, without): (&Painter, impl Iterator<Item = usize>),
     at: Vec3,
-    [around, like]: [&Option<Around>; 2],
-    args: &ProbeArgs,
+    rows: usize,
+    lights: &Lights<'_>,
 ) -> Result<Probe> {
     let cloud = &pipeline.cloud;
     let mut hidden = vec![false; cloud.len()];
@@ -213,17 +224,18 @@ fn seen(
         hidden[ranges[object].clone()].fill(true);
     }
     let near = NEAR * cloud.bounds().radius;
-    let cube = Cube::seen_from(at, near, args.rows, |camera| {
+    let cube = Cube::seen_from(at, near, rows, |camera| {
         let space = ColorSpace::Display(Display::default());
         painter.draw(camera, Paint::captured(cloud), space, &hidden)
     })?;
-    let [around, like] = [around, like].map(|light| light.as_ref().map(|l| l.radiance(pipeline)));
+    let [around, like] =
+        [lights.around, lights.clipped_like].map(|light| light.map(|l| l.radiance(pipeline)));
     let beyond = Beyond {
         environment: around.as_ref().map(|f| f as RadianceToward<'_>),
-        clipped_gain: (args.clipped_gain as f32).exp2(),
+        clipped_gain: lights.clipped_gain,
         clipped_like: like.as_ref().map(|f| f as RadianceToward<'_>),
     };
-    Ok(cube.light(args.rows, cloud.up, beyond))
+    Ok(cube.light(rows, cloud.up, beyond))
 }
 
 /// Tells what the scene does not show.

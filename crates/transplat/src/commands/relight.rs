@@ -1,6 +1,5 @@
 //! `transplat relight`: splats under another light, as splats.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
@@ -14,6 +13,7 @@ use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::Transfer;
 use crate::pipeline::Pipeline;
+use crate::pipeline::object::{name_of, told_apart};
 use crate::pipeline::settings::{assets_of, look_of, targets_of, with_scene_as_look};
 use crate::summary::Summary;
 
@@ -56,19 +56,20 @@ pub fn run(args: &RelightArgs) -> Result<()> {
             make_folder(folder)?;
         }
         let by = (&prepared, &mut transfer);
-        write(&pipeline, by, (&target.name, &light), &files, &mut summary)?;
+        let files = (&files[..], output.is_file);
+        write(&pipeline, by, (&target.name, &light), files, &mut summary)?;
     }
     let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
     summary.set("outputs", names.clone());
     summary.finish(&format!("wrote {}", names.join(", ")))
 }
 
-/// Writes what a light makes of the scene: each object into a file of its own, or all into one.
+/// Writes what a light makes of the scene: each object into a file of its own, as it was captured, or all into one, where they stand.
 fn write(
     pipeline: &Pipeline,
     (prepared, transfer): (&PreparedTransfer, &mut Transfer),
     (name, light): (&str, &Illumination),
-    files: &[PathBuf],
+    (files, is_one_of_all): (&[PathBuf], bool),
     summary: &mut Summary,
 ) -> Result<()> {
     let wanted = (light, Part::Whole, &[][..]);
@@ -76,7 +77,7 @@ fn write(
         prepared,
         PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_)
     );
-    if is_scene && files.len() == pipeline.objects.len() {
+    if is_scene && !is_one_of_all {
         let relit = pipeline.relight_objects(prepared, name, wanted, summary)?;
         for ((object, relit), file) in pipeline.objects.iter().zip(relit).zip(files) {
             summary.time("export", || {
@@ -100,27 +101,18 @@ fn write(
 
 /// A name for each object's file: its own, or its splat's; no two are the same.
 fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
-    let mut taken = HashSet::new();
     let shown = scene.objects.iter().filter(|o| o.shown).zip(assets);
-    shown
-        .map(|(object, asset)| {
-            let stem = asset.file_stem().unwrap_or_default().to_string_lossy();
-            let name = object.name.clone().unwrap_or_else(|| stem.into_owned());
-            let name: String = name
-                .chars()
-                .map(|c| {
-                    if c.is_alphanumeric() || "-_ .".contains(c) {
-                        c
-                    } else {
-                        '_'
-                    }
-                })
-                .collect();
-            let numbered = (2..).map(|n| format!("{name}-{n}"));
-            let mut free = std::iter::once(name.clone()).chain(numbered);
-            free.find(|n| taken.insert(n.clone())).unwrap_or_default()
-        })
-        .collect()
+    let as_file = |c: char| {
+        if c.is_alphanumeric() || "-_ .".contains(c) {
+            c
+        } else {
+            '_'
+        }
+    };
+    told_apart(shown.map(|(object, asset)| {
+        let name = name_of(object, asset);
+        name.chars().map(as_file).collect()
+    }))
 }
 
 /// Where splats go: one file, or a folder with one a light and object.

@@ -25,6 +25,7 @@ const STAGES: [usize; 5] = [16, 8, 4, 2, 1];
 const STAGES_OF_DIRECTIONAL: [usize; 3] = [8, 2, 1];
 
 /// A bake, whole or in part.
+#[derive(Clone)]
 pub struct Baked {
     pub bake: Arc<Bake>,
     /// Share of the directions that are in it.

@@ -1,6 +1,7 @@
 //! An object of the scene that a command works on: its splat, its bakes, and what it tells of its light.
 
 use std::cell::OnceCell;
+use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -77,11 +78,9 @@ impl LoadedObject {
         }
     }
 
-    /// Its file without the ending, where it is not called otherwise.
+    /// What it is called.
     pub fn name(&self) -> String {
-        let stem = || self.file.path.file_stem().unwrap_or_default();
-        let name = self.settings.name.clone();
-        name.unwrap_or_else(|| stem().to_string_lossy().into_owned())
+        name_of(&self.settings, &self.file.path)
     }
 
     /// Bakes what the method needs, or takes the saved bake.
@@ -178,6 +177,24 @@ impl LoadedObject {
     pub fn known_estimate(&self) -> Option<&Estimate> {
         self.estimate.get()
     }
+}
+
+/// What an object is called: as its splat's file without the ending, where nobody calls it otherwise.
+pub fn name_of(object: &Object, asset: &Path) -> String {
+    let stem = || asset.file_stem().unwrap_or_default().to_string_lossy();
+    let name = object.name.clone();
+    name.unwrap_or_else(|| stem().into_owned())
+}
+
+/// Names, those that were there before with a number.
+pub fn told_apart(names: impl Iterator<Item = String>) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let free = |name: String| {
+        let numbered = (2..).map(|n| format!("{name}-{n}"));
+        let mut free = std::iter::once(name.clone()).chain(numbered);
+        free.find(|n| taken.insert(n.clone())).unwrap_or_default()
+    };
+    names.map(free).collect()
 }
 
 /// Directions of the harmonic method's bake.

@@ -13,19 +13,21 @@ use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 
 /// The splats of the objects that are shown: the first one's by the command line or else by the look.
 pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Vec<PathBuf> {
-    let mut named = args.asset.clone();
-    let shown = scene.objects.iter().filter(|o| o.shown);
-    let assets: Vec<PathBuf> = shown
-        .map(|o| {
-            named.take().or_else(|| o.asset.clone()).unwrap_or_else(|| {
-                usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
-            })
-        })
-        .collect();
+    let shown = (0..scene.objects.len()).filter(|at| scene.objects[*at].shown);
+    let assets: Vec<PathBuf> = shown.map(|at| asset_of(args, scene, at)).collect();
     if assets.is_empty() {
         usage("no object of the scene is shown");
     }
     assets
+}
+
+/// An object's splat.
+pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> PathBuf {
+    let named = args.asset.clone().filter(|_| at == 0);
+    let asset = named.or_else(|| scene.objects[at].asset.clone());
+    asset.unwrap_or_else(|| {
+        usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
+    })
 }
 
 /// A scene that is given where a splat could be is what `--look` asks for.

@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Key};
 use transplat_core::present::Background;
+use transplat_core::scene::Scene;
 
 use super::app::Viewer;
 use super::export::Task;
@@ -103,13 +104,19 @@ impl Viewer {
 
     pub(super) fn undo(&mut self) {
         if let Some(scene) = self.undoer.undo(&self.session.scene).cloned() {
-            self.session.apply(scene);
+            self.come_back_to(scene);
         }
     }
 
     pub(super) fn redo(&mut self) {
         if let Some(scene) = self.undoer.redo(&self.session.scene).cloned() {
-            self.session.apply(scene);
+            self.come_back_to(scene);
         }
+    }
+
+    /// Settings of another time, seen from where the camera is now.
+    fn come_back_to(&mut self, scene: Scene) {
+        let camera = Some(self.session.pose);
+        self.session.apply(Scene { camera, ..scene });
     }
 }

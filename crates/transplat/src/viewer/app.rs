@@ -164,10 +164,21 @@ impl Viewer {
             }
         }
         self.session.state_mut().saved_bake = startup.bake;
-        let second = || lights.get(1).cloned().unwrap_or_else(|| EVEN.into());
-        scene.environment.file.get_or_insert_with(second);
         let is = |file: &PathBuf, kind| file_kind(file).is_ok_and(|k| k == kind);
         let splat = startup.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
+        if splat.is_none() && scene.objects.len() > 1 {
+            let assets = scene.objects.iter().filter_map(|o| o.asset.clone());
+            self.unproven.extend(assets);
+            self.session.apply(Scene { camera, ..scene });
+            for file in startup.files {
+                self.open(&file);
+            }
+            return;
+        }
+        // A look beside a splat is for that splat.
+        scene.objects.truncate(1);
+        let second = || lights.get(1).cloned().unwrap_or_else(|| EVEN.into());
+        scene.environment.file.get_or_insert_with(second);
         let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
         let object = &mut scene.objects[self.session.selected];
         let nothing_named = splat.is_none() && object.asset.is_none() && !by_look;
@@ -191,7 +202,6 @@ impl Viewer {
         for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
-                // A look beside a splat is for that splat.
                 (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
                     scene.objects.truncate(1);
                     scene.objects[0].asset = None;

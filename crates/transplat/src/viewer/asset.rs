@@ -2,15 +2,21 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
+use anyhow::Result;
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
-use transplat_core::files::AssetFile;
+use transplat_core::files::{AssetFile, load_asset};
+use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Object, Scene};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
+use crate::pipeline::warnings::asset_warnings;
+
 /// An asset as it is open.
+#[derive(Clone)]
 pub struct Asset {
     pub path: PathBuf,
     pub cloud: Arc<SurfelCloud>,
@@ -28,6 +34,26 @@ pub struct Asset {
 }
 
 impl Asset {
+    /// Reads a splat as an object's settings say.
+    pub fn load(path: PathBuf, object: &Object) -> Result<Self> {
+        let start = Instant::now();
+        let (mut cloud, file) = load_asset(&path)?;
+        let file_up = cloud.up;
+        object.apply_to(&mut cloud);
+        Ok(Self {
+            bounds: cloud.bounds(),
+            ground: ground_plane(&cloud, file_up),
+            up: file_up,
+            warnings: asset_warnings(&path, &file),
+            load_ms: start.elapsed().as_secs_f64() * 1e3,
+            file_up,
+            file: Arc::new(file),
+            cloud: Arc::new(cloud),
+            path,
+            reading_asked: None,
+        })
+    }
+
     /// For the user.
     pub fn name(&self) -> String {
         self.path
@@ -43,6 +69,11 @@ impl Asset {
         object.outside_from.clone_from(&self.cloud.outside_from);
     }
 
+    /// Whether it was read as an object's settings say.
+    pub fn is_read_as(&self, object: &Object) -> bool {
+        object.linear == self.is_linear() && object.outside_from == self.cloud.outside_from
+    }
+
     /// Whether its colour was taken for linear.
     pub fn is_linear(&self) -> bool {
         self.cloud.encoding == Encoding::StoredLinear
@@ -55,52 +86,27 @@ pub enum OpenedWith {
     /// What is told of it, and where it is looked at from; everything else stays as it is when the splat is there, and so does what was
     /// changed meanwhile.
     Object(Box<Object>, Option<CameraPose>),
-    /// The open splat again, its colour taken otherwise.
-    Again(Box<Object>),
-    /// All settings.
+    /// The open splat again, its colour taken otherwise: as an object.
+    Again,
+    /// As the scene lists it.
+    Listed,
+    /// All settings, of a scene of this one object.
     Scene(Box<Scene>),
 }
 
-impl OpenedWith {
-    /// How the splat `at` in the scene is read.
-    pub fn object(&self, at: usize) -> &Object {
-        match self {
-            Self::Object(object, _) | Self::Again(object) => object,
-            Self::Scene(scene) => &scene.objects[at],
-        }
+/// What is told of an object whose splat is opened, given what was set when that was asked for and what is set now: what the user changed
+/// meanwhile wins.
+pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
+    fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
+        if *asked == now { new } else { now }
     }
-
-    /// The scene that the splat is shown in, given that of when it was asked for and that of now.
-    pub fn over(self, at: usize, asked: &Scene, now: &Scene, pose: CameraPose) -> Scene {
-        /// What the user changed while the splat was loading wins.
-        fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
-            if *asked == now { new } else { now }
-        }
-        let mut now = now.clone();
-        match self {
-            Self::Object(opened, camera) => {
-                let (asked, object) = (&asked.objects[at], now.objects[at].clone());
-                now.objects[at] = Object {
-                    source: kept(opened.source, &asked.source, object.source),
-                    up: kept(opened.up, &asked.up, object.up),
-                    linear: kept(opened.linear, &asked.linear, object.linear),
-                    outside_from: kept(
-                        opened.outside_from,
-                        &asked.outside_from,
-                        object.outside_from,
-                    ),
-                    hide: kept(opened.hide, &asked.hide, object.hide),
-                    ..object
-                };
-                now.camera = camera;
-                now
-            }
-            // What was asked for meanwhile is loaded next.
-            Self::Again(_) => Scene {
-                camera: Some(pose),
-                ..now
-            },
-            Self::Scene(scene) => *scene,
-        }
+    let outside_from = kept(opened.outside_from, &asked.outside_from, now.outside_from);
+    Object {
+        source: kept(opened.source, &asked.source, now.source),
+        up: kept(opened.up, &asked.up, now.up),
+        linear: kept(opened.linear, &asked.linear, now.linear),
+        outside_from,
+        hide: kept(opened.hide, &asked.hide, now.hide),
+        ..now
     }
 }

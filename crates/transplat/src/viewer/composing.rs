@@ -22,12 +22,7 @@ const FOOTPRINT: f32 = 0.5;
 impl Session {
     /// Puts a splat into the scene, where the camera looks.
     pub fn add_object(&mut self, asset: PathBuf) {
-        if self.scene.objects.len() >= MOST_OBJECTS {
-            self.error(format!("a scene holds up to {MOST_OBJECTS} objects"));
-            return;
-        }
-        let mut scene = self.scene.clone();
-        scene.objects.push(Object {
+        self.add(Object {
             asset: Some(asset),
             // Nothing is told of it.
             source: EnvironmentLight::of(ESTIMATE),
@@ -37,8 +32,20 @@ impl Session {
             },
             ..Object::default()
         });
-        scene.camera = Some(self.pose);
-        self.apply(scene);
+    }
+
+    /// Puts an object into the scene; its splat is loaded when its turn comes.
+    fn add(&mut self, object: Object) {
+        if self.scene.objects.len() >= MOST_OBJECTS {
+            self.error(format!("a scene holds up to {MOST_OBJECTS} objects"));
+            return;
+        }
+        self.scene.objects.push(object);
+        self.scene.light_as_captured();
+        self.match_states(&self.scene.objects.clone());
+        if let Some(added) = self.states.last_mut() {
+            added.is_added = true;
+        }
     }
 
     /// Another object of the selected one's splat, beside it.
@@ -51,24 +58,24 @@ impl Session {
         copy.transform.translation += 2.0 * copy.transform.scale * bounds.radius * aside;
         copy.asset = self.asset().map(|a| a.path.clone());
         copy.locked = false;
-        let mut scene = self.scene.clone();
-        scene.objects.push(copy);
-        scene.camera = Some(self.pose);
-        self.apply(scene);
+        self.add(copy);
     }
 
     /// Takes the selected object out of the scene, unless it is the only one.
     pub fn remove_object(&mut self) {
-        let at = self.selected;
-        if self.scene.objects.len() < 2 {
-            return;
+        if self.scene.objects.len() > 1 {
+            self.remove(self.selected);
         }
+    }
+
+    pub(super) fn remove(&mut self, at: usize) {
         self.scene.objects.remove(at);
-        let state = self.states.remove(at);
-        self.jobs.cancel_object(state.id);
-        self.live().remove(at);
-        self.pinned = None;
-        self.selected = at.min(self.scene.objects.len() - 1);
+        let others = (0..self.states.len()).filter(|other| *other != at);
+        self.arrange(&others.map(Some).collect::<Vec<_>>());
+        if self.selected > at {
+            self.selected -= 1;
+        }
+        self.selected = self.selected.min(self.scene.objects.len() - 1);
     }
 
     /// Stands the selected object on what is below it: another object's surface, or else the ground of the scene.

@@ -195,10 +195,6 @@ struct Snapshot {
 
 /// Starts an export; what cannot be started is told.
 pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {
-    let (Some(asset), Some(bake)) = (session.asset(), session.bake_so_far()) else {
-        session.error("there is nothing to save yet");
-        return;
-    };
     let settings = match task.settings(settings) {
         Ok(settings) => settings,
         Err(error) => {
@@ -213,6 +209,15 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
+    // What is told of one object where the scene is several: the first that is shown.
+    let of_scene = session.shown().next().filter(|_| composed.is_some());
+    let at = of_scene.map_or(session.selected, |(at, ..)| at);
+    let state = &session.states[at];
+    let (Some(asset), Some(baked)) = (&state.asset, session.baked_of(at)) else {
+        session.error("there is nothing to save yet");
+        return;
+    };
+    let (bake, share) = (baked.bake.clone(), baked.share);
     let mut scene = session.scene.clone();
     if settings.transparent {
         scene.background = Background::Transparent;
@@ -227,17 +232,18 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         file: asset.file.clone(),
         name: asset.name(),
         pose: session.pose,
-        up: session.up(),
+        up: session.up_of(at),
         radius: asset.bounds.radius,
-        bake: bake.clone(),
-        bakes: session.state().whole_bakes().cloned().collect(),
+        bake,
+        bakes: state.whole_bakes().cloned().collect(),
         ground: session.ground().cloned(),
         hidden: {
-            let (hide, skips) = (&session.object().hide, &session.scene.transfer.skips);
+            let hide = &session.scene.objects[at].hide;
+            let skips = &session.scene.transfer.skips;
             hide.unseen(&asset.cloud, &asset.bounds, skips)
         },
         captures: vec![asset.path.clone()],
-        object: session.selected,
+        object: at,
         is_composed: false,
         lights: [SOURCE, TARGET].map(|side| session.light(side).clone()),
         shelf: shelf
@@ -252,8 +258,13 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         Some(composed) => composed.over(session, snapshot),
         None => snapshot,
     };
-    if session.bake_share() < 1.0 {
-        let percent = 100.0 * session.bake_share();
+    if snapshot.is_composed && session.compared().is_some() && snapshot.scene.view.has_two_sides() {
+        session.info(
+            "of several objects, what is saved shows the capture beside it, and not what is pinned",
+        );
+    }
+    if share < 1.0 {
+        let percent = 100.0 * share;
         session.info(format!(
             "the bake is at {percent:.0} %: the shadows of what is saved are coarse"
         ));
@@ -278,7 +289,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
 
 /// All objects of a scene, to be saved as one.
 struct Composed {
-    cloud: SurfelCloud,
+    cloud: Arc<SurfelCloud>,
     hidden: Vec<bool>,
     captures: Vec<PathBuf>,
     /// With the bake; none where nothing relit is to be saved.
@@ -290,12 +301,19 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
     if !session.is_composed() {
         return Ok(None);
     }
-    let prepared = session.scene_transfer().map(|(_, scene)| {
+    let Some(cloud) = session.whole_cloud() else {
+        bail!("no object is shown: there is nothing to save");
+    };
+    // As things stand now, and not as they stood before the last move.
+    let prepared = session.scene_transfer().filter(|_| session.is_traced());
+    let prepared = prepared.map(|(_, scene)| {
         let bake = Bake::Scene(scene.bake.clone());
         (PreparedTransfer::Scene(Arc::new(scene)), bake)
     });
-    let needs_relit = matches!(task, Task::Splat(_)) || session.scene.view.needs_relit();
-    if needs_relit && prepared.is_none() {
+    let view = session.scene.view;
+    let needs_scene =
+        matches!(task, Task::Splat(_)) || view.needs_relit() || view == View::Visibility;
+    if needs_scene && prepared.is_none() {
         match session.scene.transfer.method {
             Method::Directional => {
                 bail!("the objects are still being prepared; try again when that is done")
@@ -305,22 +323,20 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
             ),
         }
     }
-    let objects = session.scene.objects.iter().zip(&session.states);
-    let shown = objects.filter(|(object, _)| object.shown);
-    let there = shown.filter_map(|(object, state)| Some((object, state.asset.as_ref()?)));
-    let there: Vec<_> = there.collect();
     let skips = &session.scene.transfer.skips;
-    let hidden = there.iter().flat_map(|(object, asset)| {
+    let hidden = session.shown().flat_map(|(_, object, asset)| {
         let mut hidden = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
         hidden.resize(asset.cloud.len(), false);
         hidden
     });
-    let placed = there.iter();
-    let placed = placed.map(|(o, a)| (&*a.cloud, o.transform.scene_from_object()));
+    let captures = session.shown().map(|(.., a)| a.path.clone());
     Ok(Some(Composed {
         hidden: hidden.collect(),
-        captures: there.iter().map(|(_, a)| a.path.clone()).collect(),
-        cloud: SurfelCloud::composed(&placed.collect::<Vec<_>>()),
+        captures: captures.collect(),
+        cloud: Arc::new(SurfelCloud {
+            up: session.scene_up(),
+            ..(*cloud).clone()
+        }),
         prepared,
     }))
 }
@@ -338,7 +354,7 @@ impl Composed {
             prepared,
             bake,
             bakes: Vec::new(),
-            cloud: Arc::new(self.cloud),
+            cloud: self.cloud,
             hidden: self.hidden,
             captures: self.captures,
             up: session.scene_up(),

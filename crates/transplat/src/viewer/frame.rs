@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use transplat_core::camera::Camera;
-use transplat_core::ground::GROUND_REACH;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_gpu::live::{Frame, Placement};
@@ -17,7 +16,7 @@ use crate::picture::half;
 impl Session {
     /// What a viewport of a size shows with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
-        let asset = self.states[0].asset.as_ref()?;
+        let asset = self.states.iter().find_map(|s| s.asset.as_ref())?;
         let (up, bounds) = (self.scene_up(), self.scene_bounds().unwrap_or(asset.bounds));
         let whole = Camera::from_pose(&self.pose, up, size, bounds.radius);
         let camera = if view == View::SideBySide {
@@ -33,7 +32,7 @@ impl Session {
                 gain: settings.gain().map(|g| g * gain),
             }
         };
-        let (center, axes) = asset.ground;
+        let (center, axes, half_edge) = self.ground_plane()?;
         let ready = |side: usize| {
             let shown = self.backdrops[side].made_from();
             shown.is_some_and(|k| k.light == self.behind(side, view).0.id)
@@ -59,8 +58,8 @@ impl Session {
                 ground: GroundPlane {
                     center,
                     axes,
-                    half: GROUND_REACH * asset.bounds.radius,
-                    catches: scene.shadow_catcher && self.states[0].ground_lit.get().is_some(),
+                    half: half_edge,
+                    catches: scene.shadow_catcher && self.ground_lit.get().is_some(),
                     grid: self.overlays.grid.then(|| grid_spacing(bounds.radius)),
                 },
                 bounds,
@@ -84,11 +83,12 @@ impl Session {
         side: usize,
         view: View,
     ) -> (&Arc<Environment>, &EnvironmentLight, f32) {
-        let at = self.selected;
+        // All objects are in the light of the first.
+        let at = 0;
         let pinned = self.compared();
         if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
-            let maps = [&pinned.sources[at], &pinned.environment];
-            let gain = match_gain(&pinned.scene, at, maps);
+            let maps = [&pinned.sources[0], &pinned.environment];
+            let gain = match_gain(&pinned.scene, 0, maps);
             return (&pinned.environment, &pinned.scene.environment, gain);
         }
         let sides = self.sides_of(at);

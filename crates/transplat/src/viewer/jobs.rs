@@ -17,6 +17,8 @@ pub enum Kind {
     /// A stage of an object, by the number of its state.
     Of(u64, Work),
     Light,
+    /// The ground under the objects.
+    Ground,
     /// What objects see of each other, and all of them relit.
     Surroundings,
     RelightTogether,
@@ -31,7 +33,6 @@ pub enum Kind {
 pub enum Work {
     Load,
     Bake(Method),
-    Ground,
     Estimate,
     Prepare,
     Relight,
@@ -65,7 +66,8 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Of(_, Work::Load | Work::Bake(_) | Work::Ground | Work::Measure)
+            Kind::Of(_, Work::Load | Work::Bake(_) | Work::Measure)
+                | Kind::Ground
                 | Kind::Surroundings
                 | Kind::Export
                 | Kind::Extremes

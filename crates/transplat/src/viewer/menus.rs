@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use eframe::egui::{self, Ui};
 use transplat_core::present::View;
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
+use transplat_core::surfels::Hide;
 
 use super::app::Viewer;
-use super::asset::OpenedWith;
 use super::export::Task;
 use super::files::{PathField, ask};
 use super::preferences::Preferences;
@@ -32,9 +32,13 @@ impl Viewer {
                         ..EnvironmentLight::default()
                     };
                     let object = |object: &Object| Object {
-                        asset: object.asset.clone(),
                         source: same(&object.source),
-                        ..Object::default()
+                        up: None,
+                        linear: false,
+                        outside_from: Vec::new(),
+                        hide: Hide::default(),
+                        // What it is, and where it stands, is no setting.
+                        ..object.clone()
                     };
                     self.session.scene = Scene {
                         objects: kept.objects.iter().map(object).collect(),
@@ -119,12 +123,11 @@ impl Viewer {
         let lights: Vec<PathBuf> = BUNDLED_LIGHTS.iter().filter_map(|n| bundled(n)).collect();
         scene.objects[0].source.file = lights.first().cloned();
         scene.environment.file = lights.get(1).cloned();
-        scene.objects[0].asset = Some(splat.clone());
+        scene.objects[0].asset = Some(splat);
         for path in &lights {
             self.shelf.add(&mut self.session, path);
         }
-        let opened_with = OpenedWith::Scene(Box::new(scene));
-        self.session.load_asset(0, splat, opened_with);
+        self.session.open_scene(scene);
     }
 
     pub(super) fn view_menu(&mut self, ui: &mut Ui) {

@@ -1,17 +1,17 @@
 //! An object of the scene as it is open: its splat, and what each stage has made of it.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
 use transplat_core::bake::scene::SceneBake;
+use transplat_core::bake::surroundings::Detail;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
-use transplat_core::ground::Ground;
 use transplat_core::present::Doubt;
 use transplat_core::scene::{EnvironmentLight, Light};
 use transplat_core::settings::skips::{Skipped, Skips};
@@ -34,6 +34,10 @@ pub struct ObjectState {
     /// Differs between all.
     pub id: u64,
     pub asset: Option<Asset>,
+    /// The file that the scene lists and that was to be it: being read, or not to be had.
+    pub(super) tried: Option<PathBuf>,
+    /// Whether the user has just put it into the scene: without its splat it goes again.
+    pub(super) is_added: bool,
     /// A saved bake that the command line names.
     pub saved_bake: Option<PathBuf>,
     /// What it was captured under.
@@ -56,10 +60,8 @@ pub struct ObjectState {
     pub doubts: Derived<ShownKey, Doubts>,
     /// What was relit last for a readout.
     pub(super) readout: Derived<ShownKey, Arc<Relit>>,
-    /// The bake that the channel *visibility* shows.
-    pub(super) visibility: Derived<(Method, u64), ()>,
-    pub(super) ground: Derived<GroundKey, Ground>,
-    pub(super) ground_lit: Derived<GroundLitKey, ()>,
+    /// The bake that the channel *visibility* shows, and that of the whole scene beside it.
+    pub(super) visibility: Derived<(Method, u64, Option<u64>), ()>,
     pub measured: Measured,
 }
 
@@ -73,10 +75,23 @@ impl ObjectState {
         }
     }
 
+    /// The file that it is, or is to be.
+    pub(super) fn path(&self) -> Option<&Path> {
+        let asset = self.asset.as_ref().map(|a| &a.path);
+        asset.or(self.tried.as_ref()).map(PathBuf::as_path)
+    }
+
     /// How much of a method's bake is done, 0 to 1.
     pub fn bake_share(&self, method: Method) -> f32 {
         let bake = self.bakes.get(&method).and_then(Derived::current);
         bake.map_or(0.0, |b| b.share)
+    }
+
+    /// Those of them, for another object of the same splat.
+    pub(super) fn kept_bakes(&self) -> HashMap<Method, Derived<BakeKey, Baked>> {
+        let done = |bake: &Derived<BakeKey, Baked>| bake.current().is_some_and(|b| b.share == 1.0);
+        let each = self.bakes.iter().filter(|(_, bake)| done(bake));
+        each.map(|(method, bake)| (*method, bake.clone())).collect()
     }
 
     /// Bakes that are done, of any method.
@@ -125,15 +140,11 @@ pub type LightsKey = (
     Quat,
 );
 
-/// What the objects that are shown see of each other.
-#[derive(Default)]
-pub struct Surroundings {
-    /// Of whose bakes, and where they stand.
-    pub of: Vec<(u64, u64, Affine3A)>,
-    pub bake: Option<Arc<SceneBake>>,
-    /// Differs between all.
-    pub version: u64,
-}
+/// All that is needed to know what objects see of each other: which, by state and version of its bake, and where each stands.
+pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
+
+/// What the objects that are shown see of each other, and how finely.
+pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
 
 /// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, and what of the objects is not seen.
 pub type TogetherKey = (Vec<u64>, u64, OrientedLight, Part, Vec<u64>);
@@ -209,11 +220,11 @@ pub struct Doubts {
     pub shares: [f32; Doubt::ALL.len()],
 }
 
-/// All that a ground's bake depends on: directions, up axis.
-pub type GroundKey = (usize, UpAxis);
+/// All that a ground's bake depends on: directions, up axis, and what stands where.
+pub type GroundKey = (usize, UpAxis, Vec<(u64, Affine3A)>);
 
-/// All that its light depends on.
-pub type GroundLitKey = (GroundKey, [OrientedLight; 2]);
+/// All that its light depends on: the bake by its version, and the lights as the first object sees them, as it is turned.
+pub type GroundLitKey = (u64, [OrientedLight; 2], Quat);
 
 /// What was measured on an object; empty until it is asked for.
 #[derive(Default)]

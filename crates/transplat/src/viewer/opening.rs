@@ -2,15 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{FileKind, file_kind, load_asset, load_look};
-use transplat_core::ground::ground_plane;
+use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_gpu::live::LiveAsset;
 
-use super::asset::{Asset, OpenedWith};
+use super::asset::{Asset, OpenedWith, told};
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
 use super::navigation;
@@ -18,13 +16,12 @@ use super::object::ObjectState;
 use super::session::{Event, Session, TARGET};
 use super::stages::DROP_IT;
 use crate::pipeline::estimate;
-use crate::pipeline::warnings::asset_warnings;
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
-            Ok(FileKind::Ply) if self.adds_splats && self.asset().is_some() => {
+            Ok(FileKind::Ply) if self.adds_splats && self.has_asset() => {
                 self.add_object(path.to_owned());
             }
             Ok(FileKind::Ply) => {
@@ -39,6 +36,10 @@ impl Session {
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(scene) => {
                     self.opened.push(path.to_owned());
+                    // What could not be had may be there now.
+                    for state in &mut self.states {
+                        state.tried = None;
+                    }
                     self.apply(scene);
                 }
                 Err(error) => self.error(error.to_string()),
@@ -54,31 +55,140 @@ impl Session {
         }
     }
 
-    /// Takes over a scene's settings: at once, or once its assets are loaded.
-    pub fn apply(&mut self, scene: Scene) {
-        let count = scene.objects.len().max(self.states.len());
-        self.states.resize_with(count, || ObjectState::new(None));
-        let open = |at: usize| self.states.get(at)?.asset.as_ref().map(|a| &a.path);
-        let mut assets = scene.objects.iter().map(|o| o.asset.as_ref()).enumerate();
-        let missing = assets.find(|(at, asset)| asset.is_some() && *asset != open(*at));
-        match missing {
-            Some((at, Some(path))) => {
-                let path = path.clone();
-                self.load_asset(at, path, OpenedWith::Scene(Box::new(scene)));
+    /// Takes over a scene's settings. One of a single object whose splat is not open is shown once that is loaded; the splats of several come
+    /// one after the other. A look for any splat is for the selected one.
+    pub fn apply(&mut self, mut scene: Scene) {
+        if let [one] = &scene.objects[..] {
+            if one.asset.as_ref().is_some_and(|path| !self.is_open(path)) {
+                self.open_scene(scene);
+                return;
             }
-            _ => {
-                let mut scene = scene;
-                scene.light_as_captured();
-                if let Some(camera) = scene.camera {
-                    self.pose = camera;
-                }
-                self.scene = Scene {
-                    camera: None,
-                    ..scene
-                };
-                self.selected = self.selected.min(self.scene.objects.len() - 1);
+            if one.asset.is_none() {
+                scene.objects = self.with_object_as(one);
             }
         }
+        self.take_over(scene);
+    }
+
+    /// Opens a scene of one object: on success it is shown, otherwise everything stays.
+    pub fn open_scene(&mut self, scene: Scene) {
+        if let Some(path) = scene.objects[0].asset.clone() {
+            self.load_asset(0, path, OpenedWith::Scene(Box::new(scene)));
+        }
+    }
+
+    fn is_open(&self, path: &Path) -> bool {
+        let mut open = self.states.iter().filter_map(|s| s.asset.as_ref());
+        open.any(|asset| asset.path == path)
+    }
+
+    /// The scene's objects, what is told of any object said of the selected one.
+    fn with_object_as(&self, any: &Object) -> Vec<Object> {
+        let mut objects = self.scene.objects.clone();
+        let now = objects[self.selected].clone();
+        objects[self.selected] = if objects.len() == 1 {
+            Object {
+                asset: now.asset,
+                ..any.clone()
+            }
+        } else {
+            Object {
+                source: any.source.clone(),
+                up: any.up,
+                linear: any.linear,
+                outside_from: any.outside_from.clone(),
+                hide: any.hide,
+                ..now
+            }
+        };
+        objects
+    }
+
+    fn take_over(&mut self, mut scene: Scene) {
+        if scene.objects.len() > 1 {
+            for object in &mut scene.objects {
+                object.source.file.get_or_insert(ESTIMATE.into());
+            }
+        }
+        scene.light_as_captured();
+        let is_whole = |object: &Object| object.asset.as_ref().is_none_or(|p| self.is_open(p));
+        let is_whole = scene.objects.iter().all(is_whole);
+        match scene.camera.take() {
+            Some(camera) => self.pose = camera,
+            // All of it, as it comes, until somebody looks elsewhere.
+            None if !is_whole => self.framed = Some(self.pose),
+            None => {}
+        }
+        self.match_states(&scene.objects);
+        self.scene = scene;
+        self.selected = self.selected.min(self.scene.objects.len() - 1);
+    }
+
+    /// Has a state for each of the objects: that of its splat, where there is one.
+    pub(super) fn match_states(&mut self, objects: &[Object]) {
+        let states = &self.states;
+        let is_of = |at: usize, object: &Object| states[at].path() == object.asset.as_deref();
+        let mut of: Vec<Option<usize>> = vec![None; objects.len()];
+        for (at, object) in objects.iter().enumerate().take(states.len()) {
+            let keeps = object.asset.is_none() || is_of(at, object);
+            of[at] = Some(at).filter(|_| keeps);
+        }
+        for (at, object) in objects.iter().enumerate() {
+            let is_free = |i: &usize| is_of(*i, object) && !of.contains(&Some(*i));
+            of[at] = of[at].or_else(|| (0..states.len()).find(is_free));
+        }
+        for at in 0..objects.len().min(states.len()) {
+            let is_free = states[at].path().is_none() && !of.contains(&Some(at));
+            of[at] = of[at].or(Some(at).filter(|_| is_free));
+        }
+        self.arrange(&of);
+    }
+
+    /// Takes the states in another order, `of` is which one each is now; one that is not named is forgotten.
+    pub(super) fn arrange(&mut self, of: &[Option<usize>]) {
+        if of.iter().copied().eq((0..self.states.len()).map(Some)) {
+            return;
+        }
+        let last = std::mem::take(&mut self.states);
+        let mut last: Vec<_> = last.into_iter().map(Some).collect();
+        let mut take = |at: &Option<usize>| last[(*at)?].take();
+        let taken = of.iter().map(&mut take);
+        self.states = taken
+            .map(|state| state.unwrap_or_else(|| ObjectState::new(None)))
+            .collect();
+        for state in last.into_iter().flatten() {
+            self.jobs.cancel_object(state.id);
+        }
+        self.live().arrange(of);
+        self.pinned = None;
+    }
+
+    /// Loads what the scene lists and what is not there yet: one splat after the other.
+    pub(super) fn load_missing(&mut self) {
+        if self.is_loading_asset() {
+            return;
+        }
+        let each = self.scene.objects.iter().zip(&self.states).enumerate();
+        let mut missing = each.filter_map(|(at, (object, state))| {
+            let path = object.asset.as_deref()?;
+            (state.path() != Some(path)).then(|| (at, path.to_owned()))
+        });
+        if let Some((at, path)) = missing.next() {
+            self.states[at].tried = Some(path.clone());
+            self.load_asset(at, path, OpenedWith::Listed);
+        }
+    }
+
+    /// Whether an object's splat could not be had.
+    pub fn is_missing(&self, at: usize) -> bool {
+        let state = &self.states[at];
+        let is_loading = self.jobs.is_awaited(Kind::Of(state.id, Work::Load));
+        state.asset.is_none() && state.tried.is_some() && !is_loading
+    }
+
+    /// Tries once more to load a splat that could not be had.
+    pub fn load_again(&mut self, at: usize) {
+        self.states[at].tried = None;
     }
 
     /// Loads a splat; on success it is shown with the settings, otherwise everything stays.
@@ -89,50 +199,35 @@ impl Session {
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let label = format!("loading {name}");
-        let is_scene = matches!(opened_with, OpenedWith::Scene(_));
-        let (object, asked) = (opened_with.object(at).clone(), self.scene.clone());
+        let asked = self.scene.objects[at].clone();
+        let object = match &opened_with {
+            OpenedWith::Object(object, _) => (**object).clone(),
+            OpenedWith::Scene(scene) => scene.objects[0].clone(),
+            OpenedWith::Again | OpenedWith::Listed => asked.clone(),
+        };
+        // One that is doubled is not read twice.
+        let is_listed = matches!(opened_with, OpenedWith::Listed);
+        let open = self.states.iter().filter_map(|s| s.asset.as_ref());
+        let mut open = open.filter(|a| is_listed && a.path == path && a.is_read_as(&object));
+        let twin = open.next().cloned();
         let work = move |_: &_| {
-            let start = Instant::now();
-            let (mut cloud, file) = load_asset(&path)?;
-            let file_up = cloud.up;
-            object.apply_to(&mut cloud);
-            let cloud = Arc::new(cloud);
-            let live = LiveAsset::new(&context, &cloud)?;
-            let estimate = estimate::kept(&path, &cloud);
-            let asset = Asset {
-                bounds: cloud.bounds(),
-                ground: ground_plane(&cloud, cloud.up),
-                up: cloud.up,
-                warnings: asset_warnings(&path, &file),
-                load_ms: start.elapsed().as_secs_f64() * 1e3,
-                file_up,
-                file: Arc::new(file),
-                cloud,
-                path,
-                reading_asked: None,
+            let asset = match twin {
+                Some(twin) => Asset {
+                    warnings: Vec::new(),
+                    ..twin
+                },
+                None => Asset::load(path, &object)?,
             };
+            let live = LiveAsset::new(&context, &asset.cloud)?;
+            let estimate = estimate::kept(&asset.path, &asset.cloud);
             Ok((asset, live, estimate))
         };
         self.start_or_else(kind, label, work, move |session, loaded| {
             let Some(at) = session.at(id) else {
                 return;
             };
-            let is_gone = at >= session.scene.objects.len() && !is_scene;
             match loaded {
-                // Its object was taken away meanwhile.
-                Ok(_) if is_gone => {}
-                Ok(loaded) => {
-                    let scene = opened_with.over(at, &asked, &session.scene, session.pose);
-                    let is_added = at >= session.scene.objects.len();
-                    let is_taken = session.show_asset(at, scene, loaded);
-                    if is_added && is_taken {
-                        session.selected = at;
-                    }
-                    if is_scene && is_taken {
-                        // The next of its splats.
-                        session.apply(session.scene.clone());
-                    }
-                }
+                Ok(loaded) => session.show_asset(at, opened_with, &asked, loaded),
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
                     let object = session.scene.objects.get_mut(at);
@@ -140,50 +235,65 @@ impl Session {
                         asset.give_back(object);
                     }
                     session.error(format!("{error:#}"));
+                    session.drop_added(at);
                 }
             }
         });
     }
 
-    /// Shows a loaded splat; nothing of the last one is left. Whether the adapter takes it.
+    /// Takes away what was put into the scene and cannot be shown.
+    fn drop_added(&mut self, at: usize) {
+        if self.states[at].is_added && self.states[at].asset.is_none() {
+            self.remove(at);
+        }
+    }
+
+    /// Shows a loaded splat; nothing of the last one is left.
     fn show_asset(
         &mut self,
-        at: usize,
-        mut scene: Scene,
+        mut at: usize,
+        opened_with: OpenedWith,
+        asked: &Object,
         (asset, live, estimate): (Asset, LiveAsset, Option<Estimate>),
-    ) -> bool {
-        let object = &mut scene.objects[at];
-        object.asset = Some(asset.path.clone());
-        // Where nobody tells it, and as long as what is told cannot be read.
-        object.source.file.get_or_insert(ESTIMATE.into());
-        let source_is_even = object.source.file.as_deref().is_some_and(is_even);
-        let size = self.viewport;
-        self.pose = scene.camera.take().unwrap_or_else(|| {
-            let up = object.up.unwrap_or(asset.file_up);
-            navigation::first_pose(&asset.cloud, up, &asset.bounds, size)
-        });
+    ) {
+        if let OpenedWith::Scene(scene) = &opened_with {
+            // It has room alone, or would not have come this far.
+            self.take_over((**scene).clone());
+            at = 0;
+        }
         let is_taken = self.live().set_asset(at, live);
         if let Err(error) = is_taken {
             self.error(error.to_string());
-            return false;
+            self.drop_added(at);
+            return;
         }
-        let last = &self.states[at];
-        self.jobs.cancel_object(last.id);
+        self.jobs.cancel_object(self.states[at].id);
         self.stages.load += 1;
         self.opened.push(asset.path.clone());
         for warning in asset.warnings.clone() {
             self.info(warning);
         }
-        if source_is_even {
+        let object = &mut self.scene.objects[at];
+        if let OpenedWith::Object(opened, _) = &opened_with {
+            *object = told((**opened).clone(), asked, object.clone());
+        }
+        object.asset = Some(asset.path.clone());
+        // Where nobody tells it, and as long as what is told cannot be read.
+        object.source.file.get_or_insert(ESTIMATE.into());
+        if object.source.file.as_deref().is_some_and(is_even) {
             self.info(format!(
                 "what it was captured under is not known: even light is assumed. {DROP_IT}"
             ));
         }
-        // The ground is that of the last one shown.
-        for state in &mut self.states {
-            state.ground_lit.clear();
-        }
+        self.ground.clear();
+        self.ground_lit.clear();
+        self.pinned = None;
+        let is_twin = |a: &Asset| Arc::ptr_eq(&a.cloud, &asset.cloud);
+        let mut others = self.states.iter();
+        let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
+        let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
         let last = &mut self.states[at];
+        let is_added = last.is_added;
         let mut source = last.source.clone();
         if last.asset.as_ref().is_none_or(|a| a.path != asset.path) {
             source.settings = EnvironmentLight::of(ESTIMATE);
@@ -193,15 +303,37 @@ impl Session {
         *last = ObjectState {
             source,
             saved_bake,
+            bakes,
             ..ObjectState::new(Some(asset))
         };
         if let Some(estimate) = estimate {
             last.estimate.set((), estimate);
         }
-        self.pinned = None;
-        self.scene = scene;
-        self.selected = self.selected.min(self.scene.objects.len() - 1);
-        true
+        if is_added {
+            self.selected = at;
+        }
+        self.look_at_opened(&opened_with);
+    }
+
+    /// Points the camera at what was opened, where nobody has pointed it elsewhere.
+    fn look_at_opened(&mut self, opened_with: &OpenedWith) {
+        let is_alone = self.scene.objects.len() == 1;
+        match opened_with {
+            OpenedWith::Object(_, Some(camera)) => self.pose = *camera,
+            OpenedWith::Object(_, None) if is_alone => self.look_at_all(),
+            OpenedWith::Scene(scene) if scene.camera.is_none() => self.look_at_all(),
+            OpenedWith::Listed if self.framed == Some(self.pose) => {
+                self.look_at_all();
+                self.framed = Some(self.pose);
+            }
+            _ => {}
+        }
+    }
+
+    fn look_at_all(&mut self) {
+        if let (Some(cloud), Some(bounds)) = (self.whole_cloud(), self.scene_bounds()) {
+            self.pose = navigation::first_pose(&cloud, self.scene_up(), &bounds, self.viewport);
+        }
     }
 
     /// Puts a light on a side; it is shown once it is loaded.

@@ -46,9 +46,35 @@ impl Session {
     }
 
     fn pin_what_is_shown(&mut self, display: Display) -> bool {
+        if self.scene.view.part() != Part::Whole && !self.together.is_empty() {
+            return self.pin_together(display);
+        }
         let has_asset = |at: &usize| self.states[*at].asset.is_some();
         let objects: Vec<usize> = (0..self.states.len()).filter(has_asset).collect();
         objects.into_iter().all(|at| self.pin_object(at, display))
+    }
+
+    /// Keeps all objects as they are relit together, all parts of them.
+    fn pin_together(&mut self, display: Display) -> bool {
+        let Some((members, scene)) = self.scene_transfer() else {
+            self.error("the objects are still being prepared; try again when that is done");
+            return false;
+        };
+        let (target, turn) = self.scene_target(members[0]);
+        match scene.relight_objects(&target.light.rotated(turn), Part::Whole, &[]) {
+            Ok(relit) => {
+                for (at, relit) in members.into_iter().zip(relit) {
+                    let resident =
+                        ResidentSh::upload(&self.context, &relit.sh, relit.degree, relit.encoding);
+                    self.live().pin_relit(at, resident, display);
+                }
+                true
+            }
+            Err(error) => {
+                self.error(error.to_string());
+                false
+            }
+        }
     }
 
     /// Keeps what is shown relit of an object, all parts of it.

@@ -10,8 +10,9 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
+use transplat_core::ground::Ground;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
-use transplat_core::surfels::{Bounds, UpAxis};
+use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Live, Passes};
@@ -20,7 +21,9 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
-use super::object::{ObjectState, OrientedLight, Surroundings, TogetherKey};
+use super::object::{
+    GroundKey, GroundLitKey, ObjectState, OrientedLight, Surroundings, TogetherKey,
+};
 use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.
@@ -129,6 +132,8 @@ pub struct Session {
     /// The settings.
     pub scene: Scene,
     pub pose: CameraPose,
+    /// Where a scene that is still being opened was last looked at from, by itself.
+    pub(super) framed: Option<CameraPose>,
     /// What is made of each of the scene's objects.
     pub states: Vec<ObjectState>,
     /// The object that the panels are about.
@@ -140,7 +145,13 @@ pub struct Session {
     pub environment: Resolved,
     /// What the objects see of each other.
     pub(super) surroundings: Surroundings,
+    pub(super) is_tracing_finely: bool,
     pub(super) relit_together: Derived<TogetherKey, ()>,
+    /// The objects that are shown as they were relit together, by their states.
+    pub(super) together: Vec<u64>,
+    /// The ground that catches the objects' shadow.
+    pub(super) ground: Derived<GroundKey, Ground>,
+    pub(super) ground_lit: Derived<GroundLitKey, ()>,
     pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
     pub pinned: Option<Pinned>,
     pub overlays: Overlays,
@@ -183,12 +194,17 @@ impl Session {
                 fov: 35.0,
                 orthographic: false,
             },
+            framed: None,
             selected: 0,
             adds_splats: false,
             environments: Environments::default(),
             environment: Resolved::default(),
             surroundings: Surroundings::default(),
+            is_tracing_finely: false,
             relit_together: Derived::default(),
+            together: Vec::new(),
+            ground: Derived::default(),
+            ground_lit: Derived::default(),
             backdrops: Default::default(),
             pinned: None,
             overlays: Overlays::default(),
@@ -266,17 +282,34 @@ impl Session {
         self.up_of(0)
     }
 
+    /// Whether there is any splat.
+    pub fn has_asset(&self) -> bool {
+        self.states.iter().any(|s| s.asset.is_some())
+    }
+
+    /// The objects that are there and shown: their numbers, settings and splats.
+    pub fn shown(&self) -> impl Iterator<Item = (usize, &Object, &Asset)> + Clone {
+        let each = self.scene.objects.iter().zip(&self.states).enumerate();
+        let shown = each.filter(|(_, (object, _))| object.shown);
+        shown.filter_map(|(at, (object, state))| Some((at, object, state.asset.as_ref()?)))
+    }
+
+    /// All that is shown as one splat, in the scene's coordinates; none where nothing is.
+    pub fn whole_cloud(&self) -> Option<Arc<SurfelCloud>> {
+        let each = self.shown();
+        let each = each.map(|(_, o, a)| (a.cloud.clone(), o.transform.scene_from_object()));
+        SurfelCloud::whole(&each.collect::<Vec<_>>())
+    }
+
     /// Where the objects that are shown are.
     pub fn scene_bounds(&self) -> Option<Bounds> {
-        let each = self.scene.objects.iter().zip(&self.states);
-        let shown = each.filter(|(object, _)| object.shown);
-        let bounds = shown.filter_map(|(object, state)| {
-            let own = state.asset.as_ref()?.bounds;
-            Some(if object.transform == Transform::default() {
-                own
+        let bounds = self.shown().map(|(_, object, asset)| {
+            if object.transform == Transform::default() {
+                asset.bounds
             } else {
-                own.transformed(object.transform.scene_from_object())
-            })
+                let place = object.transform.scene_from_object();
+                asset.bounds.transformed(place)
+            }
         });
         let mut few = bounds.clone();
         match (few.next(), few.next()) {
@@ -386,8 +419,12 @@ impl Session {
         for outcome in self.jobs.events() {
             outcome(self);
         }
+        if self.states.len() != self.scene.objects.len() {
+            self.match_states(&self.scene.objects.clone());
+        }
         let objects = 0..self.scene.objects.len();
-        self.follow_objects(objects.end);
+        self.selected = self.selected.min(objects.len() - 1);
+        self.load_missing();
         for at in objects.clone() {
             self.update_asset(at);
             self.start_bake(at);
@@ -401,13 +438,11 @@ impl Session {
             self.update_hidden(at);
         }
         self.start_surroundings();
-        let is_together = self.relight_together();
+        self.relight_together();
+        self.update_ground();
         for at in 0..self.scene.objects.len() {
-            if !is_together {
+            if !self.together.contains(&self.states[at].id) {
                 self.relight(at);
-            }
-            if at == 0 {
-                self.update_ground(at);
             }
             self.update_visibility(at);
             self.start_doubts(at);
@@ -417,20 +452,6 @@ impl Session {
             self.error(error.to_string());
         }
         std::mem::take(&mut self.events)
-    }
-
-    /// Has a state for each of the scene's objects, and no more but while one is on its way.
-    fn follow_objects(&mut self, count: usize) {
-        if self.states.len() > count && !self.is_loading_asset() {
-            for state in self.states.drain(count..) {
-                self.jobs.cancel_object(state.id);
-            }
-            self.live().truncate(count);
-        }
-        while self.states.len() < count {
-            self.states.push(ObjectState::new(None));
-        }
-        self.selected = self.selected.min(count.saturating_sub(1));
     }
 
     /// Starts a job; what it makes is taken in by `take`, and what goes wrong is told.
@@ -469,8 +490,11 @@ impl Session {
         let mut scene = self.scene.clone();
         // What is still being read may turn out not to be a light.
         for (object, state) in scene.objects.iter_mut().zip(&self.states) {
-            object.asset = state.asset.as_ref().map(|a| a.path.clone());
-            object.source.file = Some(state.source.light.path.clone());
+            // What could not be opened here may be elsewhere.
+            if let Some(asset) = &state.asset {
+                object.asset = Some(asset.path.clone());
+                object.source.file = Some(state.source.light.path.clone());
+            }
         }
         scene.environment.file = Some(self.environment.light.path.clone());
         scene.camera = Some(self.pose);

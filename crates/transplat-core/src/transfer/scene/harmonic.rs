@@ -76,10 +76,7 @@ impl HarmonicScene {
                 .collect();
             let indices: Vec<usize> = near.iter().map(|(i, _)| *i).collect();
             let around = scene.selected(&indices);
-            let mut both = SurfelCloud {
-                sh: around.sh.clone(),
-                ..around.clone()
-            };
+            let mut both = around.clone();
             let blocker = SurfelCloud {
                 sh: vec![[0.0; 3]; cloud.len() * coefficient_count(around.sh_degree)],
                 sh_degree: around.sh_degree,
@@ -133,7 +130,11 @@ impl HarmonicScene {
             let (without, with) = (without?, with?);
             for ((i, share), (without, with)) in shadow.near.iter().zip(without.iter().zip(with)) {
                 let kept: [f32; 3] = std::array::from_fn(|c| {
-                    let ratio = (with[c] / without[c].max(1e-6)).clamp(0.0, 1.0);
+                    let ratio = if without[c] > 0.0 {
+                        (with[c] / without[c]).clamp(0.0, 1.0)
+                    } else {
+                        1.0
+                    };
                     1.0 + share * (ratio - 1.0)
                 });
                 let multiply = |v: &mut [f32; 3]| *v = std::array::from_fn(|c| v[c] * kept[c]);
@@ -161,12 +162,8 @@ impl HarmonicScene {
             );
             Ok::<_, std::convert::Infallible>(rasterize(cloud, camera, &colors, &[]))
         };
-        let near = NEAR
-            * self
-                .shadows
-                .iter()
-                .map(|s| s.ball.radius)
-                .fold(1.0, f32::min);
+        let radii = self.shadows.iter().map(|s| s.ball.radius);
+        let near = NEAR * radii.fold(cloud.bounds().radius, f32::min);
         let Ok(cube) = Cube::seen_from(place, near, PROBE_ROWS, draw);
         let (series, degree) = (&target.radiance.coefficients, target.radiance.degree);
         let sky = |d: Vec3| evaluate_sh(series, degree, d.to_array()).map(|v| v.max(0.0));

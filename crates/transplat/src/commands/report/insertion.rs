@@ -1,18 +1,16 @@
-//! Objects put into captured scenes, four ways, against path-traced truth.
+//! Objects put into captured scenes, five ways, against path-traced truth.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use glam::{DMat3, Vec3};
-use transplat_core::camera::NEAR;
-use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{PngBits, load_environment, write_png};
 use transplat_core::present::{self, PLAIN};
-use transplat_core::probe::{Beyond, Cube, DEFAULT_ROWS, RadianceToward};
-use transplat_core::rasterize::{ColorSpace, shade};
-use transplat_core::scene::Scene;
+use transplat_core::probe::DEFAULT_ROWS;
+use transplat_core::rasterize::shade;
+use transplat_core::scene::{EnvironmentLight, Scene};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::lattice;
 use transplat_core::surfels::SurfelCloud;
@@ -21,6 +19,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use super::page::write;
 use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::make_folder;
+use crate::commands::probe::{Around, Lights, seen};
 use crate::device::{Device, Paint};
 use crate::ground_truth::insertion::{TruthScene, TruthView};
 use crate::metrics::Picture;
@@ -269,7 +268,7 @@ fn loaded(
         transfer: TransferSettings::of(method),
         ..scene.clone()
     };
-    Ok(Pipeline::of(objects, scene, device.clone()))
+    Ok(Pipeline::of(objects, None, scene, device.clone()))
 }
 
 /// Both relit by what lights the scene.
@@ -294,8 +293,11 @@ fn alone(
     let bake = object.bake((&pipeline.device, scene), None, summary)?;
     let source = object.settings.source.file.as_deref().context("a light")?;
     let source = pipeline.light_of(object, source, None, summary)?;
+    let source = object.settings.source.orient(&source, object.cloud.up);
     let prepared = PreparedTransfer::new(&object.cloud, &bake, &source, &scene.transfer)?;
     let object_from_scene = object.settings.transform.rotation.inverse().as_dquat();
+    // As the scene sees it, and as the object is turned in it.
+    let light = EnvironmentLight::default().orient(light, pipeline.cloud.up);
     let light = light.rotated(DMat3::from_quat(object_from_scene));
     Ok(prepared.relight(&light, Part::Whole)?)
 }
@@ -315,28 +317,18 @@ fn probe(pipeline: &Pipeline, summary: &mut Summary) -> Result<EnvironmentMap> {
     let [scene, object] = &pipeline.objects[..] else {
         anyhow::bail!("a scene and an object are expected");
     };
-    let file = scene.settings.source.file.as_deref().context("a light")?;
-    let map = pipeline.load_light(scene, file, None, summary)?;
-    let map = map.unwrap_or_else(EnvironmentMap::even);
-    let turn = scene
-        .settings
-        .source
-        .map_from_asset(scene.cloud.up)
-        .as_mat3();
-    let around = |d: Vec3| map.sample(turn * d);
-    let bounds = scene.cloud.bounds();
     let scene_from_object = object.settings.transform.scene_from_object();
     let place = scene_from_object.transform_point3(object.cloud.bounds().center);
-    let (painter, _) = pipeline.device.painter(&scene.cloud)?;
-    let cube = Cube::seen_from(place, NEAR * bounds.radius, DEFAULT_ROWS, |camera| {
-        let space = ColorSpace::Display(Display::default());
-        painter.draw(camera, Paint::captured(&scene.cloud), space, &[])
-    })?;
-    let beyond = Beyond {
-        environment: Some(&around as RadianceToward<'_>),
-        ..Beyond::default()
+    let light = Some(scene.settings.source.clone());
+    let around = Around::load(pipeline, place, light, summary)?;
+    let (painter, _) = pipeline.device.painter(&pipeline.cloud)?;
+    let lights = Lights {
+        around: around.as_ref(),
+        ..Lights::default()
     };
-    Ok(cube.light(DEFAULT_ROWS, scene.cloud.up, beyond).map)
+    let without = std::iter::once(1);
+    let probe = seen(pipeline, (&painter, without), place, DEFAULT_ROWS, &lights)?;
+    Ok(probe.map)
 }
 
 fn irradiance(map: &EnvironmentMap, n: Vec3) -> [f64; 3] {
@@ -375,12 +367,17 @@ fn compare(ours: &Picture, view: &TruthView) -> Result<[f64; 6]> {
             square += (with - without) * (with - without);
         }
     }
+    let effect = if square > 0.0 {
+        along / square
+    } else {
+        f64::NAN
+    };
     Ok([
         over(object, 1)?,
         over(ground, 1)?,
         over(walls, FEW)?,
         ours.psnr(&view.with, None)?,
         bias / (3 * count(ground)) as f64,
-        along / square.max(1e-9),
+        effect,
     ])
 }

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use eframe::egui::{self, Ui};
 use glam::{EulerRot, Quat};
-use transplat_core::scene::Transform;
+use transplat_core::scene::{FARTHEST, SCALES, Transform};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
@@ -42,10 +42,10 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         .and_then(|a| a.file_stem());
     let file = file.map(|f| f.to_string_lossy().into_owned());
     let called = of_file.map(|a| a.name()).or(file);
-    let object = &mut session.scene.objects[at];
-    let called = object.name.clone().or(called);
+    let called = session.scene.objects[at].name.clone().or(called);
     let called = called.unwrap_or_else(|| "no splat".into());
     ui.horizontal(|ui| {
+        let object = &mut session.scene.objects[at];
         let shown = ui
             .checkbox(&mut object.shown, "")
             .on_hover_text("Shown. What is not neither casts a shadow nor shines on anything.");
@@ -64,6 +64,15 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         chosen.on_hover_text(
             "The panels are about this object. A click on it in the picture selects it, too.",
         );
+        if session.is_missing(at)
+            && button(
+                ui,
+                "Load",
+                "It could not be loaded. Tries once more: the file may be there now.",
+            )
+        {
+            session.load_again(at);
+        }
     });
 }
 
@@ -79,6 +88,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         {
             let drag = egui::DragValue::new(value)
                 .speed(step)
+                .range(-FARTHEST..=FARTHEST)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
             let drag = ui.add(drag).on_hover_text(
@@ -115,7 +125,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         name(ui, "Scale");
         let speed = 0.005 * transform.scale;
         let scale = egui::DragValue::new(&mut transform.scale);
-        let drag = ui.add(scale.speed(speed).range(1e-4..=1e4).max_decimals(4));
+        let drag = ui.add(scale.speed(speed).range(SCALES).max_decimals(4));
         named(
             &drag.on_hover_text("Of all lengths."),
             egui::Role::SpinButton,
@@ -127,7 +137,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         let tip = "Stands it on what is below it: another object, or the scene's ground.";
         drops = button(ui, "Drop to ground", tip);
     });
-    if transform.translation.is_finite() {
+    if transform.validate().is_ok() {
         session.object_mut().transform = transform;
     }
     if drops {

@@ -1,12 +1,10 @@
 //! What is shown and how: camera, background, display.
 
 use eframe::egui::Ui;
-use glam::Affine3A;
 use transplat_core::camera::{CameraPose, FOV, framed};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
-use transplat_core::surfels::SurfelCloud;
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
@@ -160,27 +158,11 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
 pub fn frame(viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let (up, size, last) = (session.scene_up(), session.viewport, session.pose);
-    let Some(bounds) = session.scene_bounds() else {
+    let (Some(bounds), Some(cloud)) = (session.scene_bounds(), session.whole_cloud()) else {
         return;
-    };
-    let shown = session.scene.objects.iter().zip(&session.states);
-    let each = shown
-        .filter(|(object, _)| object.shown)
-        .filter_map(|(object, state)| {
-            let asset = state.asset.as_ref()?;
-            Some((&*asset.cloud, object.transform.scene_from_object()))
-        });
-    let each: Vec<_> = each.collect();
-    let all;
-    let cloud = match &each[..] {
-        [(one, place)] if *place == Affine3A::IDENTITY => *one,
-        several => {
-            all = SurfelCloud::composed(several);
-            &all
-        }
     };
     session.pose = CameraPose {
         orthographic: last.orthographic,
-        ..framed(cloud, up, &bounds, &last, size)
+        ..framed(&cloud, up, &bounds, &last, size)
     };
 }

@@ -25,7 +25,6 @@ impl Session {
         if asset.up != up {
             asset.up = up;
             asset.ground = ground_plane(&asset.cloud, up);
-            state.ground.clear();
         }
         let is_same_colour = object.linear == asset.is_linear();
         if is_same_colour && object.outside_from == asset.cloud.outside_from {
@@ -45,8 +44,8 @@ impl Session {
         if is_same_colour {
             self.tell_outside(at);
         } else {
-            let (path, object) = (asset.path.clone(), Box::new(object.clone()));
-            self.load_asset(at, path, OpenedWith::Again(object));
+            let path = asset.path.clone();
+            self.load_asset(at, path, OpenedWith::Again);
         }
     }
 

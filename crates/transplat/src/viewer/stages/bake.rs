@@ -132,5 +132,6 @@ impl Session {
         if let Some(bake) = self.state_mut().bakes.get_mut(&method) {
             bake.ask_again();
         }
+        self.surroundings.ask_again();
     }
 }

@@ -49,9 +49,12 @@ impl Session {
         state.doubts.ask(&key);
         let (cloud, prepared) = (asset.cloud.clone(), prepared.prepared.clone());
         let (id, target) = (state.id, key.1.light.clone());
+        let known = state.readout.of(&key).cloned();
         // What was relit on the GPU is not here.
         let work = move |_: &_| {
-            let (tau, readout) = if wants_readout {
+            let (tau, readout) = if let Some(relit) = known {
+                (relit.tau.clone(), None)
+            } else if wants_readout {
                 let relit = prepared.relight(&target, Part::Whole)?;
                 (relit.tau.clone(), Some(Arc::new(relit)))
             } else {

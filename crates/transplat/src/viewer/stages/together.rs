@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DMat3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::scene::SceneBake;
-use transplat_core::bake::surroundings::Placed;
+use transplat_core::bake::surroundings::{Detail, Placed};
 use transplat_core::present;
 use transplat_core::scene::Transform;
 use transplat_core::settings::Method;
@@ -15,35 +15,37 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
 use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::object::{RelitKey, TogetherKey};
+use crate::viewer::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
 use crate::viewer::session::{Outcome, Session};
+
+/// Scenes of fewer surfels are traced finely at once.
+const SOON_TRACED: usize = 20_000;
 
 impl Session {
     /// The objects that are shown, where they are several and relit together.
     fn members(&self) -> Vec<usize> {
-        let shown = |at: &usize| self.scene.objects[*at].shown && self.states[*at].asset.is_some();
-        let members: Vec<usize> = (0..self.scene.objects.len()).filter(shown).collect();
-        let is_together = self.scene.transfer.method == Method::Directional && self.is_composed();
-        if is_together { members } else { Vec::new() }
+        if self.scene.transfer.method == Method::Directional && self.is_composed() {
+            self.shown().map(|(at, ..)| at).collect()
+        } else {
+            Vec::new()
+        }
     }
 
-    /// Whether there is more than one object where it was captured.
+    /// Whether the scene is more than one object where it was captured.
     pub fn is_composed(&self) -> bool {
-        let mut shown = self.scene.objects.iter().filter(|o| o.shown);
-        let first = shown.next();
-        shown.next().is_some() || first.is_some_and(|o| o.transform != Transform::default())
+        let objects = &self.scene.objects;
+        objects.len() > 1 || objects[0].transform != Transform::default()
     }
 
-    /// Traces what the objects see of each other where they stand now, once they are baked; the last answer serves until then.
-    pub(in crate::viewer) fn start_surroundings(&mut self) {
-        let members = self.members();
-        let placed = members.iter().map(|at| {
-            let state = &self.states[*at];
+    /// Those objects where they stand, once they are baked.
+    fn placed(&self) -> Option<(SurroundingsKey, Vec<Placed>)> {
+        let placed = self.members().into_iter().map(|at| {
+            let state = &self.states[at];
             let made = state.bakes.get(&Method::Directional)?;
             let Bake::Directional(bake) = &*made.current().filter(|b| b.share == 1.0)?.bake else {
                 return None;
             };
-            let scene_from_object = self.scene.objects[*at].transform.scene_from_object();
+            let scene_from_object = self.scene.objects[at].transform.scene_from_object();
             let key = (state.id, made.version(), scene_from_object);
             let bake = bake.clone();
             Some((
@@ -54,33 +56,72 @@ impl Session {
                 },
             ))
         });
-        let Some(placed) = placed.collect::<Option<Vec<_>>>().filter(|p| !p.is_empty()) else {
+        let placed = placed.collect::<Option<Vec<_>>>()?;
+        Some(placed.into_iter().unzip()).filter(|(of, _): &(Vec<_>, _)| !of.is_empty())
+    }
+
+    /// Traces what the objects see of each other where they stand now, first coarsely; the last answer serves until then.
+    pub(in crate::viewer) fn start_surroundings(&mut self) {
+        let Some((of, placed)) = self.placed() else {
             return;
         };
-        let (of, placed): (Vec<_>, Vec<_>) = placed.into_iter().unzip();
-        if self.surroundings.of == of || self.jobs.is_running(Kind::Surroundings) {
+        let surfels: usize = placed.iter().map(|p| p.bake.len()).sum();
+        let [coarse, fine] = [Detail::Coarse, Detail::Full].map(|detail| (of.clone(), detail));
+        let is_fine_next = surfels < SOON_TRACED || self.surroundings.made_from() == Some(&coarse);
+        let next = if is_fine_next { &fine } else { &coarse };
+        // One that was cancelled is not begun again.
+        if self.surroundings.is_asked(&fine) || self.surroundings.is_asked(next) {
             return;
         }
+        let kind = Kind::Surroundings;
+        if self.jobs.is_awaited(kind) {
+            // A coarse one is soon done, and shown while things move; nobody waits for a fine one of where they were.
+            if !self.is_tracing_finely {
+                return;
+            }
+            self.jobs.cancel(kind);
+        }
+        // What is known coarsely is shown before it is refined.
+        if is_fine_next && surfels >= SOON_TRACED && !self.is_together_shown() {
+            return;
+        }
+        self.surroundings.ask(next);
+        self.is_tracing_finely = next.1 == Detail::Full;
+        let key = next.clone();
         let work = move |handle: &Handle<Outcome>| {
             let progress = |done| handle.progress(done);
-            Ok(Arc::new(SceneBake::new(placed, &progress)?))
+            Ok(Arc::new(SceneBake::in_detail(placed, key.1, &progress)?))
         };
-        let label = "tracing between the objects";
-        self.start(Kind::Surroundings, label, work, move |session, bake| {
-            session.surroundings.of = of;
-            session.surroundings.bake = Some(bake);
-            session.surroundings.version += 1;
+        let (label, key) = ("tracing between the objects", next.clone());
+        self.start(kind, label, work, move |session, bake| {
+            session.surroundings.accept(key, bake);
         });
     }
 
-    /// The objects that are shown, ready to be relit as one scene: where they are several, prepared, and known to each other.
+    /// Whether the scene is shown as it is known now.
+    fn is_together_shown(&self) -> bool {
+        let shown = self.relit_together.current().is_some();
+        let of_now = self.relit_together.made_from();
+        shown && of_now.is_some_and(|key| key.1 == self.surroundings.version())
+    }
+
+    /// Whether it is known, finely, what the objects that are shown see of each other where they stand now.
+    pub(in crate::viewer) fn is_traced(&self) -> bool {
+        let made_from = self.surroundings.made_from();
+        self.placed()
+            .is_some_and(|(of, _)| made_from == Some(&(of, Detail::Full)))
+    }
+
+    /// The objects that are shown, ready to be relit as one scene: those that are known to each other, and prepared.
     pub fn scene_transfer(&self) -> Option<(Vec<usize>, SceneTransfer)> {
-        let members = self.members();
-        let known = &self.surroundings.of;
-        let is_same = |(at, of): (&usize, &(u64, u64, _))| self.states[*at].id == of.0;
-        let is_known = members.len() == known.len() && members.iter().zip(known).all(is_same);
-        let bake = self.surroundings.bake.clone();
-        let bake = bake.filter(|_| is_known && !members.is_empty())?;
+        let shown = self.members();
+        let (known, _) = self.surroundings.made_from()?;
+        let members = known.iter().map(|(id, ..)| {
+            let at = self.at(*id)?;
+            shown.contains(&at).then_some(at)
+        });
+        let members = members.collect::<Option<Vec<_>>>()?;
+        let bake = self.surroundings.get()?.clone();
         let transfers = members.iter().map(|at| {
             let made = self.states[*at].prepared.get()?;
             match &made.prepared {
@@ -95,31 +136,37 @@ impl Session {
         fits.then(|| (members, SceneTransfer::new(transfers, bake)))
     }
 
-    /// Relights all objects as one scene, and tells whether that is how they are relit: not before it is known what they see of each other.
-    pub(in crate::viewer) fn relight_together(&mut self) -> bool {
+    /// Relights all objects that are known to each other as one scene. The others are relit alone until it is known what they see.
+    pub(in crate::viewer) fn relight_together(&mut self) {
+        let shown = self.members();
         let Some((members, scene)) = self.scene_transfer() else {
-            return false;
+            // What is taken away leaves its shadow until the rest is traced anew.
+            let waits = self.jobs.is_awaited(Kind::Surroundings);
+            let stays = |at: &usize| waits && self.together.contains(&self.states[*at].id);
+            let stay = shown.into_iter().filter(stays).collect::<Vec<_>>();
+            self.keep_together(&stay);
+            return;
         };
+        self.keep_together(&members);
         let each = || members.iter().map(|at| &self.states[*at]);
         let [_, target] = self.oriented_of(members[0]);
         let part = self.scene.view.part();
         let key: TogetherKey = (
             each().map(|s| s.prepared.version()).collect(),
-            self.surroundings.version,
+            self.surroundings.version(),
             target,
             part,
             each().map(|s| s.hidden.version()).collect(),
         );
         if self.jobs.is_running(Kind::RelightTogether) || !self.relit_together.ask(&key) {
-            return true;
+            return;
         }
-        let turn = self.scene.objects[members[0]].transform.rotation.as_dquat();
-        let (context, wanted) = (self.context.clone(), key.clone());
+        let (target, turn) = self.scene_target(members[0]);
+        let context = self.context.clone();
         let ids: Vec<u64> = each().map(|s| s.id).collect();
         let work = move |_: &_| {
             let start = Instant::now();
-            // As the scene sees it, whose first object may be turned.
-            let light = wanted.2.light.rotated(DMat3::from_quat(turn));
+            let light = target.light.rotated(turn);
             let relit = scene.relight_objects(&light, part, &[])?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let uploaded = relit.into_iter().map(|relit| {
@@ -141,7 +188,27 @@ impl Session {
                 }
             },
         );
-        true
+    }
+
+    /// Notes which objects are relit together. What the last relight of others left is dropped: alone, each is relit anew.
+    fn keep_together(&mut self, members: &[usize]) {
+        let ids: Vec<u64> = members.iter().map(|at| self.states[*at].id).collect();
+        for id in std::mem::replace(&mut self.together, ids) {
+            if let Some(at) = self.at(id).filter(|at| !members.contains(at)) {
+                let state = &mut self.states[at];
+                state.relit.clear();
+                // The window's device has only what was relit together.
+                state.prepared.ask_again();
+                self.relit_together.ask_again();
+            }
+        }
+    }
+
+    /// The light as an object sees it, and what turns that to how the scene has it.
+    pub(in crate::viewer) fn scene_target(&self, seen_by: usize) -> (OrientedLight, DMat3) {
+        let [_, target] = self.oriented_of(seen_by);
+        let turn = self.scene.objects[seen_by].transform.rotation;
+        (target, DMat3::from_quat(turn.as_dquat()))
     }
 
     fn show_member(

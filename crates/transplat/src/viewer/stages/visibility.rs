@@ -14,9 +14,22 @@ impl Session {
         let Some(bake) = made.get().filter(|_| self.scene.view == View::Visibility) else {
             return;
         };
-        let key = (method, made.version());
+        // Among others it sees less.
+        let traced = self.surroundings.made_from().map(|(of, _)| of);
+        let among = traced.and_then(|of| of.iter().position(|(id, ..)| *id == state.id));
+        let among = among.filter(|_| self.together.contains(&state.id));
+        let scene = among.zip(self.surroundings.get());
+        let key = (
+            method,
+            made.version(),
+            scene.map(|_| self.surroundings.version()),
+        );
         if state.visibility.ask(&key) {
-            let colors = bake.bake.openness().iter().map(|o| [*o; 3]).collect();
+            let open = match scene {
+                Some((object, scene)) => scene.openness_of(object),
+                None => bake.bake.openness(),
+            };
+            let colors = open.into_iter().map(|o| [o; 3]).collect();
             self.live().set_visibility(at, colors);
         }
     }
