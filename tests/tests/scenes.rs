@@ -1,5 +1,6 @@
 //! Scenes of several objects: drawn as one, relit together, written and probed.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 
@@ -187,6 +188,96 @@ fn an_object_of_a_scene_whose_first_is_not_shown_stays_where_it_stands() {
     let own = folder.path("own/city.ply");
     let (captured, _) = load_asset(&own).expect("the ball as it was captured");
     assert!(captured.bounds().center.length() < 0.02);
+}
+
+/// A picture's channels by name.
+fn channels(path: &str) -> HashMap<String, Vec<f32>> {
+    use exr::prelude::{ReadChannels as _, ReadLayers as _};
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .expect("an EXR");
+    let list = image.layer_data.channel_data.list.into_iter();
+    let each = list.map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()));
+    each.collect()
+}
+
+/// The plate times the shadow, with the object over it, is the picture; and its look makes it again.
+#[test]
+fn layers_put_together_are_the_picture() {
+    let folder = Folder::empty();
+    let (scene, city) = (ball_over_plate(&folder), asset("city.hdr"));
+    let [first, again] = ["first.exr", "again.exr"].map(|name| folder.name(name));
+    for preset in ["best", "paper"] {
+        let line = format!(
+            "render {{}} --target {{}} {VIEW} --preset {preset} --supersample 2 --device cpu --layers -o {{}}"
+        );
+        run_json(&args(&line, &[&scene, &city, &first]));
+        let all = channels(&first);
+        let of = |layer: &str, letters: &str| -> Vec<&[f32]> {
+            let name = |c: char| format!("{layer}.{c}").trim_start_matches('.').to_owned();
+            letters.chars().map(|c| &all[&name(c)][..]).collect()
+        };
+        let (beauty, plate, shadow) = (of("", "RGBA"), of("plate", "RGBA"), of("shadow", "RGB"));
+        let ball = of("the ball", "RGBA");
+        let n = beauty[0].len();
+        let (mut error, mut darkest) = (0.0, 1.0f32);
+        for i in 0..n {
+            for c in 0..3 {
+                let under = plate[c][i] * shadow[c][i];
+                let together = ball[c][i] + (1.0 - ball[3][i]) * under;
+                error += f64::from(together - beauty[c][i]).powi(2);
+                darkest = darkest.min(shadow[c][i]);
+            }
+        }
+        let db = -10.0 * (error / (3 * n) as f64).log10();
+        assert!(db > 50.0, "{preset}: {db}");
+        assert!(darkest < 0.8, "{preset}: there is a shadow: {darkest}");
+        let (id, depth, normal) = (&all["id.X"], &all["depth.Z"], of("normal", "XYZ"));
+        for i in 0..n {
+            match id[i] {
+                0.0 => assert!(depth[i] > 1e9 && beauty[3][i] == 0.0),
+                1.0 => assert!(ball[3][i] <= 0.51 && (ball[3][i] > 0.01 || normal[2][i] > 0.9)),
+                2.0 => assert!(ball[3][i] >= 0.0 && depth[i] < 3.5),
+                other => panic!("id {other}"),
+            }
+        }
+        assert!(id.contains(&2.0) && id.contains(&1.0) && id.contains(&0.0));
+    }
+    let look = folder.name("first.look.json");
+    let line = "render --look {} --size 160x120 --supersample 2 --device cpu --layers -o {}";
+    run_json(&args(line, &[&look, &again]));
+    let [first, again] = [&first, &again].map(|path| channels(path));
+    for (name, values) in &first {
+        let off = values.iter().zip(&again[name]).map(|(a, b)| (a - b).abs());
+        assert!(mean(off.collect::<Vec<_>>().into_iter()) < 1e-3, "{name}");
+    }
+    // One object alone on a ground that catches its shadow.
+    let caught = folder.write(
+        "caught.json",
+        r#"{"asset": "ball.ply", "source": {"file": "even"}, "target": {"file": "even"}, "shadow_catcher": true}"#,
+    );
+    let out = folder.name("caught.exr");
+    run_json(&args(
+        &format!(
+            "render {{}} {} --device cpu --layers -o {{}}",
+            VIEW.replace("--background black", "")
+        ),
+        &[&caught, &out],
+    ));
+    let caught = channels(&out);
+    assert!(!caught.contains_key("plate.R") && caught.contains_key("ball.A"));
+    assert!(caught["shadow.R"].iter().any(|s| *s < 0.8));
+    let line = "render {} --target {} --eye 2,2,2 --layers -o {}";
+    run_told(
+        &args(line, &[&scene, &city, &folder.name("a.png")]),
+        2,
+        &[".exr"],
+    );
 }
 
 #[test]

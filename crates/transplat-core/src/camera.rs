@@ -25,6 +25,13 @@ pub struct CameraPose {
     pub fov: f64,
     /// Parallel lines stay parallel.
     pub orthographic: bool,
+    /// How the camera is turned about where it looks, clockwise, in degrees.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub roll: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl CameraPose {
@@ -37,6 +44,39 @@ impl CameraPose {
             distance: radii * bounds.radius,
             fov,
             orthographic: false,
+            roll: 0.0,
+        }
+    }
+
+    /// The pose of a perspective camera, around what it sees at a place's distance.
+    pub fn of(camera: &Camera, up: UpAxis, place: Vec3) -> Self {
+        let world_from_asset = up.asset_from_world().transpose();
+        let [right, _, forward] = [0, 1, 2].map(|i| {
+            let axis = camera.view_from_world.row(i).as_dvec3();
+            (world_from_asset * axis).normalize()
+        });
+        let towards = -forward;
+        let horizontal = towards.truncate().length();
+        let azimuth = if horizontal > 1e-6 {
+            towards.y.atan2(towards.x)
+        } else {
+            (-right.x).atan2(right.y)
+        };
+        let level = DVec3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+        let roll = right.dot(level.cross(towards)).atan2(right.dot(level));
+        let forward = camera.view_from_world.row(2);
+        let seen = (place - camera.eye).dot(forward);
+        let distance = seen.max(1e-3 * place.distance(camera.eye)).max(1e-6);
+        let half_edge = 0.5 * camera.width.min(camera.height) as f64;
+        let fov = 2.0 * (half_edge / f64::from(camera.focal)).atan();
+        Self {
+            pivot: camera.eye + forward * distance,
+            azimuth: azimuth.to_degrees(),
+            elevation: towards.z.clamp(-1.0, 1.0).asin().to_degrees(),
+            distance,
+            fov: fov.to_degrees().clamp(*FOV.start(), *FOV.end()),
+            orthographic: false,
+            roll: roll.to_degrees(),
         }
     }
 
@@ -49,6 +89,7 @@ impl CameraPose {
             && self.azimuth.is_finite()
             && (-90.0..=90.0).contains(&self.elevation)
             && self.distance.is_finite()
+            && self.roll.is_finite()
             && self.distance > 0.0
             && FOV.contains(&self.fov);
         ensure(finite, || {
@@ -111,7 +152,9 @@ impl Camera {
         let (azimuth, elevation) = (pose.azimuth.to_radians(), pose.elevation.to_radians());
         let asset_from_world = up.asset_from_world();
         let towards = asset_from_world * direction(azimuth, elevation);
-        let right = asset_from_world * DVec3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+        let level = asset_from_world * DVec3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+        let (sin, cos) = pose.roll.to_radians().sin_cos();
+        let right = level * cos + level.cross(towards) * sin;
         let shown = (pose.fov.to_radians() / 2.0).tan();
         let half_edge = size[0].min(size[1]) as f64 / 2.0;
         let (slope, distance) = if pose.orthographic {
@@ -291,6 +334,54 @@ fn fitting_distance(cloud: &SurfelCloud, bounds: &Bounds, camera: &Camera, towar
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// However it is held: upright, rolled, straight down.
+    #[test]
+    fn a_camera_has_a_pose_that_is_that_camera() {
+        let place = Vec3::new(1.0, -2.0, 0.5);
+        for (_, up) in UpAxis::ALL {
+            for (azimuth, elevation, roll) in [
+                (30.0, 20.0, 0.0),
+                (-170.0, -60.0, 35.0),
+                (100.0, 90.0, 0.0),
+                (10.0, 5.0, -170.0),
+            ] {
+                let pose = CameraPose {
+                    pivot: place,
+                    azimuth,
+                    elevation,
+                    distance: 4.0,
+                    fov: 50.0,
+                    orthographic: false,
+                    roll,
+                };
+                let camera = Camera::from_pose(&pose, up, [300, 200], 1.0);
+                let found = CameraPose::of(&camera, up, place);
+                let again = Camera::from_pose(&found, up, [300, 200], 1.0);
+                assert!((found.fov - 50.0).abs() < 1e-3 && (found.roll - roll).abs() < 1e-3);
+                assert!(again.eye.distance(camera.eye) < 1e-4, "{found:?}");
+                let axes = [again, camera].map(|c| c.view_from_world);
+                assert!(axes[0].abs_diff_eq(axes[1], 1e-5), "{pose:?} {found:?}");
+            }
+        }
+        // Clockwise: what was above is to the left of it.
+        let mut pose = CameraPose::of(
+            &Camera::look_at(
+                Vec3::new(4.0, 0.0, 0.0),
+                Vec3::ZERO,
+                Vec3::Z,
+                1.0,
+                [80, 80],
+                0.1,
+            ),
+            UpAxis::PlusZ,
+            Vec3::ZERO,
+        );
+        pose.roll = 90.0;
+        let camera = Camera::from_pose(&pose, UpAxis::PlusZ, [80, 80], 1.0);
+        let ([x, _], _) = camera.project(Vec3::Z);
+        assert!(x < 39.0, "{x}");
+    }
 
     #[test]
     fn looks_where_it_is_told() {

@@ -31,7 +31,8 @@ pub use look::{load_look, look_text, save_look};
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};
 pub use write::{
-    ExrFloats, PngBits, check_output, write_atomically, write_environment, write_exr, write_png,
+    Channel, ExrFloats, PngBits, check_output, folder_of, write_atomically, write_environment,
+    write_exr, write_layers, write_png,
 };
 
 /// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use crate::bake::Bake;
 use crate::environment::Illumination;
 use crate::error::{Error, Result, ensure};
+use crate::progress::Progress;
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
@@ -61,6 +62,20 @@ impl PreparedTransfer {
         settings: &TransferSettings,
     ) -> Result<Self> {
         TransferAsset::default().prepare(cloud, bake, 0, source, settings)
+    }
+
+    /// The first of several objects as it is where the others are not; none of a single one.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    pub fn first_alone(&self, progress: Progress<'_>) -> Result<Option<Self>> {
+        Ok(match self {
+            Self::Scene(scene) if scene.objects.len() > 1 => {
+                Some(Self::Scene(Arc::new(scene.first_alone(progress)?)))
+            }
+            Self::HarmonicScene(scene) => Some(Self::Harmonic(scene.first_alone())),
+            _ => None,
+        })
     }
 
     /// Relights; `part` says what of the colour is wanted.

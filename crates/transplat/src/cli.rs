@@ -228,6 +228,9 @@ pub struct RenderArgs {
     /// Average N x N samples a pixel
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub supersample: u8,
+    /// Write each picture as an EXR in layers (plate, each object with its alpha, shadow, depth, normal, id), and the look of it beside it
+    #[arg(long)]
+    pub layers: bool,
     /// Only these frames, with their own numbers
     #[arg(long, value_name = "A-B", value_parser = parse_frames)]
     pub frames: Option<[usize; 2]>,

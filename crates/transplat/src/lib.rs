@@ -5,6 +5,7 @@ mod cli;
 mod commands;
 mod device;
 mod ground_truth;
+mod layers;
 mod metrics;
 mod picture;
 mod pipeline;

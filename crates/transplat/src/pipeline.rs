@@ -313,6 +313,14 @@ impl Pipeline {
         Ok((prepared, transfer))
     }
 
+    /// The first of several objects without the others: the scene that they were put into.
+    pub fn scene_alone(&self, prepared: &PreparedTransfer) -> Result<Option<PreparedTransfer>> {
+        if self.unshown_first.is_some() {
+            return Ok(None);
+        }
+        Ok(prepared.first_alone(&no_progress)?)
+    }
+
     /// Each object under the light of its own capture.
     fn prepare_scene(&self, bake: &Arc<SceneBake>, lights: &Lights) -> Result<PreparedTransfer> {
         let settings = &self.scene.transfer;

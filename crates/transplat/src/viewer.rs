@@ -37,7 +37,7 @@ use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
 pub use app::{Startup, Viewer};
-pub use export::Task;
+pub use export::{Format, Task};
 
 /// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
 pub fn wgpu_setup(software_only: bool) -> WgpuSetup {

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use glam::{Quat, Vec3};
-use transplat::viewer::{Startup, Task};
+use transplat::viewer::{Format, Startup, Task};
 use transplat_core::color::{Encoding, encode_sh};
-use transplat_core::files::{load_asset, load_look, save_look, write_splat};
+use transplat_core::files::{load_asset, load_look, load_picture, save_look, write_splat};
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
@@ -53,6 +53,19 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     run_json(&args(line, &[&look, &theirs]));
     let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
     assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
+    // In layers, the same again, with the look that makes it.
+    d.viewer().export_settings().format = Format::ExrLayers;
+    let [layers, theirs] = ["layers.exr", "layers_theirs.exr"].map(|n| d.folder.path(n));
+    let path = layers.clone();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let beside = d.folder.name("layers.look.json");
+    let out = theirs.display().to_string();
+    let line = "render {} --size 200x160 --layers --device cpu -o {}";
+    run_json(&args(line, &[&beside, &out]));
+    let [a, b] = [&layers, &theirs].map(|p| load_picture(p).expect("a picture").pixels);
+    let opaque = |p: &Vec<[f32; 4]>| p.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    assert!(psnr(&opaque(&a), &opaque(&b)) > 45.0);
+    d.viewer().export_settings().format = Format::Png8;
     // All of it as one splat.
     let merged = d.folder.path("merged.ply");
     let path = merged.clone();

@@ -41,7 +41,8 @@ pub fn check_output(path: &Path) -> Result<()> {
     Ok(())
 }
 
-pub(super) fn folder_of(path: &Path) -> &Path {
+/// The folder that a file is in.
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -155,6 +156,48 @@ pub fn write_environment(path: &Path, map: &EnvironmentMap) -> Result<()> {
         depth: Vec::new(),
     };
     write_exr(path, &raster, ExrFloats::Full)
+}
+
+/// A channel of a picture in layers.
+#[derive(Clone, Debug)]
+pub struct Channel {
+    /// `layer.letter`, or a letter alone for what is shown where nobody asks for layers.
+    pub name: String,
+    /// `[height][width]`
+    pub values: Vec<f32>,
+}
+
+/// Writes a picture in layers as one float EXR, with words on how it was made.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_layers(
+    path: &Path,
+    size: [usize; 2],
+    channels: Vec<Channel>,
+    made_by: &str,
+) -> Result<()> {
+    use exr::prelude::{
+        AnyChannel, AnyChannels, AttributeValue, Compression, Encoding, FlatSamples, Image, Layer,
+        LayerAttributes, Text, WritableImage,
+    };
+    let channels = channels.into_iter();
+    let channels = channels.map(|c| AnyChannel::new(&*c.name, FlatSamples::F32(c.values)));
+    let mut attributes = LayerAttributes::default();
+    let text = |text: &str| Text::new_or_none(text);
+    if let (Some(name), Some(value)) = (text("transplat"), text(made_by)) {
+        (attributes.other).insert(name, AttributeValue::Text(value));
+    }
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        ..Encoding::default()
+    };
+    let list = AnyChannels::sort(channels.collect());
+    let layer = Layer::new((size[0], size[1]), attributes, encoding, list);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let written = Image::from_layer(layer).write().to_buffered(&mut bytes);
+    written.map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
+    write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
 
 /// Writes a float EXR from premultiplied linear colour.

@@ -13,6 +13,7 @@ use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
 use crate::environment::Illumination;
 use crate::error::Result;
+use crate::progress::Progress;
 use crate::settings::skips::Skipped;
 use crate::surfels::SurfelCloud;
 
@@ -52,6 +53,15 @@ impl SceneTransfer {
                 self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
             })
             .collect())
+    }
+
+    /// The first object as it is where the others are not.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    pub fn first_alone(&self, progress: Progress<'_>) -> Result<Self> {
+        let bake = SceneBake::new(vec![self.bake.objects[0].clone()], progress)?;
+        Ok(Self::new(vec![self.objects[0].clone()], Arc::new(bake)))
     }
 
     /// How much the matte light changes on each surfel: one fixed point over all objects, since what one gains lights others.

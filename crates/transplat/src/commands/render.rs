@@ -3,23 +3,27 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::ValueEnum;
 use glam::Vec3;
 use transplat_core::bake::Bake;
-use transplat_core::camera::{Camera, NEAR, turntable};
+use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::{ExrFloats, PngBits, load_cameras, write_exr, write_png};
+use transplat_core::files::{
+    ExrFloats, PngBits, load_cameras, look_text, save_look, write_exr, write_layers, write_png,
+};
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::Part;
 
 use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::settings::{assets_of, look_of, put, targets_of, with_scene_as_look};
-use crate::pipeline::{Lights, Pipeline};
+use crate::pipeline::{Lights, Pipeline, Target};
 use crate::summary::Summary;
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
@@ -33,11 +37,20 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         light,
         ..args.clone()
     };
-    let scene = settings(args)?;
+    let mut scene = settings(args)?;
+    if args.layers {
+        // What is behind it is the compositor's.
+        scene.background = Background::Transparent;
+    }
     let targets = targets_of(&args.light, &scene)?;
     let mut shown = scene.objects.iter().filter(|o| o.shown);
     let relit = shown.all(|o| o.source.file.is_some());
     let view = view_asked(args, &scene, relit, &targets);
+    if args.layers && view != View::After {
+        usage(
+            "--layers are of what is relit: they need --source and --target, and no other --view",
+        );
+    }
     let assets = assets_of(&args.asset, &scene);
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let frames = frames(args, &pipeline)?;
@@ -48,7 +61,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         .inputs(&pipeline.scene, &targets)
         .chain(assets.iter().map(|a| &**a))
         .chain(cameras);
-    refuse_overwriting(inputs, &output.pictures(&targets, &frames))?;
+    let mut outputs = output.pictures(&targets, &frames);
+    if args.layers {
+        outputs.extend(targets.iter().map(|(name, _)| output.look(Some(name))));
+    }
+    refuse_overwriting(inputs, &outputs)?;
     let linear = output.format == PictureFormat::Exr;
     if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
         summary.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
@@ -255,12 +272,14 @@ impl<'a> Output<'a> {
             );
         }
         let in_folder = args.light.target.iter().any(|t| t.is_dir());
+        let asked = args.format.or(named.filter(|_| is_file));
+        let layered = args.layers.then_some(PictureFormat::Exr);
+        if layered.is_some() && asked.is_some_and(|f| f != PictureFormat::Exr) {
+            usage("--layers are written as .exr");
+        }
         Ok(Self {
             path,
-            format: args
-                .format
-                .or(named.filter(|_| is_file))
-                .unwrap_or(PictureFormat::Png),
+            format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
             folder_per_target: !is_file && (targets > 1 || in_folder),
         })
@@ -279,6 +298,14 @@ impl<'a> Output<'a> {
         }
         self.folder(target)
             .join(format!("{frame:03}.{}", self.format.extension()))
+    }
+
+    /// The look that pictures in layers are made by.
+    fn look(&self, target: Option<&str>) -> PathBuf {
+        if self.is_file {
+            return self.path.with_extension("look.json");
+        }
+        self.folder(target).join("look.json")
     }
 
     /// All pictures that will be written.
@@ -308,6 +335,11 @@ impl Shots<'_> {
         let pipeline = self.pipeline;
         let (prepared, mut transfer) = pipeline.prepare(bake, lights, summary)?;
         let mut written = 0;
+        let scene_alone = if self.args.layers {
+            summary.time("surroundings", || pipeline.scene_alone(&prepared))?
+        } else {
+            None
+        };
         for target in &lights.targets {
             let light = lights.on_scene(pipeline, target);
             let unseen = if pipeline.scene.transfer.skips.has(Skip::Unseen) {
@@ -319,10 +351,22 @@ impl Shots<'_> {
             let wanted = (&light, self.studio.view.part(), unseen);
             let relit =
                 pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
+            let layers = if self.args.layers {
+                let alone = scene_alone.as_ref();
+                let alone = alone.map(|scene| scene.relight(&light, Part::Whole));
+                let objects = pipeline.objects.iter();
+                let objects: Vec<_> = objects.map(|o| (o.name(), o.cloud.len())).collect();
+                Some(Layers::new(&objects, relit.clone(), alone.transpose()?))
+            } else {
+                None
+            };
             let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
             let maps = lights.maps(target);
             self.surround(&mut lit, &target.path, Some(maps), summary)?;
-            written += self.take(Some(&target.name), &lit, summary)?;
+            written += match &layers {
+                Some(layers) => self.take_layers((target, layers), &lit, summary)?,
+                None => self.take(Some(&target.name), &lit, summary)?,
+            };
         }
         Ok(written)
     }
@@ -390,6 +434,38 @@ impl Shots<'_> {
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
         }
         Ok(())
+    }
+
+    /// Each frame in layers, and the look that they are made by.
+    fn take_layers(
+        &self,
+        (target, layers): (&Target, &Layers),
+        lit: &Lit,
+        summary: &mut Summary,
+    ) -> Result<usize> {
+        let name = Some(&*target.name);
+        if !self.output.is_file {
+            make_folder(&self.output.folder(name))?;
+        }
+        let pipeline = self.pipeline;
+        let mut look = pipeline.scene.clone();
+        look.environment.file = Some(target.path.clone());
+        look.objects[0].asset = Some(pipeline.first().file.path.clone());
+        if let [(_, camera)] = self.frames {
+            let middle = pipeline.cloud.bounds().center;
+            look.camera = Some(CameraPose::of(camera, pipeline.cloud.up, middle));
+        }
+        let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
+        let factor = usize::from(self.args.supersample);
+        for (number, camera) in self.frames {
+            let path = self.output.picture(name, *number);
+            let taken = || layers.take(&self.studio, camera, factor, lit);
+            let channels = summary.time("rasterize", taken)?;
+            let size = [camera.width, camera.height];
+            summary.time("export", || write_layers(&path, size, channels, &made_by))?;
+        }
+        save_look(&self.output.look(name), &look)?;
+        Ok(self.frames.len())
     }
 
     fn take(&self, target: Option<&str>, lit: &Lit, summary: &mut Summary) -> Result<usize> {

@@ -38,6 +38,7 @@ pub fn first_pose(
 /// Looks from a side.
 pub fn look_from(pose: &mut CameraPose, from: Viewpoint) {
     [pose.azimuth, pose.elevation] = from;
+    pose.roll = 0.0;
 }
 
 /// Turns about the pivot by a drag in points.
@@ -140,6 +141,7 @@ mod tests {
             distance: 4.0,
             fov: 40.0,
             orthographic: false,
+            roll: 0.0,
         }
     }
 

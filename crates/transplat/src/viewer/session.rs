@@ -193,6 +193,7 @@ impl Session {
                 distance: 3.0,
                 fov: 35.0,
                 orthographic: false,
+                roll: 0.0,
             },
             framed: None,
             selected: 0,

@@ -146,6 +146,11 @@ impl HarmonicScene {
         Ok(all)
     }
 
+    /// The first object as it is where the others are not, in the scene's coordinates.
+    pub fn first_alone(&self) -> Arc<HarmonicTransfer> {
+        self.objects[0].clone()
+    }
+
     /// The light at a place: the scene as it is relit, and the target where it is open.
     fn light_at(&self, place: Vec3, scene: &Relit, target: &Illumination) -> Illumination {
         let cloud = &self.clouds[0];

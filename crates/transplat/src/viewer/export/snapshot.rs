@@ -1,0 +1,481 @@
+//! What an export makes of what it was started with.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, bail};
+use transplat_core::bake::Bake;
+use transplat_core::camera::{Camera, CameraPose};
+use transplat_core::color::{Display, Encoding};
+use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::files::{
+    ExrFloats, PngBits, folder_of, look_text, save_look, write_exr, write_layers, write_png,
+    write_relit, write_splat,
+};
+use transplat_core::ground::Ground;
+use transplat_core::present::{self, Background, View};
+use transplat_core::progress::no_progress;
+use transplat_core::rasterize::Raster;
+use transplat_core::scene::Scene;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+
+use super::{ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
+use crate::commands::render::MAX_SAMPLES;
+use crate::layers::Layers;
+use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::viewer::environments::{Environment, load_map};
+use crate::viewer::jobs::Handle;
+use crate::viewer::navigation::wrap;
+use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
+
+impl Snapshot {
+    pub(super) fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {
+        if let Task::Splat(path) = task {
+            return self.write_splat(path, handle);
+        }
+        let [width, height] = self.settings.size;
+        let factor = self.settings.supersample;
+        if width * height * factor * factor > MAX_SAMPLES {
+            bail!(
+                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible"
+            );
+        }
+        if self.scene.shadow_catcher && self.ground.is_none() {
+            let report = |_| handle.progress(0.0);
+            self.ground = Some(Ground::bake(
+                &self.cloud,
+                self.up,
+                self.scene.directions,
+                &report,
+            )?);
+        }
+        if let Some(bake) = self.missing_bake(handle)? {
+            self.bakes.push(bake);
+        }
+        match task {
+            Task::Screenshot(Some(path)) => {
+                handle_step(handle, 0, 1)?;
+                self.save(path, self.scene.view, &self.lights[TARGET])?;
+                Ok(Made::Files(vec![path.clone()]))
+            }
+            Task::Screenshot(None) => {
+                let views = match self.settings.sides {
+                    ExportSides::Shown => vec![self.scene.view],
+                    ExportSides::Each => vec![View::Before, View::After],
+                };
+                let pictures = views.into_iter().map(|view| (view, &self.lights[TARGET]));
+                self.each(handle, pictures)
+            }
+            Task::Clipboard => {
+                let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
+                let bytes = present::straight(&raster)
+                    .iter()
+                    .flatten()
+                    .map(|v| (v * 255.0 + 0.5) as u8)
+                    .collect();
+                Ok(Made::Picture([raster.width, raster.height], bytes))
+            }
+            Task::EachLight => {
+                self.need_shelf()?;
+                let lights = self.shelf.iter();
+                self.each(handle, lights.map(|light| (self.scene.view, light)))
+            }
+            Task::ContactSheet => self.contact_sheet(handle),
+            Task::Turntable => self.turntable(handle),
+            Task::Splat(_) => bail!("not a picture"),
+        }
+    }
+
+    /// A picture of each view and light, by folder and pattern.
+    fn each<'a>(
+        &self,
+        handle: &Handle<Outcome>,
+        pictures: impl ExactSizeIterator<Item = (View, &'a Arc<Environment>)>,
+    ) -> Result<Made> {
+        let count = pictures.len();
+        let mut written = Vec::new();
+        for (i, (view, light)) in pictures.enumerate() {
+            handle_step(handle, i, count)?;
+            let path = self.named(&light.name(), view, None);
+            self.save(&path, view, light)?;
+            written.push(path);
+        }
+        Ok(Made::Files(written))
+    }
+
+    /// The bake of a pinned look whose method has none yet.
+    fn missing_bake(&self, handle: &Handle<Outcome>) -> Result<Option<Arc<Bake>>> {
+        let Some(Pinned { scene, .. }) = &self.pinned else {
+            return Ok(None);
+        };
+        let method = scene.transfer.method;
+        let mut there = self.bakes.iter().chain([&self.bake]);
+        if there.any(|bake| bake.method() == method) {
+            return Ok(None);
+        }
+        let report = |done| handle.progress(done);
+        let bake = Bake::new(&self.cloud, method, scene.directions, &report)?;
+        Ok(Some(Arc::new(bake)))
+    }
+
+    fn need_shelf(&self) -> Result<()> {
+        if self.shelf.is_empty() {
+            bail!("the shelf holds no light yet; drop environments on the window first");
+        }
+        Ok(())
+    }
+
+    fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
+        let studio = self.studio(view)?;
+        let lit = self.lit(&self.scene, view, target)?;
+        self.take(&studio, &self.pose, &lit)
+    }
+
+    fn save(&self, path: &Path, view: View, target: &Arc<Environment>) -> Result<()> {
+        let studio = self.studio(view)?;
+        let lit = self.lit(&self.scene, view, target)?;
+        self.save_shot(path, &studio, (&self.scene, &self.pose), (target, &lit))
+    }
+
+    /// Saves what a camera sees, as a picture or in layers.
+    fn save_shot(
+        &self,
+        path: &Path,
+        studio: &Studio,
+        (scene, pose): (&Scene, &CameraPose),
+        (target, lit): (&Arc<Environment>, &Lit),
+    ) -> Result<()> {
+        if self.settings.format != Format::ExrLayers {
+            return self.write(path, &self.take(studio, pose, lit)?);
+        }
+        let relit = lit.relit.clone().filter(|_| studio.view == View::After);
+        let relit = relit.context("layers are of what is relit: choose After")?;
+        let alone = self.scene_alone(scene, target)?;
+        let layers = Layers::new(&self.objects, relit, alone);
+        let camera = Camera::from_pose(pose, self.up, self.settings.size, self.radius);
+        let channels = layers.take(studio, &camera, self.settings.supersample, lit)?;
+        let mut look = scene.clone();
+        look.camera = Some(*pose);
+        look.environment.file = Some(target.path.clone());
+        self.make_folder(path)?;
+        let made_by = look_text(&look).map_err(anyhow::Error::msg)?;
+        write_layers(path, self.settings.size, channels, &made_by)?;
+        let name = path.with_extension("look");
+        let (folder, stem) = (folder_of(path), name.file_name().unwrap_or_default());
+        let beside = free_name(folder, &stem.to_string_lossy(), "json");
+        Ok(save_look(&beside, &look)?)
+    }
+
+    /// The scene that objects were put into, relit without them; none where it is not shown.
+    fn scene_alone(&self, scene: &Scene, target: &Environment) -> Result<Option<Relit>> {
+        if self.scene_alone.get().is_none() {
+            let shows_first = self.is_composed && scene.objects[0].shown;
+            let prepared = self.prepared.get().filter(|_| shows_first);
+            let alone = prepared.map(|p| p.first_alone(&no_progress)).transpose()?;
+            let _ = self.scene_alone.set(alone.flatten());
+        }
+        let Some(alone) = self.scene_alone.get().and_then(Option::as_ref) else {
+            return Ok(None);
+        };
+        let light = self.target_light(scene, target);
+        Ok(Some(alone.relight(&light, Part::Whole)?))
+    }
+
+    fn target_light(&self, scene: &Scene, target: &Environment) -> Illumination {
+        let maps = [&self.lights[SOURCE].illumination, &target.illumination];
+        let [_, target] = scene.lights_on(&scene.objects[self.object], maps, self.up);
+        target
+    }
+
+    fn take(&self, studio: &Studio, pose: &CameraPose, lit: &Lit) -> Result<Raster> {
+        let camera = Camera::from_pose(pose, self.up, self.settings.size, self.radius);
+        studio.take(&camera, self.settings.supersample, lit)
+    }
+
+    fn studio(&self, view: View) -> Result<Studio> {
+        let linear = self.settings.format.is_linear();
+        let (painter, _) = self.device.fastest().painter(&self.cloud)?;
+        let mut studio = Studio::new(&self.cloud, self.scene.clone(), view, linear, painter);
+        studio.hidden = self.hidden.clone();
+        if view == View::Visibility {
+            studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
+        }
+        studio.ground = self.ground.clone();
+        Ok(studio)
+    }
+
+    /// Relights by a target: the source's part is the same for all of them.
+    fn relit(
+        &self,
+        scene: &Scene,
+        target: &Environment,
+        part: Part,
+    ) -> Result<(&PreparedTransfer, Relit)> {
+        let maps = [&self.lights[SOURCE].illumination, &target.illumination];
+        let [source, target] = scene.lights_on(&scene.objects[self.object], maps, self.up);
+        if self.prepared.get().is_none() {
+            let prepared = self.prepare(scene, &source)?;
+            let _ = self.prepared.set(prepared);
+        }
+        let prepared = self.prepared.get().context("a transfer is prepared")?;
+        // A turntable of the light has many targets and one source.
+        let mut transfer = self.transfer.borrow_mut();
+        let transfer = match &mut *transfer {
+            Some(kept) => kept,
+            none => none.insert(self.device.fastest().transfer(prepared)?.0),
+        };
+        transfer.change_light(&target, part, &[])?;
+        Ok((prepared, transfer.result()?))
+    }
+
+    fn prepare(&self, scene: &Scene, source: &Illumination) -> Result<PreparedTransfer> {
+        let (cloud, settings) = (&self.cloud, &scene.transfer);
+        // A pinned look may be of the other method.
+        let mut bakes = [&self.bake].into_iter().chain(&self.bakes);
+        let bake = bakes.find(|bake| bake.method() == settings.method);
+        let bake = bake.context("the pinned look's preset is not baked")?;
+        Ok(PreparedTransfer::new(cloud, bake, source, settings)?)
+    }
+
+    /// A light's map as it is seen behind the object.
+    fn backdrop_map(&self, light: &Environment) -> Result<Arc<EnvironmentMap>> {
+        if let Some(map) = self.maps.borrow().get(&light.id) {
+            return Ok(map.clone());
+        }
+        let map = Arc::new(load_map(light)?.blurred(self.scene.background_blur));
+        // A sheet of many lights is not to hold all their maps.
+        let mut maps = self.maps.borrow_mut();
+        if maps.len() >= 2 {
+            maps.clear();
+        }
+        maps.insert(light.id, map.clone());
+        Ok(map)
+    }
+
+    fn maps_of<'a>(&self, pinned: &'a Pinned) -> [&'a Illumination; 2] {
+        [&pinned.sources[self.object], &pinned.environment].map(|light| &light.illumination)
+    }
+
+    /// What the lights make of the asset, for a view.
+    fn lit(&self, scene: &Scene, view: View, target: &Arc<Environment>) -> Result<Lit> {
+        let source = &self.lights[SOURCE];
+        let object = &scene.objects[self.object];
+        let maps = [&source.illumination, &target.illumination];
+        let mut lit = if view.needs_relit() {
+            let (prepared, relit) = self.relit(scene, target, view.part())?;
+            Lit::of(view, relit, &self.cloud, &self.bake, prepared)
+        } else {
+            Lit::default()
+        };
+        if let (Some(pinned), true) = (&self.pinned, view.has_two_sides()) {
+            let scene = &pinned.scene;
+            if self.pinned_relit.get().is_none() {
+                let object = &scene.objects[self.object];
+                let [source, target] = scene.lights_on(object, self.maps_of(pinned), self.up);
+                let prepared = self.prepare(scene, &source)?;
+                let mut transfer = self.device.fastest().transfer(&prepared)?.0;
+                transfer.change_light(&target, Part::Whole, &[])?;
+                let _ = self.pinned_relit.set(transfer.result()?);
+            }
+            let relit = self
+                .pinned_relit
+                .get()
+                .context("the pinned look is relit")?;
+            lit.before = Some((relit.clone(), scene.display));
+        }
+        if let Some(ground) = &self.ground {
+            lit.ground = lit_ground(ground, scene, object, maps, self.up);
+        }
+        if view.background(scene.background) == Background::Environment {
+            let matched = scene.match_gain(object, maps);
+            // Behind a pinned look is that look's light.
+            let left = match &self.pinned {
+                Some(pinned) if view.has_two_sides() => {
+                    let scene = &pinned.scene;
+                    let object = &scene.objects[self.object];
+                    let gain = scene.match_gain(object, self.maps_of(pinned));
+                    (&pinned.environment, &scene.environment, gain)
+                }
+                _ => (source, &object.source, 1.0),
+            };
+            let sides = [left, (target, &scene.environment, matched)];
+            for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
+                if view.backdrops()[side] {
+                    let map = self.backdrop_map(light)?;
+                    lit.backdrops[side] = Some(Backdrop::new(map, settings, self.up, gain));
+                }
+            }
+        }
+        Ok(lit)
+    }
+
+    fn make_folder(&self, path: &Path) -> Result<()> {
+        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+        }
+        Ok(())
+    }
+
+    fn write(&self, path: &Path, raster: &Raster) -> Result<()> {
+        self.make_folder(path)?;
+        let (width, height) = (raster.width, raster.height);
+        let png = |bits| write_png(path, width, height, &present::straight(raster), bits);
+        match self.settings.format {
+            Format::Png8 => png(PngBits::Eight)?,
+            Format::Png16 => png(PngBits::Sixteen)?,
+            Format::ExrHalf | Format::ExrLayers => write_exr(path, raster, ExrFloats::Half)?,
+            Format::ExrFloat => write_exr(path, raster, ExrFloats::Full)?,
+        }
+        Ok(())
+    }
+
+    /// A file's name by the pattern; one that is taken gets a number, nothing is written over.
+    fn named(&self, light: &str, view: View, frame: Option<usize>) -> PathBuf {
+        let view = serde_json::to_value(view).ok();
+        let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");
+        let mut stem = self
+            .settings
+            .pattern
+            .replace("{asset}", &self.name)
+            .replace("{light}", light)
+            .replace("{view}", view)
+            .replace(['/', '\\'], "-");
+        if let Some(frame) = frame {
+            let number = format!("{frame:03}");
+            if stem.contains("{n}") {
+                stem = stem.replace("{n}", &number);
+            } else {
+                stem = format!("{stem}_{number}");
+            }
+        }
+        let stem = stem.replace("{n}", "");
+        free_name(
+            Path::new(&self.settings.folder),
+            &stem,
+            self.settings.format.extension(),
+        )
+    }
+
+    /// Pictures in rows, as wide as high about, each with its light's map in the corner.
+    fn contact_sheet(&self, handle: &Handle<Outcome>) -> Result<Made> {
+        self.need_shelf()?;
+        let count = self.shelf.len();
+        let columns = (count as f64).sqrt().ceil() as usize;
+        let rows = count.div_ceil(columns);
+        let [width, height] = self.settings.size;
+        if width * columns * height * rows > MAX_SAMPLES {
+            bail!("{count} pictures of {width} x {height} make too large a sheet; lower the size");
+        }
+        let blank = if self.settings.format.is_linear() {
+            0.0
+        } else {
+            0.1
+        };
+        let mut sheet = Raster {
+            width: width * columns,
+            height: height * rows,
+            pixels: vec![[blank, blank, blank, 1.0]; width * columns * height * rows],
+            depth: Vec::new(),
+        };
+        for (i, light) in self.shelf.iter().enumerate() {
+            handle_step(handle, i, count)?;
+            let mut picture = self.picture(self.scene.view, light)?;
+            self.add_map(&mut picture, light);
+            let origin = (i / columns) * height * sheet.width + (i % columns) * width;
+            for (y, row) in picture.pixels.chunks_exact(width).enumerate() {
+                sheet.pixels[origin + y * sheet.width..][..width].copy_from_slice(row);
+            }
+        }
+        let path = self.named("lights", self.scene.view, None);
+        self.write(&path, &sheet)?;
+        Ok(Made::Files(vec![path]))
+    }
+
+    fn add_map(&self, picture: &mut Raster, light: &Environment) {
+        let edge = picture.width.min(picture.height) / 20;
+        let room = picture.height - edge;
+        let height = (picture.width / 8).min(room);
+        let width = 2 * height;
+        if width < 2 || width + edge > picture.width {
+            return;
+        }
+        let map = EnvironmentMap::reduced(&light.small, width);
+        let display = Display::default();
+        for y in 0..height {
+            for x in 0..width {
+                let (mx, my) = (x * map.width() / width, y * map.height() / height);
+                let radiance =
+                    map.pixels()[my * map.width() + mx].map(|v| v * light.thumbnail_gain);
+                let [r, g, b] = if self.settings.format.is_linear() {
+                    radiance
+                } else {
+                    display.encode(radiance).map(|v| v.min(1.0))
+                };
+                let at = (picture.height - edge - height + y) * picture.width + edge + x;
+                picture.pixels[at] = [r, g, b, 1.0];
+            }
+        }
+    }
+
+    fn turntable(&self, handle: &Handle<Outcome>) -> Result<Made> {
+        let frames = self.settings.frames.max(1);
+        let target = &self.lights[TARGET];
+        let view = self.scene.view;
+        let studio = self.studio(view)?;
+        // The camera's turn changes no light: one relight does for all frames.
+        let fixed = match self.settings.turn {
+            Turn::Camera => Some(self.lit(&self.scene, view, target)?),
+            Turn::Light => None,
+        };
+        let mut written = Vec::new();
+        for frame in 0..frames {
+            handle_step(handle, frame, frames)?;
+            let turn = 360.0 * frame as f64 / frames as f64;
+            let (mut pose, mut scene) = (self.pose, self.scene.clone());
+            let turned;
+            let lit = match &fixed {
+                Some(lit) => {
+                    pose.azimuth = wrap(pose.azimuth + turn);
+                    lit
+                }
+                None => {
+                    scene.environment.rotation += turn;
+                    turned = self.lit(&scene, view, target)?;
+                    &turned
+                }
+            };
+            let path = self.named(&target.name(), view, Some(frame));
+            self.save_shot(&path, &studio, (&scene, &pose), (target, lit))?;
+            written.push(path);
+        }
+        Ok(Made::Files(written))
+    }
+
+    fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
+        let written = path.canonicalize().ok();
+        let is_it = |capture: &PathBuf| capture.canonicalize().ok() == written;
+        if path.exists() && self.captures.iter().any(is_it) {
+            bail!(
+                "{}: is the capture itself and would be lost; choose another name",
+                path.display()
+            );
+        }
+        let target = &self.lights[TARGET];
+        let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;
+        handle_step(handle, 0, 1)?;
+        if self.is_composed {
+            let stored = relit.stored_as(self.cloud.sh_degree, Encoding::Stored);
+            write_splat(&self.cloud, &stored, path)?;
+        } else {
+            write_relit(&self.file, &relit.stored(&self.cloud), path)?;
+        }
+        Ok(Made::Files(vec![path.to_owned()]))
+    }
+}
+
+fn handle_step(handle: &Handle<Outcome>, done: usize, of: usize) -> Result<()> {
+    if handle.progress(done as f64 / of as f64).is_break() {
+        bail!("cancelled");
+    }
+    Ok(())
+}
