@@ -1,6 +1,6 @@
 //! Pictures and splats out, off the interface's thread: each picture goes the way of `transplat render` with the same look.
 
-mod snapshot;
+mod run;
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
