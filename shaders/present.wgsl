@@ -15,7 +15,7 @@ struct PresentParameters {
     ground: vec4f,
     // Axes of the ground; in w whether it catches shadows, and the spacing of the grid (0: none).
     ground_axes: array<vec4f, 2>,
-    // Colours of the background.
+    // Colours of the background; of a plate the share of its edges that a pixel is.
     colors: array<vec4f, 2>,
     // Size of the screen, and its principal point.
     size: vec2f,
@@ -77,6 +77,12 @@ fn environment(at: vec2f, after: bool) -> vec3f {
     return display(radiance * parameters.eye.w, parameters.tone_map);
 }
 
+fn checkerboard(pixel: vec2f) -> vec4f {
+    let square = vec2u(pixel) / CHECKER_EDGE;
+    let odd = (square.x + square.y) % 2u == 1u;
+    return vec4f(vec3f(select(CHECKER_GREYS.x, CHECKER_GREYS.y, odd)), 1.0);
+}
+
 fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
     switch parameters.background {
         case BACKGROUND_COLOR: {
@@ -89,11 +95,17 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
         case BACKGROUND_ENVIRONMENT: {
             return vec4f(environment(at, after), 1.0);
         }
+        case BACKGROUND_PLATE: {
+            let there = 0.5 + (at - parameters.principal) * parameters.colors[0].xy;
+            if any(there < vec2f(0.0)) || any(there > vec2f(1.0)) {
+                return checkerboard(pixel);
+            }
+            let radiance = textureSampleLevel(after_map, ground_sampler, there, 0.0).rgb;
+            return vec4f(clamp(srgb_encode(radiance), vec3f(0.0), vec3f(1.0)), 1.0);
+        }
         default: {
-            // The checkerboard; and on a screen what shows where a picture is transparent.
-            let square = vec2u(pixel) / CHECKER_EDGE;
-            let odd = (square.x + square.y) % 2u == 1u;
-            return vec4f(vec3f(select(CHECKER_GREYS.x, CHECKER_GREYS.y, odd)), 1.0);
+            // And on a screen what shows where a picture is transparent.
+            return checkerboard(pixel);
         }
     }
 }

@@ -20,10 +20,11 @@ use std::path::Path;
 
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
+use crate::plate::Plate;
 
 pub use asset::{AssetFile, load_asset, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
-pub use cameras::{CameraFile, load_cameras};
+pub use cameras::{CameraFile, CameraFrame, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use kind::{FileKind, file_kind};
@@ -34,6 +35,14 @@ pub use write::{
     Channel, ExrFloats, PngBits, check_output, folder_of, write_atomically, write_environment,
     write_exr, write_layers, write_png,
 };
+
+/// Loads a photograph to be seen behind objects: anything that an environment may be, of any shape.
+///
+/// # Errors
+/// The file cannot be read, is broken, or is no picture.
+pub fn load_plate(path: &Path) -> Result<Plate> {
+    Ok(Plate::of(&load_environment(path)?))
+}
 
 /// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).
 ///

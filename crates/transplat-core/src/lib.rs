@@ -46,6 +46,7 @@ pub mod ground;
 mod nearest;
 mod numeric;
 pub mod oracle;
+pub mod plate;
 pub mod present;
 pub mod probe;
 pub mod progress;

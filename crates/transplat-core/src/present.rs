@@ -203,6 +203,8 @@ pub enum Background {
     Checker,
     /// The environment: the target's behind what is relit, the source's behind what is not.
     Environment,
+    /// The scene's plate.
+    Plate,
 }
 
 /// Edge of a square of the checkerboard, in pixels.
@@ -219,7 +221,7 @@ pub fn plain_background(
     height: usize,
 ) -> Option<[f32; 3]> {
     match background {
-        Background::Transparent | Background::Environment => None,
+        Background::Transparent | Background::Environment | Background::Plate => None,
         Background::Color(color) => Some(color),
         Background::Gradient(top, bottom) => {
             let t = (y as f32 + 0.5) / height as f32;

@@ -3,6 +3,8 @@
 mod light;
 mod object;
 
+use std::path::PathBuf;
+
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
@@ -42,6 +44,8 @@ pub struct Scene {
     pub difference_scale: f32,
     /// What is behind it.
     pub background: Background,
+    /// A photograph to be seen behind it.
+    pub plate: Option<PathBuf>,
     /// Blur of an environment behind it: standard deviation in degrees.
     pub background_blur: f32,
     /// The objects' shadow on the ground under them.
@@ -65,6 +69,7 @@ impl Default for Scene {
             wipe: 0.5,
             difference_scale: 1.0,
             background: Background::default(),
+            plate: None,
             background_blur: 0.0,
             shadow_catcher: false,
             camera: None,

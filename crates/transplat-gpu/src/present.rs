@@ -6,6 +6,7 @@ use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::ground::GROUND_CELLS;
+use transplat_core::plate::Plate;
 use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
@@ -20,6 +21,9 @@ pub const SCREEN_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 /// Maps behind the object are reduced to this width: a pixel of it is wider than one of the screen only above 33 megapixels.
 const MAX_BACKDROP_WIDTH: usize = 8192;
+
+/// And plates to this many pixels along their shorter edge.
+const PLATE_EDGE: usize = 1440;
 
 gpu_struct! {
     in "present";
@@ -86,6 +90,8 @@ pub struct Presentation {
     pub false_color: bool,
     /// What is behind.
     pub background: Background,
+    /// Pixels of the plate, where that is behind.
+    pub plate: [usize; 2],
     /// Source and target light.
     pub lights: [BackdropLight; 2],
     /// The ground.
@@ -104,6 +110,11 @@ impl Presentation {
         let colors = match self.background {
             Background::Color(color) => [color, color],
             Background::Gradient(top, bottom) => [top, bottom],
+            Background::Plate => {
+                let scale = Plate::scale(self.plate, [camera.width, camera.height]);
+                let [u, v] = self.plate.map(|edge| scale / edge.max(1) as f32);
+                [[u, v, 0.0]; 2]
+            }
             _ => [[0.0; 3]; 2],
         };
         let map = |light: BackdropLight| {
@@ -146,9 +157,25 @@ impl Backdrop {
     /// Uploads a map as half floats; a larger one than can be seen or held is reduced first.
     pub fn new(context: &Context, map: &EnvironmentMap) -> Self {
         let reduced = map.reduced(MAX_BACKDROP_WIDTH.min(context.max_texture()));
-        let texels = reduced.pixels().iter();
+        Self::of(
+            context,
+            [reduced.width(), reduced.height()],
+            reduced.pixels(),
+        )
+    }
+
+    /// The same of a plate.
+    pub fn of_plate(context: &Context, plate: &Plate) -> Self {
+        let longer = plate.width.max(plate.height);
+        let shorter = plate.width.min(plate.height);
+        let most = shorter * context.max_texture() / longer.max(1);
+        let reduced = plate.reduced(PLATE_EDGE.min(most).max(1));
+        Self::of(context, [reduced.width, reduced.height], &reduced.pixels)
+    }
+
+    fn of(context: &Context, size: [usize; 2], pixels: &[[f32; 3]]) -> Self {
+        let texels = pixels.iter();
         let texels = texels.flat_map(|&[r, g, b]| [r, g, b, 1.0].map(|v| v.min(65504.0)));
-        let size = [reduced.width(), reduced.height()];
         let format = wgpu::TextureFormat::Rgba16Float;
         Self(half_floats(context, size, format, texels))
     }

@@ -216,6 +216,9 @@ pub struct RenderArgs {
     /// transparent, black, white, #rrggbb, checker or environment [default: transparent]
     #[arg(long, value_parser = parse_background)]
     pub background: Option<Background>,
+    /// A photograph behind the objects, framed by its shorter edge; a folder of them: that of each camera's picture
+    #[arg(long, value_name = "PHOTO|DIR", conflicts_with = "background")]
+    pub plate: Option<PathBuf>,
     /// What to show [default: after]
     #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|tau|doubts")]
     pub view: Option<View>,
@@ -240,8 +243,8 @@ pub struct RenderArgs {
 
 #[derive(Clone, Debug, Args)]
 pub struct CameraArgs {
-    /// Cameras of a NeRF-synthetic transforms.json
-    #[arg(long, value_name = "TRANSFORMS.json", conflicts_with_all = ["turntable", "eye"])]
+    /// Cameras of a transforms.json, or of a COLMAP model by its folder
+    #[arg(long, value_name = "TRANSFORMS.json|DIR", conflicts_with_all = ["turntable", "eye"])]
     pub cameras: Option<PathBuf>,
     /// N views around the object
     #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = clap::value_parser!(u32).range(1..=100_000))]
@@ -519,6 +522,7 @@ fn parse_background(text: &str) -> Result<Background, String> {
         "transparent" => Background::Transparent,
         "environment" => Background::Environment,
         "checker" => Background::Checker,
+        "plate" => Background::Plate,
         "black" => Background::Color([0.0; 3]),
         "white" => Background::Color([1.0; 3]),
         _ => {
@@ -526,7 +530,7 @@ fn parse_background(text: &str) -> Result<Background, String> {
                 .strip_prefix('#')
                 .filter(|d| d.len() == 6)
                 .and_then(|d| u32::from_str_radix(d, 16).ok())
-                .ok_or("transparent, black, white, #rrggbb, checker or environment is expected")?;
+                .ok_or("transparent, black, white, #rrggbb, checker, environment or plate (of the look) is expected")?;
             Background::Color([16, 8, 0].map(|shift| (digits >> shift & 255) as f32 / 255.0))
         }
     })

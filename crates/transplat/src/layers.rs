@@ -109,6 +109,17 @@ impl Layers {
             shadow = ratio(&draw(&colors, &others)?, &plate);
             add(&mut channels, "plate", "RGBA", &plate.pixels);
         }
+        let shorter = camera.width.min(camera.height);
+        let photograph = studio.plate.as_ref().map(|p| p.reduced(shorter));
+        if let (Some(photograph), None) = (photograph, &self.scene_alone) {
+            let pixel = |i: usize| {
+                let (x, y) = (i % camera.width, i / camera.width);
+                let color = photograph.at(camera, x, y, ColorSpace::Linear);
+                color.map_or([0.0; 4], |[r, g, b]| [r, g, b, 1.0])
+            };
+            let pixels: Vec<_> = (0..beauty.pixels.len()).map(pixel).collect();
+            add(&mut channels, "plate", "RGBA", &pixels);
+        }
         let share = &lit.ground[1];
         if let (Some(ground), false) = (&studio.ground, share.is_empty()) {
             for (i, value) in shadow.iter_mut().enumerate() {

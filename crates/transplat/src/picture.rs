@@ -1,5 +1,6 @@
 //! One picture of the asset, as a look asks for it: what `render` writes and what the viewer saves go through here.
 
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
@@ -8,7 +9,9 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::Camera;
 use transplat_core::color::{Display, srgb_decode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::files::load_plate;
 use transplat_core::ground::Ground;
+use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
@@ -90,6 +93,21 @@ impl Lit {
     }
 }
 
+/// Endings of photographs, for names that have none.
+const ENDINGS: [&str; 6] = ["", "png", "jpg", "jpeg", "JPG", "exr"];
+
+/// A photograph's file, whether its name has the ending or not.
+pub fn photographs_named(file: &Path) -> impl Iterator<Item = PathBuf> + '_ {
+    ENDINGS.iter().map(move |ending| match *ending {
+        "" => file.to_owned(),
+        ending => {
+            let mut whole = file.as_os_str().to_owned();
+            whole.push(format!(".{ending}"));
+            whole.into()
+        }
+    })
+}
+
 /// What one picture is taken with.
 #[derive(Clone, Copy)]
 struct Shot<'a> {
@@ -111,6 +129,8 @@ pub struct Studio {
     /// Of the channel *visibility*, as surfel colours; empty unless it is what is shown.
     pub openness: Vec<[f32; 3]>,
     pub ground: Option<Ground>,
+    /// Behind it, where that is the background.
+    pub plate: Option<Plate>,
 }
 
 impl Studio {
@@ -141,8 +161,20 @@ impl Studio {
             hidden: Vec::new(),
             openness: Vec::new(),
             ground: None,
+            plate: None,
             scene,
         }
+    }
+
+    /// Reads the plate that is behind it, where there is one.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn load_plate(&mut self) -> Result<()> {
+        let path = self.scene.plate.as_ref();
+        let path = path.filter(|_| self.scene.background == Background::Plate);
+        self.plate = path.map(|path| load_plate(path)).transpose()?;
+        Ok(())
     }
 
     /// Takes a picture with `factor` times `factor` samples a pixel.
@@ -245,6 +277,15 @@ impl Studio {
         let height = camera.height;
         match (background, &lit.backdrops[side]) {
             (Background::Transparent, _) | (Background::Environment, None) => {}
+            (Background::Plate, _) => {
+                let shorter = camera.width.min(camera.height);
+                if let Some(plate) = self.plate.as_ref().map(|p| p.reduced(shorter)) {
+                    present::composite(&mut raster, |x, y| {
+                        let color = plate.at(camera, x, y, self.space);
+                        color.map_or([0.0; 4], opaque)
+                    });
+                }
+            }
             (Background::Environment, Some(backdrop)) => {
                 let turn = backdrop.map_from_asset.as_mat3();
                 present::composite(&mut raster, |x, y| {

@@ -12,6 +12,7 @@ mod files;
 mod frame;
 mod inspecting;
 mod jobs;
+mod matching;
 mod measuring;
 mod menus;
 mod navigation;

@@ -6,6 +6,7 @@ use glam::{Quat, Vec3};
 use transplat::viewer::{Format, Startup, Task};
 use transplat_core::color::{Encoding, encode_sh};
 use transplat_core::files::{load_asset, load_look, load_picture, save_look, write_splat};
+use transplat_core::present::Background;
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
@@ -249,4 +250,70 @@ fn an_object_that_is_turned_keeps_the_light_where_it_is() {
     d.viewer().session.scene.environment.rotation = 90.0;
     let other = d.picture();
     assert!(psnr(&straight, &other) < psnr(&straight, &turned));
+}
+
+/// A photograph with its camera: the object is drawn over it where that camera would see it, in the window as on the command line.
+#[test]
+fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
+    let mut d = ball_over_plate();
+    let photo = d.folder.path("photo.png");
+    let gradient = image::RgbImage::from_fn(120, 90, |x, y| image::Rgb([2 * x as u8, y as u8, 90]));
+    gradient.save(&photo).expect("room");
+    // From five in front of the scene and one above it, rolled.
+    let (sin, cos) = 0.3f64.sin_cos();
+    let rows = format!(
+        "[[{cos},{},0,0],[0,0,-1,-5],[{sin},{cos},0,1],[0,0,0,1]]",
+        -sin
+    );
+    let text = format!(
+        r#"{{"camera_angle_x": 0.6, "w": 120, "h": 90, "frames": [{{"file_path": "photo", "transform_matrix": {rows}}}]}}"#
+    );
+    let cameras = d.folder.write("transforms.json", text);
+    let path = d.folder.path("transforms.json");
+    d.after(|v| v.open(&path));
+    let session = &d.viewer().session;
+    let told: Vec<_> = session.messages.iter().filter(|m| m.is_error).collect();
+    assert!(told.is_empty(), "{told:?}");
+    assert_eq!(session.scene.background, Background::Plate);
+    assert!(
+        session
+            .scene
+            .plate
+            .as_ref()
+            .is_some_and(|p| p.ends_with("photo.png"))
+    );
+    assert!(session.pose.roll.abs() > 10.0, "{:?}", session.pose);
+    let settings = d.viewer().export_settings();
+    settings.size = [120, 90];
+    settings.supersample = 1;
+    let [ours, theirs, look] = ["ours.png", "theirs.png", "plate.json"].map(|n| d.folder.name(n));
+    let path = ours.clone().into();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let scene = d.viewer().session.scene_to_save();
+    save_look(look.as_ref(), &scene).expect("room");
+    let line = "render --look {} --cameras {} --plate {} --device cpu -o {}";
+    let photo = photo.display().to_string();
+    run_json(&args(line, &[&look, &cameras, &photo, &theirs]));
+    let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
+    assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
+    // In the corner there is the photograph and nothing else.
+    assert_eq!(b[0], picture(photo.as_ref())[0]);
+    // On the screen the same, as large as there is room.
+    let shown = d.picture();
+    let size = d.viewer().session.viewport;
+    d.viewer().export_settings().size = size;
+    let large = d.folder.name("large.png");
+    let path = large.clone().into();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let [width, height] = size;
+    // Beside the photograph the screen shows a checkerboard, a file nothing.
+    let inside = |p: &[[f32; 3]]| -> Vec<[f32; 3]> {
+        let half = height * 2 / 3 - 2;
+        let columns = width / 2 - half..width / 2 + half;
+        let rows = p.chunks_exact(width);
+        rows.flat_map(|row| row[columns.clone()].to_vec()).collect()
+    };
+    let large = picture(large.as_ref());
+    let alike = psnr(&inside(&shown), &inside(&large));
+    assert!(alike > 38.0, "{alike}");
 }

@@ -1,41 +1,124 @@
-//! Camera files: NeRF-synthetic `transforms*.json`.
+//! Camera files: `transforms.json` as NeRF-synthetic and nerfstudio write it, and COLMAP's models.
+
+mod colmap;
 
 use std::path::Path;
 
 use glam::{DMat4, DVec4};
 use serde::Deserialize;
 
+use crate::camera::Camera;
 use crate::error::{Error, Result};
 
-/// A camera file: one field of view, many poses.
+/// Cameras of a file.
 #[derive(Clone, Debug)]
 pub struct CameraFile {
+    /// At least one, in the file's order; COLMAP's by the names of their pictures.
+    pub frames: Vec<CameraFrame>,
+    /// What of it this program's cameras cannot be, for the user.
+    pub warnings: Vec<String>,
+}
+
+/// A camera of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFrame {
+    /// Its picture's file, as the camera file has it.
+    pub picture: Option<String>,
+    /// Camera to world, OpenGL axes (x right, y up, looking along -z).
+    pub world_from_camera: DMat4,
     /// Horizontal field of view in radians.
     pub fov_x: f64,
     /// Picture size in pixels, where the file gives one.
     pub size: Option<[usize; 2]>,
-    /// The poses in order: camera to world, OpenGL axes (x right, y up, looking along -z).
-    pub frames: Vec<DMat4>,
+}
+
+impl CameraFrame {
+    /// The camera for a picture of a size.
+    pub fn camera(&self, size: [usize; 2], near: f32) -> Camera {
+        Camera::from_opengl_pose(self.world_from_camera, self.fov_x, size, near)
+    }
+}
+
+impl CameraFile {
+    /// Picture size of the first frame, where the file gives one.
+    pub fn size(&self) -> Option<[usize; 2]> {
+        self.frames.first().and_then(|f| f.size)
+    }
 }
 
 #[derive(Deserialize)]
 struct File {
-    camera_angle_x: f64,
-    w: Option<f64>,
-    h: Option<f64>,
+    #[serde(flatten)]
+    lens: Lens,
     frames: Vec<FrameEntry>,
 }
 
 #[derive(Deserialize)]
 struct FrameEntry {
+    #[serde(flatten)]
+    lens: Lens,
+    #[serde(default)]
+    file_path: Option<String>,
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Loads a camera file.
+/// The frame's own, or that of all; focal length and principal point are in pixels.
+#[derive(Clone, Copy, Default, Deserialize)]
+struct Lens {
+    camera_angle_x: Option<f64>,
+    fl_x: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+}
+
+impl Lens {
+    fn or(self, all: Self) -> Self {
+        Self {
+            camera_angle_x: self.camera_angle_x.or(all.camera_angle_x),
+            fl_x: self.fl_x.or(all.fl_x),
+            w: self.w.or(all.w),
+            h: self.h.or(all.h),
+            cx: self.cx.or(all.cx),
+            cy: self.cy.or(all.cy),
+        }
+    }
+
+    fn size(self) -> std::result::Result<Option<[usize; 2]>, &'static str> {
+        match (self.w, self.h) {
+            (Some(w), Some(h)) if (1.0..65536.0).contains(&w) && (1.0..65536.0).contains(&h) => {
+                Ok(Some([w as usize, h as usize]))
+            }
+            (None, None) => Ok(None),
+            _ => Err("w and h are not a picture size"),
+        }
+    }
+
+    fn fov_x(self) -> std::result::Result<f64, &'static str> {
+        let by_focal = || Some(2.0 * (0.5 * self.w? / self.fl_x?).atan());
+        let fov = self.camera_angle_x.or_else(by_focal);
+        let fov = fov.ok_or("camera_angle_x is missing, or fl_x with w and h")?;
+        if fov > 1e-4 && fov < 3.1 {
+            Ok(fov)
+        } else {
+            Err("camera_angle_x is not an angle in radians below pi")
+        }
+    }
+}
+
+/// Loads a camera file: a `transforms.json`, or a COLMAP model by its folder or its `images.txt` or `images.bin`.
 ///
 /// # Errors
-/// It cannot be read, is not such a JSON file, has no frame, or a pose that cannot be inverted.
+/// It cannot be read, is no such file, has no frame, or a pose that cannot be inverted.
 pub fn load_cameras(path: &Path) -> Result<CameraFile> {
+    let name = path.file_name().unwrap_or_default();
+    if path.is_dir() {
+        return colmap::load(path);
+    }
+    if colmap::IMAGES.iter().any(|images| name == *images) {
+        return colmap::load(super::folder_of(path));
+    }
     let bytes = super::read::read_all(path, 1 << 28)?;
     let file: File = serde_json::from_slice(&bytes).map_err(|e| {
         Error::invalid(
@@ -45,37 +128,113 @@ pub fn load_cameras(path: &Path) -> Result<CameraFile> {
             ),
         )
     })?;
-    if !(file.camera_angle_x > 1e-4 && file.camera_angle_x < 3.1) {
-        return Err(Error::invalid(
-            path,
-            "camera_angle_x is not an angle in radians below pi",
-        ));
-    }
     if file.frames.is_empty() {
         return Err(Error::invalid(path, "holds no frames"));
     }
-    let size = match (file.w, file.h) {
-        (Some(w), Some(h)) if (1.0..65536.0).contains(&w) && (1.0..65536.0).contains(&h) => {
-            Some([w as usize, h as usize])
-        }
-        (None, None) => None,
-        _ => return Err(Error::invalid(path, "w and h are not a picture size")),
-    };
+    let mut off = Offsets::default();
     let mut frames = Vec::new();
-    for (i, frame) in file.frames.iter().enumerate() {
-        let m = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
-        let affine = m.row(3).abs_diff_eq(DVec4::W, 1e-6);
-        if !(m.is_finite() && affine && m.determinant().abs() > 1e-12) {
-            return Err(Error::invalid(
-                path,
-                format!("the transform_matrix of frame {i} is not a camera pose"),
-            ));
+    for (i, frame) in file.frames.into_iter().enumerate() {
+        let lens = frame.lens.or(file.lens);
+        let invalid = |why: &str| Error::invalid(path, format!("frame {i}: {why}"));
+        let size = lens.size().map_err(invalid)?;
+        if let (Some(size), Some(cx), Some(cy)) = (size, lens.cx, lens.cy) {
+            off.center(size, [cx, cy]);
         }
-        frames.push(m);
+        frames.push(CameraFrame {
+            picture: frame.file_path,
+            world_from_camera: pose(&frame.transform_matrix)
+                .ok_or_else(|| invalid("the transform_matrix is not a camera pose"))?,
+            fov_x: lens.fov_x().map_err(invalid)?,
+            size,
+        });
     }
     Ok(CameraFile {
-        fov_x: file.camera_angle_x,
-        size,
         frames,
+        warnings: off.warnings(path),
     })
+}
+
+fn pose(rows: &[[f64; 4]; 4]) -> Option<DMat4> {
+    let m = DMat4::from_cols_array_2d(rows).transpose();
+    let affine = m.row(3).abs_diff_eq(DVec4::W, 1e-6);
+    (m.is_finite() && affine && m.determinant().abs() > 1e-12).then_some(m)
+}
+
+/// How far lenses are from the pinhole with its axis in the middle that cameras are here.
+#[derive(Default)]
+struct Offsets {
+    /// Share of the picture's width.
+    center: f64,
+    distorted: bool,
+    stretched: bool,
+}
+
+/// Shares of a picture's width below which nobody sees that it is off.
+const UNSEEN: f64 = 2e-3;
+
+impl Offsets {
+    fn center(&mut self, size: [usize; 2], at: [f64; 2]) {
+        for (size, at) in size.into_iter().zip(at) {
+            let off = (at / size as f64 - 0.5).abs();
+            self.center = self.center.max(off);
+        }
+    }
+
+    fn warnings(&self, path: &Path) -> Vec<String> {
+        let mut told = Vec::new();
+        let mut tell = |what: &str| {
+            told.push(format!(
+                "{}: {what}; undistort the photographs first, pictures are a little off otherwise",
+                path.display()
+            ));
+        };
+        if self.center > UNSEEN {
+            tell("the optical axis is not in the middle of the picture");
+        }
+        if self.distorted {
+            tell("the lens is distorted");
+        }
+        if self.stretched {
+            tell("pixels are not square");
+        }
+        told
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn load(text: &str) -> Result<CameraFile> {
+        let file = tempfile::NamedTempFile::new().expect("a temporary file");
+        std::fs::write(file.path(), text).expect("room for it");
+        load_cameras(file.path())
+    }
+
+    #[test]
+    fn a_lens_is_all_frames_or_ones_own() {
+        let text = format!(
+            r#"{{"fl_x": 100, "w": 200, "h": 100, "cx": 100, "cy": 50, "k1": 0.1, "frames": [
+            {{"file_path": "a.jpg", "transform_matrix": {ROWS}}},
+            {{"camera_angle_x": 0.5, "transform_matrix": {ROWS}}}]}}"#
+        );
+        let file = load(&text).expect("a good file");
+        assert_eq!(file.size(), Some([200, 100]));
+        assert!((file.frames[0].fov_x - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+        assert_eq!(file.frames[0].picture.as_deref(), Some("a.jpg"));
+        assert_eq!(file.frames[1].fov_x, 0.5);
+        assert!(file.warnings.is_empty(), "{:?}", file.warnings);
+        let off = load(&text.replace("\"cx\": 100", "\"cx\": 90")).expect("a good file");
+        assert_eq!(off.warnings.len(), 1);
+        for wrong in [
+            text.replace("\"fl_x\": 100,", ""),
+            text.replace("\"h\": 100,", ""),
+            text.replace("[0,0,0,1]]", "[0,0,0,2]]"),
+            r#"{"camera_angle_x": 1, "frames": []}"#.into(),
+        ] {
+            assert!(load(&wrong).is_err(), "{wrong}");
+        }
+    }
 }

@@ -20,7 +20,7 @@ use crate::surfels::{Hide, UpAxis};
 /// The version of looks that this program writes; it reads all up to it.
 const LOOK_VERSION: u32 = 3;
 
-/// The version of those that hold one object where it was captured.
+/// The version of those that hold one object where it was captured, and neither a plate nor a rolled camera.
 const VERSION_OF_ONE: u32 = 2;
 
 /// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
@@ -54,6 +54,8 @@ struct Look {
     wipe: f32,
     difference_scale: f32,
     background: Background,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plate: Option<PathBuf>,
     background_blur: f32,
     shadow_catcher: bool,
     camera: Option<CameraPose>,
@@ -74,8 +76,15 @@ impl Look {
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
         let one = objects.pop_if(|_| is_one);
         let of_one = one.clone().unwrap_or_default();
+        let is_rolled = scene.camera.is_some_and(|c| c.roll != 0.0);
+        let is_new = !is_one || is_rolled || scene.plate.is_some();
+        let has_plate = scene.background == Background::Plate;
         Self {
-            version: if is_one { VERSION_OF_ONE } else { LOOK_VERSION },
+            version: if is_new || has_plate {
+                LOOK_VERSION
+            } else {
+                VERSION_OF_ONE
+            },
             objects: Some(objects).filter(|_| !is_one),
             asset: of_one.asset,
             up: of_one.up,
@@ -93,6 +102,7 @@ impl Look {
             wipe: scene.wipe,
             difference_scale: scene.difference_scale,
             background: scene.background,
+            plate: scene.plate,
             background_blur: scene.background_blur,
             shadow_catcher: scene.shadow_catcher,
             camera: scene.camera,
@@ -144,6 +154,7 @@ impl Look {
             wipe: self.wipe,
             difference_scale: self.difference_scale,
             background: self.background,
+            plate: self.plate,
             background_blur: self.background_blur,
             shadow_catcher: self.shadow_catcher,
             camera: self.camera,
@@ -215,6 +226,9 @@ fn with_paths(mut scene: Scene, change: impl Fn(&Path) -> PathBuf) -> Scene {
         if is_file(path) {
             *path = change(path);
         }
+    }
+    if let Some(plate) = &mut scene.plate {
+        *plate = change(plate);
     }
     scene
 }

@@ -37,6 +37,7 @@ pub fn background_number(background: Background) -> u32 {
         Background::Gradient(..) => 1,
         Background::Environment => 2,
         Background::Checker | Background::Transparent => 3,
+        Background::Plate => 4,
     }
 }
 
@@ -127,6 +128,7 @@ pub static PRESENT: File = file!("present", |s| {
             number(Background::Gradient(black, black)),
         )
         .count("BACKGROUND_ENVIRONMENT", number(Background::Environment))
+        .count("BACKGROUND_PLATE", number(Background::Plate))
         .count("CHECKER_EDGE", CHECKER_EDGE)
         .vector("CHECKER_GREYS", &CHECKER_GREYS)
         .vector("WIPE_LINE", &WIPE_LINE)

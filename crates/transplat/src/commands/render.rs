@@ -3,25 +3,26 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 use clap::ValueEnum;
 use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, load_cameras, look_text, save_look, write_exr, write_layers, write_png,
+    CameraFrame, ExrFloats, PngBits, load_cameras, load_plate, look_text, save_look, write_exr,
+    write_layers, write_png,
 };
+use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::{Skip, Skipped};
-use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Part;
 
-use crate::cli::{CameraArgs, PictureFormat, RenderArgs, usage};
+use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::layers::Layers;
-use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
 use crate::pipeline::settings::{assets_of, look_of, put, targets_of, with_scene_as_look};
 use crate::pipeline::{Lights, Pipeline, Target};
 use crate::summary::Summary;
@@ -39,8 +40,10 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     };
     let mut scene = settings(args)?;
     if args.layers {
-        // What is behind it is the compositor's.
-        scene.background = Background::Transparent;
+        // What is behind it is the compositor's, but for a photograph that is a layer itself.
+        if scene.background != Background::Plate {
+            scene.background = Background::Transparent;
+        }
     }
     let targets = targets_of(&args.light, &scene)?;
     let mut shown = scene.objects.iter().filter(|o| o.shown);
@@ -53,14 +56,15 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     }
     let assets = assets_of(&args.asset, &scene);
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let frames = frames(args, &pipeline)?;
+    let frames = frames(args, &pipeline, &mut summary)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
     let inputs = args
         .light
         .inputs(&pipeline.scene, &targets)
         .chain(assets.iter().map(|a| &**a))
-        .chain(cameras);
+        .chain(cameras)
+        .chain(pipeline.scene.plate.as_deref());
     let mut outputs = output.pictures(&targets, &frames);
     if args.layers {
         outputs.extend(targets.iter().map(|(name, _)| output.look(Some(name))));
@@ -104,7 +108,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     if pipeline.scene.shadow_catcher && lights.is_some() {
         studio.ground = Some(pipeline.bake_ground(&mut summary)?);
     }
-    let shots = Shots {
+    let mut shots = Shots {
         args,
         frames: &frames,
         output: &output,
@@ -168,17 +172,33 @@ fn settings(args: &RenderArgs) -> Result<Scene> {
     let mut scene = look_of(&args.asset.options, Some(&args.light))?;
     put(&mut scene.view, args.view);
     put(&mut scene.background, args.background);
+    if let Some(plate) = &args.plate {
+        scene.plate = Some(plate.clone());
+        scene.background = Background::Plate;
+    }
+    if scene.background == Background::Plate && scene.plate.is_none() {
+        usage("--background plate needs a photograph: --plate, or the plate in the look");
+    }
     put(&mut scene.display.tone_map, args.tone_map);
     let exposure = args.exposure.map(|stops| stops.clamp(-60.0, 60.0) as f32);
     put(&mut scene.display.exposure, exposure);
     Ok(scene)
 }
 
-/// The cameras to draw, each with its own number.
-fn frames(args: &RenderArgs, pipeline: &Pipeline) -> Result<Vec<(usize, Camera)>> {
-    let all = cameras(&args.camera, args.size, &pipeline.scene, &pipeline.cloud)?;
-    let samples = all.first().map_or(0, |c| {
-        c.width * c.height * usize::from(args.supersample).pow(2)
+/// A picture to be taken.
+struct Frame {
+    /// Its own, whichever are left out.
+    number: usize,
+    camera: Camera,
+    /// What the photograph of that camera is called, where a file tells.
+    picture: Option<String>,
+}
+
+/// The cameras to draw.
+fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
+    let all = cameras(args, pipeline, summary)?;
+    let samples = all.first().map_or(0, |frame| {
+        frame.camera.width * frame.camera.height * usize::from(args.supersample).pow(2)
     });
     if samples > MAX_SAMPLES {
         bail!(
@@ -190,44 +210,81 @@ fn frames(args: &RenderArgs, pipeline: &Pipeline) -> Result<Vec<(usize, Camera)>
     if first >= count {
         bail!("--frames {first}-{last}: the frames are 0 to {}", count - 1);
     }
-    Ok(all
-        .into_iter()
-        .enumerate()
-        .filter(|(i, _)| (first..=last).contains(i))
+    let asked = all.into_iter();
+    Ok(asked
+        .filter(|f| (first..=last).contains(&f.number))
         .collect())
 }
 
-fn cameras(
-    args: &CameraArgs,
-    size: Option<[usize; 2]>,
-    scene: &Scene,
-    cloud: &SurfelCloud,
-) -> Result<Vec<Camera>> {
+fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
+    let (scene, cloud) = (&pipeline.scene, &pipeline.cloud);
     let bounds = cloud.bounds();
     let near = NEAR * bounds.radius;
-    if let Some(path) = &args.cameras {
+    let numbered = |(number, camera)| Frame {
+        number,
+        camera,
+        picture: None,
+    };
+    // A photograph is covered pixel for pixel.
+    let plate = scene.plate.as_ref();
+    let plate = plate.filter(|p| scene.background == Background::Plate && p.is_file());
+    let plate = plate.map(|path| load_plate(path)).transpose()?;
+    let plate_size = plate.map(|p| [p.width, p.height]);
+    let args = (&args.camera, args.size);
+    if let (Some(path), size) = (&args.0.cameras, args.1) {
         let file = load_cameras(path)?;
-        let size = size.or(file.size).unwrap_or([800, 800]);
-        return Ok(file
-            .frames
-            .iter()
-            .map(|f| Camera::from_opengl_pose(*f, file.fov_x, size, near))
-            .collect());
+        for warning in &file.warnings {
+            summary.warn(warning.clone());
+        }
+        let frames = file.frames.into_iter().enumerate();
+        let frame = |(number, frame): (usize, CameraFrame)| {
+            let size = size.or(frame.size).or(plate_size).unwrap_or([800, 800]);
+            Frame {
+                number,
+                camera: frame.camera(size, near),
+                picture: frame.picture,
+            }
+        };
+        return Ok(frames.map(frame).collect());
     }
-    let size = size.unwrap_or([800, 800]);
+    let (args, size) = (args.0, args.1.or(plate_size).unwrap_or([800, 800]));
     let fov_x = args.fov.to_radians();
     let up = cloud.up.direction();
     if let Some(eye) = args.eye {
         let target = args.look_at.map_or(bounds.center, Vec3::from_array);
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
-        return Ok(vec![camera]);
+        return Ok(vec![numbered((0, camera))]);
     }
     if let (Some(pose), None) = (&scene.camera, args.turntable) {
         let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
-        return Ok(vec![camera]);
+        return Ok(vec![numbered((0, camera))]);
     }
     let count = args.turntable.unwrap_or(1) as usize;
-    Ok(turntable(cloud, count, fov_x, size, near))
+    let around = turntable(cloud, count, fov_x, size, near);
+    Ok(around.into_iter().enumerate().map(numbered).collect())
+}
+
+/// The photograph behind a frame: one for all, or that of its camera out of a folder.
+fn plate_of(plate: &Path, frame: &Frame) -> Result<Plate> {
+    if !plate.is_dir() {
+        return Ok(load_plate(plate)?);
+    }
+    let picture = frame.picture.as_deref().with_context(|| {
+        format!(
+            "{}: a folder of photographs needs cameras that name theirs (--cameras)",
+            plate.display()
+        )
+    })?;
+    let name = Path::new(picture).file_name().unwrap_or_default();
+    let found = photographs_named(&plate.join(name)).find(|path| path.is_file());
+    let found = found.with_context(|| {
+        format!(
+            "{}: holds no photograph {}",
+            plate.display(),
+            name.display()
+        )
+    })?;
+    Ok(load_plate(&found)?)
 }
 
 /// Files that are not written; a folder would hardly be called so.
@@ -309,13 +366,13 @@ impl<'a> Output<'a> {
     }
 
     /// All pictures that will be written.
-    fn pictures(&self, targets: &[(String, PathBuf)], frames: &[(usize, Camera)]) -> Vec<PathBuf> {
+    fn pictures(&self, targets: &[(String, PathBuf)], frames: &[Frame]) -> Vec<PathBuf> {
         let names = targets.iter().map(|(name, _)| Some(&**name)).chain([None]);
         names
             .flat_map(|name| {
                 frames
                     .iter()
-                    .map(move |(number, _)| self.picture(name, *number))
+                    .map(move |frame| self.picture(name, frame.number))
             })
             .collect()
     }
@@ -323,7 +380,7 @@ impl<'a> Output<'a> {
 
 struct Shots<'a> {
     args: &'a RenderArgs,
-    frames: &'a [(usize, Camera)],
+    frames: &'a [Frame],
     output: &'a Output<'a>,
     studio: Studio,
     pipeline: &'a Pipeline,
@@ -331,7 +388,7 @@ struct Shots<'a> {
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(&self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
+    fn relit(&mut self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
         let pipeline = self.pipeline;
         let (prepared, mut transfer) = pipeline.prepare(bake, lights, summary)?;
         let mut written = 0;
@@ -373,7 +430,7 @@ impl Shots<'_> {
 
     /// The same picture for each target, but for its background and ground.
     fn as_captured(
-        &self,
+        &mut self,
         targets: &[(String, PathBuf)],
         lights: Option<&Lights>,
         summary: &mut Summary,
@@ -438,7 +495,7 @@ impl Shots<'_> {
 
     /// Each frame in layers, and the look that they are made by.
     fn take_layers(
-        &self,
+        &mut self,
         (target, layers): (&Target, &Layers),
         lit: &Lit,
         summary: &mut Summary,
@@ -451,33 +508,48 @@ impl Shots<'_> {
         let mut look = pipeline.scene.clone();
         look.environment.file = Some(target.path.clone());
         look.objects[0].asset = Some(pipeline.first().file.path.clone());
-        if let [(_, camera)] = self.frames {
+        if let [Frame { camera, .. }] = self.frames {
             let middle = pipeline.cloud.bounds().center;
             look.camera = Some(CameraPose::of(camera, pipeline.cloud.up, middle));
         }
         let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
         let factor = usize::from(self.args.supersample);
-        for (number, camera) in self.frames {
-            let path = self.output.picture(name, *number);
-            let taken = || layers.take(&self.studio, camera, factor, lit);
+        for frame in self.frames {
+            self.set_plate(frame)?;
+            let path = self.output.picture(name, frame.number);
+            let taken = || layers.take(&self.studio, &frame.camera, factor, lit);
             let channels = summary.time("rasterize", taken)?;
-            let size = [camera.width, camera.height];
+            let size = [frame.camera.width, frame.camera.height];
             summary.time("export", || write_layers(&path, size, channels, &made_by))?;
         }
         save_look(&self.output.look(name), &look)?;
         Ok(self.frames.len())
     }
 
-    fn take(&self, target: Option<&str>, lit: &Lit, summary: &mut Summary) -> Result<usize> {
+    /// Puts the frame's photograph behind it, where there is one.
+    fn set_plate(&mut self, frame: &Frame) -> Result<()> {
+        let scene = &self.studio.scene;
+        let plate = scene.plate.as_ref();
+        if let Some(plate) = plate.filter(|_| scene.background == Background::Plate)
+            && (self.studio.plate.is_none() || plate.is_dir())
+        {
+            self.studio.plate = Some(plate_of(plate, frame)?);
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, target: Option<&str>, lit: &Lit, summary: &mut Summary) -> Result<usize> {
         if !self.output.is_file {
             make_folder(&self.output.folder(target))?;
         }
         let bar = summary.progress_bar("drawing");
-        for (done, (number, camera)) in self.frames.iter().enumerate() {
+        for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
-            let path = self.output.picture(target, *number);
+            self.set_plate(frame)?;
+            let path = self.output.picture(target, frame.number);
             let factor = usize::from(self.args.supersample);
-            let raster = summary.time("rasterize", || self.studio.take(camera, factor, lit))?;
+            let raster =
+                summary.time("rasterize", || self.studio.take(&frame.camera, factor, lit))?;
             summary.time("export", || match self.output.format {
                 PictureFormat::Png => write_png(
                     &path,

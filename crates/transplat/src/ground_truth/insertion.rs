@@ -173,7 +173,7 @@ impl TruthScene {
     pub fn views(&self, insert: &str, radius: f32) -> Result<Vec<TruthView>> {
         let cameras = self.folder.join("scene.json");
         let file = load_cameras(&cameras)?;
-        let size = file.size;
+        let size = file.size();
         let [width, height] = size.with_context(|| format!("{}: no size", cameras.display()))?;
         let frames = file.frames.iter().enumerate();
         frames
@@ -188,7 +188,7 @@ impl TruthScene {
                 };
                 let near = NEAR * radius;
                 Ok(TruthView {
-                    camera: Camera::from_opengl_pose(*frame, file.fov_x, [width, height], near),
+                    camera: frame.camera([width, height], near),
                     with: picture(&format!("gt/with_{insert}"))?,
                     without: picture("gt/without")?,
                     masks: self.masks(insert, number, width * height)?,

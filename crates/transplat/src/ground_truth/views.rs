@@ -56,15 +56,13 @@ impl Views {
             .collect::<Result<Vec<TruthTarget>>>()?;
         let near = NEAR * cloud.bounds().radius;
         let first = targets.first().and_then(|t| t.pictures.first());
-        let size = first.map(|p| [p.width, p.height]).or(file.size);
+        let size = first.map(|p| [p.width, p.height]).or(file.size());
         let size = size.with_context(|| format!("{}: no size", object.cameras.display()))?;
         let frames = file.frames.iter();
         Ok(Self {
             painter: device.painter(cloud)?.0,
             cloud: cloud.clone(),
-            cameras: frames
-                .map(|f| Camera::from_opengl_pose(*f, file.fov_x, size, near))
-                .collect(),
+            cameras: frames.map(|f| f.camera(size, near)).collect(),
             targets,
         })
     }

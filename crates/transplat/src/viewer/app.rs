@@ -217,6 +217,9 @@ impl Viewer {
     /// Opens a file or a folder of environments, as if it had been dropped.
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        if path.is_dir() && self.session.open_cameras(&path) {
+            return;
+        }
         if path.is_dir() {
             match environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(format!(
@@ -287,6 +290,10 @@ impl Viewer {
             } else {
                 self.preferences.export.folder = path.display().to_string();
             }
+            return;
+        }
+        if kind == SaveKind::Plate {
+            self.session.set_plate(path.to_owned());
             return;
         }
         let path = if path.extension().is_some() {

@@ -229,7 +229,8 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     };
     let (bake, share) = (baked.bake.clone(), baked.share);
     let mut scene = session.scene.clone();
-    if settings.transparent || settings.format == Format::ExrLayers {
+    let is_layered = settings.format == Format::ExrLayers;
+    if settings.transparent || (is_layered && scene.background != Background::Plate) {
         scene.background = Background::Transparent;
     }
     let snapshot = Snapshot {

@@ -57,6 +57,9 @@ impl PathField {
             Some(Dialog::Save(SaveKind::Folder, _)) => {
                 &[("Save pictures there", Some(SaveKind::Folder))]
             }
+            Some(Dialog::Save(SaveKind::Plate, _)) => {
+                &[("Show behind the objects", Some(SaveKind::Plate))]
+            }
         }
     }
 }
@@ -85,11 +88,13 @@ fn show(dialog: Dialog) -> Option<Event> {
             .set_title("Open splats, environments, looks")
             .add_filter(
                 "All that opens",
-                &["ply", "hdr", "exr", "png", "jpg", "jpeg", "json"],
+                &[
+                    "ply", "hdr", "exr", "png", "jpg", "jpeg", "json", "bin", "txt",
+                ],
             )
             .add_filter("Splats", &["ply"])
             .add_filter("Environments", &["hdr", "exr", "png", "jpg", "jpeg"])
-            .add_filter("Looks", &["json"])
+            .add_filter("Looks and cameras", &["json", "bin", "txt"])
             .pick_files()
             .map(Event::Files),
         Dialog::OpenFolder => rfd::FileDialog::new()
@@ -100,6 +105,11 @@ fn show(dialog: Dialog) -> Option<Event> {
             .set_title("Folder for pictures")
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
+        Dialog::Save(SaveKind::Plate, _) => rfd::FileDialog::new()
+            .set_title("Photograph behind the objects")
+            .add_filter("Photographs", &["png", "jpg", "jpeg", "exr", "hdr"])
+            .pick_file()
+            .map(|file| Event::SaveTo(file, SaveKind::Plate)),
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
                 SaveKind::Look => ("Save look", "Look", &["json"]),
@@ -129,6 +139,7 @@ mod tests {
             SaveKind::Splat,
             SaveKind::Screenshot,
             SaveKind::Folder,
+            SaveKind::Plate,
         ] {
             let asked = actions(Dialog::Save(kind, "name".into()));
             assert!(matches!(asked, [(_, Some(does))] if *does == kind));

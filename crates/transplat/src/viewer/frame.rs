@@ -42,6 +42,7 @@ impl Session {
         let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
         let background = match view.background(scene.background) {
             Background::Environment if waits => Background::Color([0.25; 3]),
+            Background::Plate if self.plate.current().is_none() => Background::Color([0.25; 3]),
             other => other,
         };
         Some(Frame {
@@ -54,6 +55,7 @@ impl Session {
                 display: scene.display,
                 false_color: scene.false_color,
                 background,
+                plate: self.plate.get().copied().unwrap_or([1; 2]),
                 lights: [light(SOURCE), light(TARGET)],
                 ground: GroundPlane {
                     center,

@@ -42,6 +42,7 @@ impl Session {
                     }
                     self.apply(scene);
                 }
+                Err(_) if self.open_cameras(path) => self.opened.push(path.to_owned()),
                 Err(error) => self.error(error.to_string()),
             },
             Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
@@ -51,6 +52,7 @@ impl Session {
                 "{}: a bake is found by itself when it lies beside its splat",
                 path.display()
             )),
+            Err(_) if self.open_cameras(path) => self.opened.push(path.to_owned()),
             Err(error) => self.error(error.to_string()),
         }
     }

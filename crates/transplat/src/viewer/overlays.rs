@@ -266,6 +266,9 @@ impl Viewer {
                     Some(Dialog::OpenFolder) => {
                         "The desktop shows no file dialog. A folder to open:"
                     }
+                    Some(Dialog::Save(SaveKind::Plate, _)) => {
+                        "The desktop shows no file dialog. A photograph:"
+                    }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
                         "The desktop shows no file dialog. A folder for pictures:"
                     }

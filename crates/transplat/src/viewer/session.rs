@@ -21,6 +21,7 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
+use super::matching::OpenCameras;
 use super::object::{
     GroundKey, GroundLitKey, ObjectState, OrientedLight, Surroundings, TogetherKey,
 };
@@ -57,6 +58,8 @@ pub enum SaveKind {
     Splat,
     Screenshot,
     Folder,
+    /// A photograph to be shown behind the objects.
+    Plate,
 }
 
 /// What a file dialog is for.
@@ -153,6 +156,10 @@ pub struct Session {
     pub(super) ground: Derived<GroundKey, Ground>,
     pub(super) ground_lit: Derived<GroundLitKey, ()>,
     pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
+    /// The photograph behind the objects by its file, and its size.
+    pub(super) plate: Derived<PathBuf, [usize; 2]>,
+    /// Cameras of a file that was opened.
+    pub cameras: Option<OpenCameras>,
     pub pinned: Option<Pinned>,
     pub overlays: Overlays,
     /// Pixels of the viewport as it was last shown.
@@ -207,6 +214,8 @@ impl Session {
             ground: Derived::default(),
             ground_lit: Derived::default(),
             backdrops: Default::default(),
+            plate: Derived::default(),
+            cameras: None,
             pinned: None,
             overlays: Overlays::default(),
             viewport: [960, 600],
@@ -449,6 +458,7 @@ impl Session {
             self.start_doubts(at);
         }
         self.start_backdrops();
+        self.start_plate();
         if let Some(error) = self.context.take_error() {
             self.error(error.to_string());
         }
@@ -511,6 +521,7 @@ impl Session {
             let bakes = state.bakes.values().filter_map(Derived::get);
             files.extend(bakes.filter_map(|b| b.file.clone()));
         }
+        files.extend(self.scene.plate.clone());
         files
     }
 

@@ -201,6 +201,7 @@ impl Snapshot {
             studio.openness = self.bake.openness().iter().map(|o| [*o; 3]).collect();
         }
         studio.ground = self.ground.clone();
+        studio.load_plate()?;
         Ok(studio)
     }
 

@@ -1,14 +1,16 @@
 //! What is shown and how: camera, background, display.
 
-use eframe::egui::Ui;
+use eframe::egui::{self, Ui};
 use transplat_core::camera::{CameraPose, FOV, framed};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use crate::viewer::app::Viewer;
+use crate::viewer::files::ask;
 use crate::viewer::navigation;
-use crate::viewer::widgets::{Control, button, choice};
+use crate::viewer::session::{Dialog, SaveKind, Session};
+use crate::viewer::widgets::{Control, button, choice, name, named};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
@@ -65,6 +67,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         ("gradient", Background::Gradient([0.32; 3], [0.12; 3])),
         ("checker", Background::Checker),
         ("transparent", Background::Transparent),
+        ("photograph", Background::Plate),
     ];
     // Of each kind there is one here, whatever its colours are.
     let kind = std::mem::discriminant(&scene.background);
@@ -94,9 +97,54 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             color_field(ui, "Top", top);
             color_field(ui, "Bottom", bottom);
         }
+        Background::Plate => plate(ui, viewer),
         Background::Checker | Background::Transparent => {}
     }
+    let scene = &mut viewer.session.scene;
     ui.checkbox(&mut scene.shadow_catcher, "Shadow on the ground").on_hover_text("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.");
+}
+
+/// The photograph behind the objects.
+fn plate(ui: &mut Ui, viewer: &mut Viewer) {
+    ui.horizontal(|ui| {
+        let file = viewer.session.scene.plate.as_ref();
+        let name = file.and_then(|f| f.file_name());
+        let name = name.map_or("none yet".into(), |n| n.to_string_lossy().into_owned());
+        let tip = "A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.";
+        if button(ui, "Photograph…", tip) {
+            ask(
+                &mut viewer.session,
+                Dialog::Save(SaveKind::Plate, String::new()),
+            );
+        }
+        ui.weak(name);
+    });
+}
+
+/// The cameras of a file that is open.
+fn cameras(ui: &mut Ui, session: &mut Session) {
+    let Some(open) = &session.cameras else {
+        return;
+    };
+    let (count, mut at) = (open.file.frames.len(), open.at + 1);
+    let picture = open.file.frames[open.at].picture.clone();
+    let mut chosen = false;
+    ui.horizontal(|ui| {
+        name(ui, "Camera");
+        let drag = egui::DragValue::new(&mut at)
+            .range(1..=count)
+            .suffix(format!(" of {count}"));
+        let response = ui.add(drag).on_hover_text(
+            "Looks through a camera of the file, its photograph behind the objects.",
+        );
+        chosen = response.changed();
+        named(&response, egui::Role::SpinButton, "Camera of the file");
+        chosen |= button(ui, "look through", "The same once more.");
+        ui.weak(picture.unwrap_or_default());
+    });
+    if chosen {
+        session.look_through(at - 1);
+    }
 }
 
 /// A display-encoded colour.
@@ -126,6 +174,7 @@ fn camera(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     let session = &mut viewer.session;
+    cameras(ui, session);
     ui.horizontal(|ui| {
         let tip = "Parallel lines stay parallel in an orthographic view. (O)";
         ui.selectable_value(&mut session.pose.orthographic, false, "perspective")

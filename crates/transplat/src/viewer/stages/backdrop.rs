@@ -1,5 +1,6 @@
-//! The maps behind the objects.
+//! The maps and photographs behind the objects.
 
+use transplat_core::files::load_plate;
 use transplat_core::present::Background;
 use transplat_gpu::present::Backdrop;
 
@@ -39,8 +40,36 @@ impl Session {
                 session.environments.keep_map(key.light, map);
                 if session.backdrops[side].accept(key, ()) {
                     session.live().set_backdrop(side, backdrop);
+                    if side == TARGET {
+                        session.plate.clear();
+                    }
                 }
             });
         }
+    }
+
+    /// Reads the photograph behind the objects, which is shown in the place of the target's map.
+    pub(in crate::viewer) fn start_plate(&mut self) {
+        let is_seen = self.scene.view.background(self.scene.background) == Background::Plate;
+        let kind = Kind::Backdrop(TARGET);
+        let Some(path) = self.scene.plate.clone().filter(|_| is_seen) else {
+            return;
+        };
+        if self.jobs.is_running(kind) || !self.plate.ask(&path) {
+            return;
+        }
+        let (context, file) = (self.context.clone(), path.clone());
+        let work = move |_: &_| {
+            let plate = load_plate(&file)?;
+            let backdrop = Backdrop::of_plate(&context, &plate);
+            Ok(([plate.width, plate.height], backdrop))
+        };
+        let label = format!("reading {}", path.display());
+        self.start(kind, label, work, move |session, (size, backdrop)| {
+            if session.plate.accept(path, size) {
+                session.live().set_backdrop(TARGET, backdrop);
+                session.backdrops[TARGET].clear();
+            }
+        });
     }
 }

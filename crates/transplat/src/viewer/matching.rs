@@ -1,0 +1,87 @@
+//! A camera matched to a photograph: cameras of a file, each with its picture behind the objects.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use transplat_core::camera::CameraPose;
+use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras};
+use transplat_core::present::Background;
+
+use super::session::Session;
+use crate::picture::photographs_named;
+
+/// Cameras of a file that is open.
+pub struct OpenCameras {
+    pub path: PathBuf,
+    pub file: CameraFile,
+    /// The one that was chosen last.
+    pub at: usize,
+}
+
+/// Folders, seen from that of a camera file, in which photographs lie.
+const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../images"];
+
+impl Session {
+    /// Opens a camera file and looks through its first camera. Whether it is one.
+    pub fn open_cameras(&mut self, path: &Path) -> bool {
+        let Ok(file) = load_cameras(path) else {
+            return false;
+        };
+        for warning in file.warnings.clone() {
+            self.info(warning);
+        }
+        self.info(format!(
+            "{}: {} cameras; the panel View chooses among them",
+            path.display(),
+            file.frames.len()
+        ));
+        self.cameras = Some(OpenCameras {
+            path: path.to_owned(),
+            file,
+            at: 0,
+        });
+        self.look_through(0);
+        true
+    }
+
+    /// Looks through a camera of the file that is open, its photograph behind the objects where that is found.
+    pub fn look_through(&mut self, at: usize) {
+        let middle = self.scene_bounds().map_or(Vec3::ZERO, |b| b.center);
+        let up = self.scene_up();
+        let Some(cameras) = &mut self.cameras else {
+            return;
+        };
+        let Some(frame) = cameras.file.frames.get(at) else {
+            return;
+        };
+        cameras.at = at;
+        let camera = frame.camera(frame.size.unwrap_or([800, 800]), 1e-3);
+        self.pose = CameraPose::of(&camera, up, middle);
+        let photograph = photograph(&cameras.path, frame);
+        if let Some(photograph) = photograph {
+            self.set_plate(photograph);
+        }
+    }
+
+    /// Shows a photograph behind the objects.
+    pub fn set_plate(&mut self, path: PathBuf) {
+        self.scene.plate = Some(path);
+        self.scene.background = Background::Plate;
+    }
+}
+
+/// A camera's photograph, if it is near its file.
+fn photograph(cameras: &Path, frame: &CameraFrame) -> Option<PathBuf> {
+    let folder = if cameras.is_dir() {
+        cameras
+    } else {
+        folder_of(cameras)
+    };
+    let picture = Path::new(frame.picture.as_deref()?);
+    let names = [picture, Path::new(picture.file_name()?)];
+    let places = FOLDERS.iter().map(|place| folder.join(place));
+    let files = places.flat_map(|place| names.map(|name| place.join(name)));
+    files
+        .flat_map(|file| photographs_named(&file).collect::<Vec<_>>())
+        .find(|p| p.is_file())
+}
