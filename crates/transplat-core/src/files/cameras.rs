@@ -1,50 +1,18 @@
 //! Camera files: `transforms.json` as NeRF-synthetic and nerfstudio write it, and COLMAP's models.
 
 mod colmap;
+mod frame;
 
 use std::path::Path;
 
 use glam::{DMat4, DVec4};
 use serde::Deserialize;
 
-use crate::camera::Camera;
+use super::write::folder_of;
 use crate::error::{Error, Result};
+use frame::Offsets;
 
-/// Cameras of a file.
-#[derive(Clone, Debug)]
-pub struct CameraFile {
-    /// At least one, in the file's order; COLMAP's by the names of their pictures.
-    pub frames: Vec<CameraFrame>,
-    /// What of it this program's cameras cannot be, for the user.
-    pub warnings: Vec<String>,
-}
-
-/// A camera of a file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CameraFrame {
-    /// Its picture's file, as the camera file has it.
-    pub picture: Option<String>,
-    /// Camera to world, OpenGL axes (x right, y up, looking along -z).
-    pub world_from_camera: DMat4,
-    /// Horizontal field of view in radians.
-    pub fov_x: f64,
-    /// Picture size in pixels, where the file gives one.
-    pub size: Option<[usize; 2]>,
-}
-
-impl CameraFrame {
-    /// The camera for a picture of a size.
-    pub fn camera(&self, size: [usize; 2], near: f32) -> Camera {
-        Camera::from_opengl_pose(self.world_from_camera, self.fov_x, size, near)
-    }
-}
-
-impl CameraFile {
-    /// Picture size of the first frame, where the file gives one.
-    pub fn size(&self) -> Option<[usize; 2]> {
-        self.frames.first().and_then(|f| f.size)
-    }
-}
+pub use frame::{CameraFile, CameraFrame};
 
 #[derive(Deserialize)]
 struct File {
@@ -117,7 +85,7 @@ pub fn load_cameras(path: &Path) -> Result<CameraFile> {
         return colmap::load(path);
     }
     if colmap::IMAGES.iter().any(|images| name == *images) {
-        return colmap::load(super::folder_of(path));
+        return colmap::load(folder_of(path));
     }
     let bytes = super::read::read_all(path, 1 << 28)?;
     let file: File = serde_json::from_slice(&bytes).map_err(|e| {
@@ -158,47 +126,6 @@ fn pose(rows: &[[f64; 4]; 4]) -> Option<DMat4> {
     let m = DMat4::from_cols_array_2d(rows).transpose();
     let affine = m.row(3).abs_diff_eq(DVec4::W, 1e-6);
     (m.is_finite() && affine && m.determinant().abs() > 1e-12).then_some(m)
-}
-
-/// How far lenses are from the pinhole with its axis in the middle that cameras are here.
-#[derive(Default)]
-struct Offsets {
-    /// Share of the picture's width.
-    center: f64,
-    distorted: bool,
-    stretched: bool,
-}
-
-/// Shares of a picture's width below which nobody sees that it is off.
-const UNSEEN: f64 = 2e-3;
-
-impl Offsets {
-    fn center(&mut self, size: [usize; 2], at: [f64; 2]) {
-        for (size, at) in size.into_iter().zip(at) {
-            let off = (at / size as f64 - 0.5).abs();
-            self.center = self.center.max(off);
-        }
-    }
-
-    fn warnings(&self, path: &Path) -> Vec<String> {
-        let mut told = Vec::new();
-        let mut tell = |what: &str| {
-            told.push(format!(
-                "{}: {what}; undistort the photographs first, pictures are a little off otherwise",
-                path.display()
-            ));
-        };
-        if self.center > UNSEEN {
-            tell("the optical axis is not in the middle of the picture");
-        }
-        if self.distorted {
-            tell("the lens is distorted");
-        }
-        if self.stretched {
-            tell("pixels are not square");
-        }
-        told
-    }
 }
 
 #[cfg(test)]

@@ -4,19 +4,11 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras};
+use transplat_core::files::{CameraFrame, folder_of, load_cameras};
 use transplat_core::present::Background;
 
-use super::session::Session;
+use super::session::{OpenCameras, Session};
 use crate::picture::photographs_named;
-
-/// Cameras of a file that is open.
-pub struct OpenCameras {
-    pub path: PathBuf,
-    pub file: CameraFile,
-    /// The one that was chosen last.
-    pub at: usize,
-}
 
 /// Folders, seen from that of a camera file, in which photographs lie.
 const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../images"];

@@ -10,6 +10,7 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
+use transplat_core::files::CameraFile;
 use transplat_core::ground::Ground;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
@@ -21,7 +22,6 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
-use super::matching::OpenCameras;
 use super::object::{
     GroundKey, GroundLitKey, ObjectState, OrientedLight, Surroundings, TogetherKey,
 };
@@ -122,6 +122,14 @@ pub struct Pinned {
     pub environment: Arc<Environment>,
     /// Whether it stands where the capture would.
     pub is_compared: bool,
+}
+
+/// Cameras of a file that is open.
+pub struct OpenCameras {
+    pub path: PathBuf,
+    pub file: CameraFile,
+    /// The one that was chosen last.
+    pub at: usize,
 }
 
 /// Everything that is open, and the settings.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
-use super::{CameraFile, CameraFrame, Offsets};
+use super::frame::{CameraFile, CameraFrame, Offsets, UNSEEN};
 use crate::error::{Error, Result};
 use crate::files::read::read_all;
 
@@ -106,7 +106,7 @@ fn frame(
     }
     off.center(lens.size, [rest[0], rest[1]]);
     off.distorted |= rest[2..].iter().any(|k| k.abs() > 1e-6);
-    off.stretched |= (other / focal - 1.0).abs() > super::UNSEEN;
+    off.stretched |= (other / focal - 1.0).abs() > UNSEEN;
     let [w, x, y, z] = image.turn;
     let turn = DQuat::from_xyzw(x, y, z, w);
     let origin = DVec3::from_array(image.origin);
