@@ -10,6 +10,7 @@ mod environments;
 mod export;
 mod files;
 mod frame;
+mod gizmo;
 mod inspecting;
 mod jobs;
 mod matching;

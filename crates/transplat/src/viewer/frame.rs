@@ -119,7 +119,7 @@ fn placement((object, state): (&Object, &ObjectState)) -> Placement {
 }
 
 /// A round spacing of the grid, a quarter of the object's radius and more.
-fn grid_spacing(radius: f32) -> f32 {
+pub(super) fn grid_spacing(radius: f32) -> f32 {
     let raw = radius / 4.0;
     let power = 10f32.powf(raw.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0];

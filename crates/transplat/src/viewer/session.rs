@@ -96,14 +96,27 @@ pub struct Timers {
 }
 
 /// What is laid over the picture, and what is asked for to be shown beside it.
-#[derive(Default)]
 pub struct Overlays {
+    /// Handles on the selected object.
+    pub handles: bool,
     pub marks: bool,
     pub grid: bool,
     /// Whether something shows what is doubtful.
     pub wants_doubts: bool,
     /// Whether a surfel is inspected, and nothing is being dragged.
     pub wants_readout: bool,
+}
+
+impl Default for Overlays {
+    fn default() -> Self {
+        Self {
+            handles: true,
+            marks: false,
+            grid: false,
+            wants_doubts: false,
+            wants_readout: false,
+        }
+    }
 }
 
 /// All that a map behind the objects depends on.

@@ -11,6 +11,7 @@ use transplat_core::rasterize::{Pick, pick};
 use transplat_gpu::live::Live;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel};
+use super::gizmo::Gizmo;
 use super::navigation;
 use super::session::Session;
 use super::widgets::named;
@@ -39,6 +40,7 @@ pub struct Viewport {
     pub inspected: Option<usize>,
     /// The light turns with the camera.
     pub light_locked_to_camera: bool,
+    gizmo: Gizmo,
     /// Of which frame the time was that quality was last set by.
     judged: u64,
 }
@@ -53,6 +55,7 @@ impl Default for Viewport {
             dragged_to: None,
             inspected: None,
             light_locked_to_camera: false,
+            gizmo: Gizmo::default(),
             judged: 0,
         }
     }
@@ -78,9 +81,20 @@ impl Viewport {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.rect = rect;
         named(&response, egui::Role::Canvas, "Viewport");
-        let seen = |s: &Session| (s.pose, s.scene.environment.clone(), s.scene.wipe);
+        let seen = |s: &Session| {
+            let place = s.object().transform;
+            (s.pose, s.scene.environment.clone(), s.scene.wipe, place)
+        };
         let before = seen(session);
-        self.navigate(ui, session, &response);
+        let shown = self.shown_part(ui, session, &response);
+        let is_object = shown.is_some_and(|(part, camera)| {
+            (self.gizmo).drag(ui, session, &response, (part, &camera))
+        });
+        if is_object {
+            self.dragged_to = None;
+        } else {
+            self.navigate(ui, session, &response);
+        }
         if self.light_locked_to_camera {
             // As the camera was moved here, and by nothing else.
             let turned = navigation::wrap(session.pose.azimuth - before.0.azimuth);
@@ -121,6 +135,9 @@ impl Viewport {
             }
         }
         annotate(ui, self.rect, session, view);
+        if let Some(shown) = self.shown_part(ui, session, &response) {
+            (self.gizmo).draw(ui, session, &response, (shown.0, &shown.1));
+        }
     }
 
     /// Pixels of the picture: those of the screen, or fewer while something moves and frames are slow.
@@ -255,6 +272,19 @@ impl Viewport {
             }
             self.inspected = picked.map(|(_, pick)| pick.surfel);
         }
+    }
+
+    /// The picture that the pointer is in, or was when it went down, and its camera.
+    fn shown_part(
+        &self,
+        ui: &Ui,
+        session: &Session,
+        response: &egui::Response,
+    ) -> Option<(Rect, Camera)> {
+        let (camera, ..) = self.camera_at(session, self.rect.min)?;
+        let origin = ui.input(|i| i.pointer.press_origin());
+        let part = self.part_at(session, origin.or(response.hover_pos()));
+        Some((part, camera))
     }
 
     /// How far the pointer was dragged since the last frame, in points: from where the button went down, and up to where it was let go.

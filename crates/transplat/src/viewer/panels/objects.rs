@@ -15,16 +15,29 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     for at in 0..session.scene.objects.len() {
         row(ui, session, at);
     }
-    ui.horizontal_wrapped(|ui| {
+    ui.horizontal(|ui| {
         ui.checkbox(&mut session.adds_splats, "Add what is opened").on_hover_text(
             "A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object.",
         );
-        if button(ui, "Duplicate", "Another object of the selected one's splat, beside it.") {
+        ui.checkbox(&mut session.overlays.handles, "Handles").on_hover_text(
+            "Arrows move the selected object, rings turn it, the disc moves it over the ground, the circle scales it. Ctrl: in steps.",
+        );
+    });
+    ui.horizontal(|ui| {
+        if button(
+            ui,
+            "Duplicate",
+            "Another object of the selected one's splat, beside it.",
+        ) {
             session.duplicate_object();
         }
         let several = session.scene.objects.len() > 1;
         ui.add_enabled_ui(several, |ui| {
-            if button(ui, "Remove", "Takes the selected object out of the scene. (Undo brings it back.)") {
+            if button(
+                ui,
+                "Remove",
+                "Takes the selected object out of the scene. (Undo brings it back.)",
+            ) {
                 session.remove_object();
             }
         });

@@ -1,0 +1,462 @@
+//! Handles on the selected object: arrows move it, rings turn it, the disc in the middle moves it over the ground, the circle around scales it.
+
+use std::f32::consts::{PI, TAU};
+
+use eframe::egui::{self, Color32, PointerButton, Pos2, Rect, Response, Stroke, Ui};
+use glam::{Quat, Vec2, Vec3};
+use transplat_core::camera::Camera;
+use transplat_core::scene::Transform;
+
+use super::frame::grid_spacing;
+use super::session::Session;
+
+/// Points from the middle to an arrow's tip, to the rings, and to the circle that scales.
+const ARROW: f32 = 88.0;
+const RING: f32 = 66.0;
+const CIRCLE: f32 = 104.0;
+
+/// Points of the disc in the middle, and how near to a handle it is taken.
+const DISC: f32 = 9.0;
+const REACH: f32 = 7.0;
+
+/// Corners of a ring.
+const CORNERS: usize = 48;
+
+/// In steps: of a turn in degrees, and of a scale.
+const TURN_STEP: f32 = 15.0;
+const SCALE_STEP: f32 = 0.1;
+
+/// Cosine between a ray and a plane under which it does not tell a place in it.
+const GRAZING: f32 = 0.08;
+
+const AXES: [Vec3; 3] = [Vec3::X, Vec3::Y, Vec3::Z];
+
+const COLORS: [Color32; 3] = [
+    Color32::from_rgb(226, 82, 82),
+    Color32::from_rgb(112, 190, 82),
+    Color32::from_rgb(86, 138, 240),
+];
+
+/// What is taken hold of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Handle {
+    Move(usize),
+    Slide,
+    Turn(usize),
+    Scale,
+}
+
+/// A drag, and from where it started.
+struct Drag {
+    handle: Handle,
+    object: usize,
+    from: Transform,
+    pointer: Vec2,
+}
+
+/// The handles as they are held.
+#[derive(Default)]
+pub struct Gizmo {
+    drag: Option<Drag>,
+}
+
+/// Where the handles are on the screen.
+struct View<'a> {
+    camera: &'a Camera,
+    part: Rect,
+    /// The object's middle in the scene, and in its own coordinates.
+    middle: Vec3,
+    own_middle: Vec3,
+    up: Vec3,
+    /// Scene units to a point at the middle.
+    unit: f32,
+}
+
+impl View<'_> {
+    fn at(&self, point: Vec3) -> Option<Pos2> {
+        let ([x, y], depth) = self.camera.project(point);
+        let shown = depth > self.camera.near;
+        shown.then(|| self.part.min + egui::vec2(x + 0.5, y + 0.5))
+    }
+
+    /// Unit direction of what is at a place, points from the part's corner.
+    fn ray(&self, at: Vec2) -> Vec3 {
+        let [cx, cy] = self.camera.principal_point();
+        let view = Vec3::new(at.x - 0.5 - cx, at.y - 0.5 - cy, self.camera.focal);
+        (self.camera.view_from_world.transpose() * view).normalize()
+    }
+
+    /// Where a place is on the plane through the middle.
+    fn on_plane(&self, at: Vec2, normal: Vec3) -> Option<Vec3> {
+        let ray = self.ray(at);
+        let falls = ray.dot(normal);
+        let meets = (self.middle - self.camera.eye).dot(normal) / falls;
+        (falls.abs() > GRAZING && meets > 0.0).then(|| self.camera.eye + ray * meets)
+    }
+
+    /// How far along a line through the middle a place is.
+    fn along(&self, at: Vec2, axis: Vec3) -> Option<f32> {
+        let ray = self.ray(at);
+        let across = ray.dot(axis);
+        let from = self.middle - self.camera.eye;
+        let sine = 1.0 - across * across;
+        (sine > GRAZING * GRAZING).then(|| (across * from.dot(ray) - from.dot(axis)) / sine)
+    }
+
+    fn ring(&self, axis: usize) -> Vec<Option<Pos2>> {
+        let [a, b] = [AXES[(axis + 1) % 3], AXES[(axis + 2) % 3]];
+        let corner = |i: usize| {
+            let (sin, cos) = (TAU * i as f32 / CORNERS as f32).sin_cos();
+            let outward = a * cos + b * sin;
+            // The half that is turned away is hidden.
+            let towards = self.middle - self.camera.eye;
+            let is_near = outward.dot(towards) <= 0.15 * towards.length();
+            is_near.then(|| self.at(self.middle + RING * self.unit * outward))?
+        };
+        (0..=CORNERS).map(corner).collect()
+    }
+
+    fn arrow(&self, axis: usize) -> Option<[Pos2; 2]> {
+        let tip = self.at(self.middle + ARROW * self.unit * AXES[axis])?;
+        let foot = self.at(self.middle + 0.22 * ARROW * self.unit * AXES[axis])?;
+        // One that points at the eye cannot be dragged.
+        (tip.distance(foot) > 12.0).then_some([foot, tip])
+    }
+
+    /// The handle at a place.
+    fn handle_at(&self, at: Pos2) -> Option<Handle> {
+        let middle = self.at(self.middle)?;
+        if at.distance(middle) < DISC + 2.0 {
+            return Some(Handle::Slide);
+        }
+        let near = |[a, b]: [Pos2; 2]| from_segment(at, a, b) < REACH;
+        if let Some(axis) = (0..3).find(|axis| self.arrow(*axis).is_some_and(near)) {
+            return Some(Handle::Move(axis));
+        }
+        let on_ring = |axis: &usize| {
+            let ring = self.ring(*axis);
+            let mut edges = ring.windows(2).filter_map(|e| Some([e[0]?, e[1]?]));
+            edges.any(near)
+        };
+        if let Some(axis) = (0..3).find(on_ring) {
+            return Some(Handle::Turn(axis));
+        }
+        let is_on_circle = (at.distance(middle) - CIRCLE).abs() < REACH;
+        is_on_circle.then_some(Handle::Scale)
+    }
+
+    /// The transform that a drag to a place makes; in steps where that is asked for.
+    fn dragged(&self, drag: &Drag, at: Vec2, step: Option<f32>) -> Option<Transform> {
+        let mut made = drag.from;
+        let place = |p: Vec3| match step {
+            Some(step) => (p / step).round() * step,
+            None => p,
+        };
+        match drag.handle {
+            Handle::Move(axis) => {
+                let moved = self.along(at, AXES[axis])? - self.along(drag.pointer, AXES[axis])?;
+                let mut there = drag.from.translation;
+                there[axis] += moved;
+                there[axis] = place(there)[axis];
+                made.translation = there;
+            }
+            Handle::Slide => {
+                let forward = self.camera.view_from_world.row(2);
+                // Over the ground, unless that is seen from its edge.
+                let is_flat = forward.dot(self.up).abs() < 0.2;
+                let normal = if is_flat { forward } else { self.up };
+                let moved = self.on_plane(at, normal)? - self.on_plane(drag.pointer, normal)?;
+                let there = drag.from.translation + moved;
+                let height = self.up * there.dot(self.up);
+                let snapped = place(there);
+                made.translation = if is_flat {
+                    snapped
+                } else {
+                    snapped - self.up * snapped.dot(self.up) + height
+                };
+            }
+            Handle::Turn(axis) => {
+                let mut angle = self.angle(drag.pointer, at, AXES[axis])?;
+                if step.is_some() {
+                    let degrees = (angle.to_degrees() / TURN_STEP).round() * TURN_STEP;
+                    angle = degrees.to_radians();
+                }
+                let turn = Quat::from_axis_angle(AXES[axis], angle);
+                made.rotation = (turn * drag.from.rotation).normalize();
+            }
+            Handle::Scale => {
+                let middle = self.at(self.middle)? - self.part.min;
+                let from = |p: Vec2| p.distance(Vec2::new(middle.x, middle.y)).max(1.0);
+                made.scale = drag.from.scale * from(at) / from(drag.pointer);
+                if step.is_some() {
+                    made.scale = (made.scale / SCALE_STEP).round().max(1.0) * SCALE_STEP;
+                }
+            }
+        }
+        // It turns and grows about its middle.
+        if matches!(drag.handle, Handle::Turn(_) | Handle::Scale) {
+            let moved = made.scene_from_object().transform_vector3(self.own_middle);
+            made.translation = self.middle - moved;
+        }
+        made.validate().ok().map(|()| made)
+    }
+
+    /// The turn about an axis through the middle that brings one place to another.
+    fn angle(&self, from: Vec2, to: Vec2, axis: Vec3) -> Option<f32> {
+        let arms = [from, to].map(|at| Some(self.on_plane(at, axis)? - self.middle));
+        if let [Some(a), Some(b)] = arms {
+            return Some(axis.dot(a.cross(b)).atan2(a.dot(b)));
+        }
+        // Seen from its edge, a ring is a rod that is rolled.
+        let right = self.camera.view_from_world * axis;
+        let across = Vec2::new(right.y, -right.x).normalize_or_zero();
+        Some((to - from).dot(across) / RING % (2.0 * PI))
+    }
+}
+
+impl Gizmo {
+    /// Takes what is dragged; whether the pointer belongs to the handles.
+    pub fn drag(
+        &mut self,
+        ui: &Ui,
+        session: &mut Session,
+        response: &Response,
+        (part, camera): (Rect, &Camera),
+    ) -> bool {
+        let object = session.selected;
+        let held = self.drag.as_ref().filter(|drag| drag.object == object);
+        // What is held is where it was when it was taken.
+        let place = held.map_or(session.object().transform, |drag| drag.from);
+        let Some(view) = view(session, place, (part, camera)) else {
+            self.drag = None;
+            return false;
+        };
+        let inside = |at: Pos2| Vec2::new(at.x - part.min.x, at.y - part.min.y);
+        let (origin, now) = ui.input(|i| (i.pointer.press_origin(), i.pointer.latest_pos()));
+        let modifiers = ui.input(|i| i.modifiers);
+        if response.drag_started_by(PointerButton::Primary)
+            && let Some(at) = origin
+            && let Some(handle) = view.handle_at(at).filter(|_| !modifiers.shift)
+        {
+            self.drag = Some(Drag {
+                handle,
+                object,
+                from: place,
+                pointer: inside(at),
+            });
+        }
+        let Some(drag) = &self.drag else {
+            return false;
+        };
+        let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
+        let step = modifiers.command.then(|| grid_spacing(radius) / 10.0);
+        let made = now.and_then(|at| view.dragged(drag, inside(at), step));
+        if let Some(made) = made {
+            session.object_mut().transform = made;
+        }
+        if !response.dragged_by(PointerButton::Primary) {
+            self.drag = None;
+        }
+        true
+    }
+
+    /// Draws the handles over the picture.
+    pub fn draw(
+        &self,
+        ui: &Ui,
+        session: &Session,
+        response: &Response,
+        (part, camera): (Rect, &Camera),
+    ) {
+        let Some(view) = view(session, session.object().transform, (part, camera)) else {
+            return;
+        };
+        let active = self.drag.as_ref().map(|drag| drag.handle);
+        let hovered = response.hover_pos().and_then(|at| view.handle_at(at));
+        if hovered.is_some() && active.is_none() {
+            ui.set_cursor_icon(egui::CursorIcon::Grab);
+        }
+        draw(ui, &view, active.or(hovered));
+    }
+}
+
+/// Where the handles are of the selected object, placed like that; none where they are not shown.
+fn view<'a>(
+    session: &Session,
+    place: Transform,
+    (part, camera): (Rect, &'a Camera),
+) -> Option<View<'a>> {
+    let shows = session.overlays.handles && session.is_composed() && !session.object().locked;
+    let bounds = session.asset().map(|a| a.bounds).filter(|_| shows)?;
+    let middle = place.scene_from_object().transform_point3(bounds.center);
+    let depth = (camera.view_from_world * (middle - camera.eye)).z;
+    (depth > camera.near).then(|| View {
+        camera,
+        part,
+        middle,
+        own_middle: bounds.center,
+        up: session.scene_up().direction(),
+        unit: depth / camera.focal,
+    })
+}
+
+fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
+    let painter = ui.painter_at(view.part);
+    let Some(middle) = view.at(view.middle) else {
+        return;
+    };
+    let stroke = |handle: Handle, color: Color32| {
+        if active == Some(handle) {
+            Stroke::new(4.0, Color32::from_rgb(255, 214, 90))
+        } else {
+            Stroke::new(2.0, color.gamma_multiply(0.9))
+        }
+    };
+    let white = stroke(Handle::Scale, Color32::from_gray(220));
+    painter.circle_stroke(middle, CIRCLE, Stroke::new(0.6 * white.width, white.color));
+    for (axis, color) in COLORS.into_iter().enumerate() {
+        let line = stroke(Handle::Turn(axis), color);
+        for edge in view.ring(axis).windows(2) {
+            if let [Some(a), Some(b)] = edge {
+                painter.line_segment([*a, *b], line);
+            }
+        }
+    }
+    for (axis, color) in COLORS.into_iter().enumerate() {
+        if let Some([foot, tip]) = view.arrow(axis) {
+            let line = stroke(Handle::Move(axis), color);
+            painter.line_segment([foot, tip], line);
+            let along = (tip - foot).normalized();
+            let aside = 6.0 * along.rot90();
+            let corners = vec![tip + 10.0 * along, tip + aside, tip - aside];
+            let none = Stroke::NONE;
+            painter.add(egui::Shape::convex_polygon(corners, line.color, none));
+        }
+    }
+    let line = stroke(Handle::Slide, Color32::from_gray(230));
+    painter.circle(middle, DISC, line.color.gamma_multiply(0.35), line);
+}
+
+fn from_segment(p: Pos2, a: Pos2, b: Pos2) -> f32 {
+    let along = b - a;
+    let t = ((p - a).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);
+    p.distance(a + t * along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        let eye = Vec3::new(5.0, -6.0, 4.0);
+        Camera::look_at(
+            eye,
+            Vec3::new(1.0, 0.0, 0.5),
+            Vec3::Z,
+            0.7,
+            [800, 600],
+            0.01,
+        )
+    }
+
+    fn view(camera: &Camera, middle: Vec3) -> View<'_> {
+        View {
+            camera,
+            part: Rect::from_min_size(Pos2::new(40.0, 20.0), egui::vec2(800.0, 600.0)),
+            middle,
+            own_middle: Vec3::new(0.3, -0.2, 0.1),
+            up: Vec3::Z,
+            unit: (camera.view_from_world * (middle - camera.eye)).z / camera.focal,
+        }
+    }
+
+    fn inside(view: &View<'_>, point: Vec3) -> Vec2 {
+        let at = view.at(point).expect("in front") - view.part.min;
+        Vec2::new(at.x, at.y)
+    }
+
+    fn start() -> Transform {
+        Transform {
+            scale: 0.7,
+            rotation: Quat::from_rotation_x(0.4),
+            translation: Vec3::new(1.0, 0.2, 0.3),
+        }
+    }
+
+    fn drag(view: &View<'_>, handle: Handle, from: Vec3) -> Drag {
+        Drag {
+            handle,
+            object: 0,
+            from: start(),
+            pointer: inside(view, from),
+        }
+    }
+
+    /// What was under the pointer stays there.
+    #[test]
+    fn an_object_follows_the_pointer() {
+        let camera = camera();
+        let own = Vec3::new(0.3, -0.2, 0.1);
+        let middle = start().scene_from_object().transform_point3(own);
+        let view = view(&camera, middle);
+        for (axis, direction) in AXES.into_iter().enumerate() {
+            let drag = drag(&view, Handle::Move(axis), middle + 0.3 * direction);
+            let to = inside(&view, middle + 1.1 * direction);
+            let made = view.dragged(&drag, to, None).expect("a place");
+            let moved = made.translation - start().translation;
+            assert!(moved.distance(0.8 * direction) < 1e-3, "{moved}");
+            let snapped = view.dragged(&drag, to, Some(0.25)).expect("a place");
+            let steps = snapped.translation[axis] / 0.25;
+            assert!((steps - steps.round()).abs() < 1e-4);
+        }
+        let drag_over = drag(&view, Handle::Slide, middle);
+        let aside = Vec3::new(0.4, -0.7, 0.0);
+        let to = inside(&view, middle + aside);
+        let made = view.dragged(&drag_over, to, None).expect("a place");
+        assert!((made.translation - start().translation).distance(aside) < 1e-3);
+        for (axis, direction) in AXES.into_iter().enumerate() {
+            let arm = AXES[(axis + 1) % 3];
+            let turn = Quat::from_axis_angle(direction, 0.5);
+            let drag = drag(&view, Handle::Turn(axis), middle + arm);
+            let to = inside(&view, middle + turn * arm);
+            let made = view.dragged(&drag, to, None).expect("a turn");
+            assert!(made.rotation.angle_between(turn * start().rotation) < 1e-2);
+            let stays = made.scene_from_object().transform_point3(own);
+            assert!(stays.distance(middle) < 1e-4, "about its middle");
+            let snapped = view.dragged(&drag, to, Some(1.0)).expect("a turn");
+            let turned = snapped
+                .rotation
+                .angle_between(start().rotation)
+                .to_degrees();
+            assert!((turned - 30.0).abs() < 0.1, "{turned}");
+        }
+        let drag = Drag {
+            pointer: inside(&view, middle) + Vec2::new(0.0, 50.0),
+            ..drag(&view, Handle::Scale, middle)
+        };
+        let to = inside(&view, middle) + Vec2::new(75.0, 0.0);
+        let made = view.dragged(&drag, to, None).expect("a scale");
+        assert!((made.scale / 0.7 - 1.5).abs() < 1e-3);
+    }
+
+    #[test]
+    fn handles_are_where_they_are_drawn() {
+        let camera = camera();
+        let view = view(&camera, Vec3::new(1.0, 0.0, 0.5));
+        let middle = view.at(view.middle).expect("in front");
+        assert_eq!(view.handle_at(middle), Some(Handle::Slide));
+        for axis in 0..3 {
+            let [_, tip] = view.arrow(axis).expect("not end on");
+            assert_eq!(view.handle_at(tip), Some(Handle::Move(axis)));
+        }
+        let circle = middle + CIRCLE * egui::vec2(0.6, 0.8);
+        assert_eq!(view.handle_at(circle), Some(Handle::Scale));
+        let rings = (0..3).filter_map(|axis| {
+            let at = view.ring(axis).into_iter().flatten();
+            let mut handles = at.map(|at| view.handle_at(at));
+            handles.find(|h| *h == Some(Handle::Turn(axis)))
+        });
+        assert_eq!(rings.count(), 3);
+        assert_eq!(view.handle_at(middle + egui::vec2(200.0, 0.0)), None);
+    }
+}
