@@ -225,16 +225,17 @@ impl Session {
             Ok((asset, live, estimate))
         };
         self.start_or_else(kind, label, work, move |session, loaded| {
-            let Some(at) = session.at(id) else {
+            // Its object may have been taken away meanwhile.
+            let at = session.at(id);
+            let Some(at) = at.filter(|at| *at < session.scene.objects.len()) else {
                 return;
             };
             match loaded {
                 Ok(loaded) => session.show_asset(at, opened_with, &asked, loaded),
                 Err(error) => {
                     // What could not be loaded again stays as it was loaded.
-                    let object = session.scene.objects.get_mut(at);
-                    if let (Some(asset), Some(object)) = (&session.states[at].asset, object) {
-                        asset.give_back(object);
+                    if let Some(asset) = &session.states[at].asset {
+                        asset.give_back(&mut session.scene.objects[at]);
                     }
                     session.error(format!("{error:#}"));
                     session.drop_added(at);
@@ -245,7 +246,8 @@ impl Session {
 
     /// Takes away what was put into the scene and cannot be shown.
     fn drop_added(&mut self, at: usize) {
-        if self.states[at].is_added && self.states[at].asset.is_none() {
+        let is_alone = self.scene.objects.len() == 1;
+        if self.states[at].is_added && self.states[at].asset.is_none() && !is_alone {
             self.remove(at);
         }
     }

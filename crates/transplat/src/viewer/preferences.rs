@@ -78,7 +78,10 @@ impl Preferences {
     pub fn keep(&mut self, scene: &Scene) {
         self.transfer = scene.transfer.clone();
         self.display = scene.display;
-        self.background = scene.background;
+        // A photograph belongs to its scene.
+        if scene.background != Background::Plate {
+            self.background = scene.background;
+        }
         self.background_blur = scene.background_blur;
         self.match_strength = scene.match_strength;
         self.directions = scene.directions;
