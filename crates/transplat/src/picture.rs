@@ -4,15 +4,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use glam::DMat3;
+use glam::{DMat3, Vec3};
 use transplat_core::bake::Bake;
-use transplat_core::camera::Camera;
+use transplat_core::camera::{Camera, NEAR};
 use transplat_core::color::{Display, srgb_decode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::load_plate;
 use transplat_core::ground::Ground;
 use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
+use transplat_core::probe::{Beyond, Cube, Probe};
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
@@ -42,6 +43,20 @@ impl Backdrop {
             gain: settings.gain().map(|g| g * matched),
         }
     }
+}
+
+/// The light at a place: what a splat shows around it as captured, some surfels left out (`[n]` or empty), and what is told beyond that.
+pub fn light_at(
+    (cloud, painter, hidden): (&Arc<SurfelCloud>, &Painter, &[bool]),
+    (place, rows): (Vec3, usize),
+    beyond: Beyond<'_>,
+) -> Result<Probe> {
+    let near = NEAR * cloud.bounds().radius;
+    let cube = Cube::seen_from(place, near, rows, |camera| {
+        let space = ColorSpace::Display(Display::default());
+        painter.draw(camera, Paint::captured(cloud), space, hidden)
+    })?;
+    Ok(cube.light(rows, cloud.up, beyond))
 }
 
 /// Lit share of the ground's cells under an object's source and target, from the light of their maps.

@@ -24,6 +24,7 @@ mod panels;
 mod pinning;
 mod preferences;
 mod probes;
+mod probing;
 mod session;
 mod shelf;
 mod shortcuts;

@@ -5,7 +5,9 @@ use std::path::Path;
 use glam::{Quat, Vec3};
 use transplat::viewer::{Format, Startup, Task};
 use transplat_core::color::{Encoding, encode_sh};
-use transplat_core::files::{load_asset, load_look, load_picture, save_look, write_splat};
+use transplat_core::files::{
+    load_asset, load_environment, load_look, load_picture, save_look, write_splat,
+};
 use transplat_core::present::Background;
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::surfels::SurfelCloud;
@@ -134,6 +136,15 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     let mut back = scene.clone();
     back.objects[1].shown = false;
     d.after(|v| v.session.apply(back));
+    // The light at the ball: the plate below it, the sky above; on the shelf and in a file.
+    let out = d.folder.name("lights");
+    d.viewer().export_settings().folder = out.clone();
+    let lights = d.viewer().shelf().len();
+    d.viewer().session.selected = 1;
+    d.after(|v| v.session.save_light_here(&out));
+    assert_eq!(d.viewer().shelf().len(), lights + 1);
+    let saved = d.folder.path("lights").join("light_at_the ball.exr");
+    assert!(load_environment(&saved).is_ok_and(|map| map.width() == 256));
     // What is opened is put into the scene, and replaces nothing.
     let ball = d.folder.path("ball.ply");
     d.after(|v| {

@@ -4,17 +4,15 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
-use transplat_core::camera::NEAR;
-use transplat_core::color::Display;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::{check_output, write_environment};
-use transplat_core::probe::{Beyond, Cube, Probe, RadianceToward};
-use transplat_core::rasterize::ColorSpace;
+use transplat_core::probe::{Beyond, Probe, RadianceToward};
 use transplat_core::scene::{EnvironmentLight, is_estimate};
 
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
-use crate::device::{Paint, Painter};
+use crate::device::Painter;
+use crate::picture::light_at;
 use crate::pipeline::Pipeline;
 use crate::pipeline::object::{LoadedObject, told_apart};
 use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
@@ -223,11 +221,6 @@ pub fn seen(
     for object in without {
         hidden[ranges[object].clone()].fill(true);
     }
-    let near = NEAR * cloud.bounds().radius;
-    let cube = Cube::seen_from(at, near, rows, |camera| {
-        let space = ColorSpace::Display(Display::default());
-        painter.draw(camera, Paint::captured(cloud), space, &hidden)
-    })?;
     let [around, like] =
         [lights.around, lights.clipped_like].map(|light| light.map(|l| l.radiance(pipeline)));
     let beyond = Beyond {
@@ -235,7 +228,7 @@ pub fn seen(
         clipped_gain: lights.clipped_gain,
         clipped_like: like.as_ref().map(|f| f as RadianceToward<'_>),
     };
-    Ok(cube.light(rows, cloud.up, beyond))
+    light_at((cloud, painter, &hidden), (at, rows), beyond)
 }
 
 /// Tells what the scene does not show.

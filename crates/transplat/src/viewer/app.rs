@@ -367,6 +367,7 @@ impl Viewer {
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
             Event::NoLight(path) => self.shelf.forget(&path),
+            Event::Light(path) => self.shelf.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
                 let folder = match dialog {
                     Dialog::Save(SaveKind::Look | SaveKind::Splat, _) => {

@@ -350,10 +350,7 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         hidden: hidden.collect(),
         captures: captures.collect(),
         objects: objects.collect(),
-        cloud: Arc::new(SurfelCloud {
-            up: session.scene_up(),
-            ..(*cloud).clone()
-        }),
+        cloud,
         prepared,
     }))
 }

@@ -49,6 +49,8 @@ pub enum Event {
     NoDialog(Dialog),
     /// A file that is no light.
     NoLight(PathBuf),
+    /// A light for the shelf.
+    Light(PathBuf),
 }
 
 /// What a path that was chosen in a dialog is for.
@@ -329,7 +331,16 @@ impl Session {
     pub fn whole_cloud(&self) -> Option<Arc<SurfelCloud>> {
         let each = self.shown();
         let each = each.map(|(_, o, a)| (a.cloud.clone(), o.transform.scene_from_object()));
-        SurfelCloud::whole(&each.collect::<Vec<_>>())
+        let whole = SurfelCloud::whole(&each.collect::<Vec<_>>())?;
+        let up = self.scene_up();
+        Some(if whole.up == up {
+            whole
+        } else {
+            Arc::new(SurfelCloud {
+                up,
+                ..(*whole).clone()
+            })
+        })
     }
 
     /// Where the objects that are shown are.

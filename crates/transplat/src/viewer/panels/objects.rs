@@ -40,6 +40,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             ) {
                 session.remove_object();
             }
+            let tip = "Saves the light that the others show at the selected object, as they were captured, into the folder of the panel Export, and puts it on the shelf.";
+            if button(ui, "Save the light here", tip) {
+                session.save_light_here(&viewer.preferences.export.folder);
+            }
         });
     });
     let is_locked = session.object().locked;

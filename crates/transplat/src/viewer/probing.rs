@@ -1,0 +1,74 @@
+//! The light that a scene shows at one of its objects, as a file and on the shelf: what the command `probe` writes.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use glam::Vec3;
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::files::write_environment;
+use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
+
+use super::environments::load_map;
+use super::export::free_name;
+use super::jobs::Kind;
+use super::session::{Event, Session};
+use crate::picture::light_at;
+use crate::pipeline::object::name_of;
+use crate::words::percent;
+
+/// Share of the light that may come from where the capture is clipped before it is worth a word.
+const CLIPPED: f64 = 0.05;
+
+impl Session {
+    /// Saves the light that the other objects show at the selected one, as they were captured and under the light of the first one's capture,
+    /// and puts it on the shelf.
+    pub fn save_light_here(&mut self, folder: &str) {
+        let at = self.selected;
+        let (Some(asset), Some(cloud)) = (self.asset(), self.whole_cloud()) else {
+            self.error("there is nothing to be seen yet");
+            return;
+        };
+        let object = self.object();
+        let place = object.transform.scene_from_object();
+        let place = place.transform_point3(asset.bounds.center);
+        let hidden = self
+            .shown()
+            .flat_map(|(other, _, asset)| std::iter::repeat_n(other == at, asset.cloud.len()));
+        let hidden: Vec<bool> = hidden.collect();
+        let name = format!("light_at_{}", name_of(object, &asset.path));
+        let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
+        let (source, up) = (source.clone(), self.scene_up());
+        let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
+        let device = self.background.clone();
+        let folder = PathBuf::from(folder);
+        let label = format!("looking around from {}", asset.name());
+        let work = move |_: &_| -> Result<_> {
+            let map: EnvironmentMap = (*load_map(&source)?).clone();
+            let sky = |d: Vec3| {
+                let radiance = map.sample(turn * d);
+                std::array::from_fn(|c| gain[c] * radiance[c])
+            };
+            let (painter, _) = device.fastest().painter(&cloud)?;
+            let beyond = Beyond {
+                environment: Some(&sky as RadianceToward<'_>),
+                ..Beyond::default()
+            };
+            let seen = (&cloud, &painter, &hidden[..]);
+            let probe = light_at(seen, (place, DEFAULT_ROWS), beyond)?;
+            std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+            let path = free_name(Path::new(&folder), &name, "exr");
+            write_environment(&path, &probe.map)?;
+            Ok((path, probe.clipped_light))
+        };
+        self.start(Kind::Export, label, work, |session, (path, clipped)| {
+            session.info(format!("saved {}, and put it on the shelf", path.display()));
+            if clipped > CLIPPED {
+                session.info(format!(
+                    "{} of that light is clipped at white: it was brighter there; transplat probe --clipped-like brings some of it back",
+                    percent(clipped)
+                ));
+            }
+            session.events.push(Event::Light(path));
+        });
+    }
+}
