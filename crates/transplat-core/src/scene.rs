@@ -1,5 +1,6 @@
 //! A scene: objects, what each was captured under, what they are relit by, and how that is shown. Plain data; its file form is a look.
 
+mod cut;
 mod light;
 mod object;
 
@@ -14,6 +15,7 @@ use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
+pub use cut::{Cut, Keep, MOST_CUTS, kept};
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
 pub use object::{FARTHEST, MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
 

@@ -64,6 +64,24 @@ impl PreparedTransfer {
         TransferAsset::default().prepare(cloud, bake, 0, source, settings)
     }
 
+    /// What some of the surfels of one asset are without the others, given the bake of what they see then. Only the directional method knows
+    /// how those were lit by the others.
+    ///
+    /// # Errors
+    /// The bake is of another number of surfels or another method, or nothing can be cut out of the preparation.
+    pub fn part(&self, bake: &Bake, surfels: &[usize]) -> Result<Self> {
+        let (baked, taken) = (bake.len(), surfels.len());
+        ensure(baked == taken, || {
+            format!("the bake is of {baked} surfels and the part has {taken}")
+        })?;
+        match (self, bake) {
+            (Self::Directional(whole), Bake::Directional(bake)) => Ok(Self::Directional(Arc::new(
+                whole.part(bake.clone(), surfels),
+            ))),
+            _ => Err(Error::Mismatch("a part of that is not known".into())),
+        }
+    }
+
     /// The first of several objects as it is where the others are not; none of a single one.
     ///
     /// # Errors

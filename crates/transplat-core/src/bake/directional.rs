@@ -168,6 +168,12 @@ impl DirectionalBake {
         Ok(Arc::new(Tracer::new(cloud, fronts)))
     }
 
+    /// The same for a part of the surfels: which side is the front is told by the whole, since a cut opens what was closed.
+    pub fn tracer_of_part(&self, part: &SurfelCloud, surfels: &[usize]) -> Arc<Tracer> {
+        let fronts = self.tracer.fronts.selected(surfels);
+        Arc::new(Tracer::new(part, fronts))
+    }
+
     /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
     ///
     /// # Errors

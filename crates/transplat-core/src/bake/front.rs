@@ -153,6 +153,13 @@ impl Fronts {
         }
     }
 
+    /// Those of some of the surfels.
+    pub fn selected(&self, taken: &[usize]) -> Self {
+        Self {
+            of: taken.iter().map(|i| self.of[*i]).collect(),
+        }
+    }
+
     /// Finds them.
     ///
     /// # Errors

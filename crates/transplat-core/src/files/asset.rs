@@ -3,6 +3,7 @@
 use std::fs::Metadata;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use super::kind::{FileKind, file_kind};
@@ -21,6 +22,18 @@ pub struct AssetFile {
     pub report: AssetReport,
     format: AssetFormat,
     stamp: Stamp,
+    /// Those of its surfels that are written, in their order; all where nothing is said.
+    part: Option<Arc<[usize]>>,
+}
+
+impl AssetFile {
+    /// The same for some of its surfels, which grow.
+    pub fn part(&self, surfels: Arc<[usize]>) -> Self {
+        Self {
+            part: Some(surfels),
+            ..self.clone()
+        }
+    }
 }
 
 /// What a format needs to write a file of its own again.
@@ -67,6 +80,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
         report,
         format,
         stamp: stamp(&metadata),
+        part: None,
     };
     Ok((cloud, asset))
 }
@@ -96,7 +110,8 @@ pub fn write_relit(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Resul
     let mut reader = BufReader::with_capacity(1 << 18, source);
     match &asset.format {
         AssetFormat::Ply(header) => {
-            let columns = ply::ColorColumns::new(header, &asset.report, stored)?;
+            let columns =
+                ply::ColorColumns::new(header, &asset.report, asset.part.as_deref(), stored)?;
             write_atomically(path, |out| columns.write(&mut reader, out))
         }
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::{Affine3A, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::cut::{Cut, MOST_CUTS};
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
@@ -31,6 +32,9 @@ pub struct Object {
     pub name: Option<String>,
     /// Its file; none where the scene is for any.
     pub asset: Option<PathBuf>,
+    /// What of the file it is: what lies on the kept side of all of these. It was captured beside the rest, which shaded it and shone on it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cut: Vec<Cut>,
     /// Whether it is there at all: what is not shown neither casts a shadow nor shines on anything.
     pub shown: bool,
     /// Whether it stays where it stands.
@@ -54,6 +58,7 @@ impl Default for Object {
         Self {
             name: None,
             asset: None,
+            cut: Vec::new(),
             shown: true,
             locked: false,
             up: None,
@@ -77,7 +82,8 @@ impl Object {
 
     /// Whether it is as it was captured, with nothing said of it that is for several.
     pub fn is_where_it_was_captured(&self) -> bool {
-        self.name.is_none() && self.shown && !self.locked && self.transform == Transform::default()
+        let is_plain = self.name.is_none() && self.shown && !self.locked && self.cut.is_empty();
+        is_plain && self.transform == Transform::default()
     }
 
     pub(super) fn validate(&self) -> Result<()> {
@@ -91,6 +97,12 @@ impl Object {
                 )
             },
         )?;
+        ensure(self.cut.len() <= MOST_CUTS, || {
+            format!("cut: up to {MOST_CUTS} boxes are expected")
+        })?;
+        for cut in &self.cut {
+            cut.validate()?;
+        }
         self.transform.validate()?;
         self.hide.validate()?;
         self.source.validate("source")

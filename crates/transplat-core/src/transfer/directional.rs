@@ -16,6 +16,7 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
+use crate::bake::directional::DirectionalBake;
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
 use crate::numeric::{smoothstep, weighted_quantile};
@@ -25,6 +26,7 @@ use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count};
 use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
+use asset::rows_of;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
 pub(super) use incident::Incident;
 pub use lobe::Gloss;
@@ -62,6 +64,8 @@ pub const RESIDUAL_FLOOR: f32 = 0.02;
 pub struct DirectionalTransfer {
     /// Of what.
     pub asset: Arc<DirectionalAsset>,
+    /// What that was cut out of.
+    pub whole: Option<Arc<DirectionalBake>>,
     /// How.
     pub settings: TransferSettings,
     /// What target lights are multiplied by: 1 over the source's mean irradiance.
@@ -258,6 +262,7 @@ impl DirectionalTransfer {
             .collect();
         Ok(Self {
             asset: asset.clone(),
+            whole: None,
             settings: settings.clone(),
             light_gain,
             source_was_black,
@@ -272,6 +277,29 @@ impl DirectionalTransfer {
             residual,
             encoded_mean,
         })
+    }
+
+    /// What some of its surfels are without the others, given what they see then: how they were lit is known from where they were captured,
+    /// among the others.
+    pub fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
+        let (q, k) = (
+            self.asset.nodes.count(),
+            coefficient_count(self.asset.nodes.degree),
+        );
+        let gloss = rows_of(&self.gloss, 1, surfels);
+        Self {
+            asset: Arc::new(self.asset.part(bake, surfels)),
+            whole: Some(self.asset.bake.clone()),
+            settings: self.settings.clone(),
+            glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
+            gloss,
+            divisor: rows_of(&self.divisor, 1, surfels),
+            matte: rows_of(&self.matte, q, surfels),
+            darkest: rows_of(&self.darkest, 1, surfels),
+            residual: rows_of(&self.residual, k, surfels),
+            encoded_mean: rows_of(&self.encoded_mean, 1, surfels),
+            ..*self
+        }
     }
 
     /// Divisor and colours in half precision.

@@ -2,6 +2,7 @@
 
 pub mod harmonic;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DMat3;
@@ -28,8 +29,8 @@ pub struct SceneTransfer {
 }
 
 impl SceneTransfer {
-    /// What one of them radiates shines on the others as strongly as it shows in its own picture: pictures and lights share a unit, as those
-    /// of a renderer do.
+    /// What one of them radiates shines on those of other captures as strongly as it shows in its own picture: pictures and lights share a unit,
+    /// as those of a renderer do.
     pub fn new(objects: Vec<Arc<DirectionalTransfer>>, bake: Arc<SceneBake>) -> Self {
         Self { objects, bake }
     }
@@ -49,6 +50,7 @@ impl SceneTransfer {
         let each = taus.into_iter().enumerate();
         Ok(each
             .map(|(i, tau)| {
+                let radiance = self.as_seen_by(i, &radiance);
                 let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
                 self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
             })
@@ -74,8 +76,7 @@ impl SceneTransfer {
                 let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
                 let light = transfer.light(target.for_directional()?);
                 let start = transfer.mean_ratio(&light);
-                let among = Some((&**around, transfer.light_gain));
-                let light = (transfer.asset).incident(light, &transfer.settings, among);
+                let light = (transfer.asset).incident(light, &transfer.settings, Some(around));
                 Ok((light, vec![[start; 2]; transfer.asset.bake.len()]))
             })
             .collect::<Result<Vec<_>>>()?
@@ -83,8 +84,10 @@ impl SceneTransfer {
             .unzip();
         for _ in 0..TURNS {
             let radiance = self.radiance(&taus);
-            let each = self.objects.iter().zip(&lights);
-            taus = each.map(|(o, light)| o.turn(light, &radiance)).collect();
+            let each = self.objects.iter().zip(&lights).enumerate();
+            taus = each
+                .map(|(i, (o, light))| o.turn(light, &self.as_seen_by(i, &radiance)))
+                .collect();
         }
         for (object, tau) in self.objects.iter().zip(&mut taus) {
             object.trusted(tau);
@@ -99,6 +102,27 @@ impl SceneTransfer {
             all.par_extend(object.asset.radiance(tau));
         }
         all
+    }
+
+    /// That as it shines on one of the objects, in the unit of its captured colour.
+    fn as_seen_by<'a>(&self, which: usize, radiance: &'a [Radiance]) -> Cow<'a, [Radiance]> {
+        let seer = &self.objects[which];
+        let is_of_its_capture = |other: usize| {
+            let wholes = (&seer.whole, &self.objects[other].whole);
+            let is_same = matches!(wholes, (Some(a), Some(b)) if Arc::ptr_eq(a, b));
+            other == which || is_same
+        };
+        let objects = 0..self.objects.len();
+        let others: Vec<usize> = objects.filter(|o| !is_of_its_capture(*o)).collect();
+        if others.is_empty() || seer.light_gain == 1.0 {
+            return Cow::Borrowed(radiance);
+        }
+        let mut seen = radiance.to_vec();
+        for other in others {
+            let of_other = seen[self.bake.surfels_of(other)].par_iter_mut();
+            of_other.for_each(|r| *r = r.map(|side| side * seer.light_gain));
+        }
+        Cow::Owned(seen)
     }
 
     /// What the objects' results are as one asset's.

@@ -10,6 +10,8 @@ use crate::files::rows::AssetReport;
 pub(in crate::files) struct ColorColumns<'a> {
     header: &'a Header,
     report: &'a AssetReport,
+    /// The rows that are written, where not all are.
+    part: Option<&'a [usize]>,
     /// `[n][K][3]`
     stored: &'a [[f32; 3]],
     coefficients: usize,
@@ -21,6 +23,7 @@ impl<'a> ColorColumns<'a> {
     pub fn new(
         header: &'a Header,
         report: &'a AssetReport,
+        part: Option<&'a [usize]>,
         stored: &'a [[f32; 3]],
     ) -> Result<Self> {
         let properties = &header.properties;
@@ -29,7 +32,7 @@ impl<'a> ColorColumns<'a> {
             .filter(|p| p.name.starts_with("f_rest_"))
             .count();
         let coefficients = rest / 3 + 1;
-        let rows = report.vertices;
+        let rows = part.map_or(report.vertices, <[usize]>::len);
         if stored.len() != rows * coefficients {
             return Err(Error::Mismatch(format!(
                 "{} colour coefficients do not fit {rows} surfels of {coefficients}",
@@ -50,6 +53,7 @@ impl<'a> ColorColumns<'a> {
         Ok(Self {
             header,
             report,
+            part,
             stored,
             coefficients,
             replaced,
@@ -64,7 +68,13 @@ impl<'a> ColorColumns<'a> {
     ) -> std::io::Result<()> {
         let ascii = self.header.format == Format::Ascii;
         let prefix = self.header.bytes + if ascii { 0 } else { self.header.skip };
-        std::io::copy(&mut reader.take(prefix), out)?;
+        let mut head = vec![0; self.header.bytes as usize];
+        reader.read_exact(&mut head)?;
+        match self.part {
+            Some(part) => out.write_all(counting(&head, part.len()).as_bytes())?,
+            None => out.write_all(&head)?,
+        }
+        std::io::copy(&mut reader.take(prefix - self.header.bytes), out)?;
         if ascii {
             self.write_ascii(reader, out)?;
         } else {
@@ -75,10 +85,26 @@ impl<'a> ColorColumns<'a> {
         Ok(())
     }
 
-    /// The value that replaces property `column` of `row`, if any does; `old` is what was there.
-    fn value(&self, row: usize, column: usize, old: impl FnOnce() -> f32) -> Option<f32> {
+    /// Which rows of the file are written, and as which.
+    fn written(&self) -> impl Iterator<Item = Option<usize>> {
+        let mut next = 0;
+        (0..self.report.vertices).map(move |row| {
+            let is_taken = self.part.is_none_or(|part| part.get(next) == Some(&row));
+            let at = is_taken.then_some(next);
+            next += usize::from(is_taken);
+            at
+        })
+    }
+
+    /// The value that replaces property `column` of `row`, written as row `at`, if any does; `old` is what was there.
+    fn value(
+        &self,
+        (row, at): (usize, usize),
+        column: usize,
+        old: impl FnOnce() -> f32,
+    ) -> Option<f32> {
         if let Some((coefficient, channel)) = self.replaced[column] {
-            return Some(self.stored[row * self.coefficients + coefficient][channel]);
+            return Some(self.stored[at * self.coefficients + coefficient][channel]);
         }
         let property = &self.header.properties[column];
         if property.scalar.is_float() && self.report.left_out.binary_search(&row).is_ok() {
@@ -96,12 +122,15 @@ impl<'a> ColorColumns<'a> {
         let header = &self.header;
         let big_endian = header.big_endian();
         let mut row_bytes = vec![0u8; header.stride];
-        for row in 0..self.report.vertices {
+        for (row, at) in self.written().enumerate() {
             reader.read_exact(&mut row_bytes)?;
+            let Some(written) = at else {
+                continue;
+            };
             for (column, p) in header.properties.iter().enumerate() {
                 let at = &mut row_bytes[p.offset..];
                 let old = || p.scalar.read(at, big_endian);
-                if let Some(value) = self.value(row, column, old) {
+                if let Some(value) = self.value((row, written), column, old) {
                     p.scalar.write_float(value, at, big_endian);
                 }
             }
@@ -113,6 +142,7 @@ impl<'a> ColorColumns<'a> {
     fn write_ascii(&self, reader: &mut impl BufRead, out: &mut impl Write) -> std::io::Result<()> {
         let mut line = String::new();
         let (mut skipped, mut row) = (0, 0);
+        let mut written = self.written();
         while row < self.report.vertices {
             line.clear();
             if reader.read_line(&mut line)? == 0 {
@@ -123,19 +153,38 @@ impl<'a> ColorColumns<'a> {
                 out.write_all(line.as_bytes())?;
                 continue;
             }
+            row += 1;
+            let Some(at) = written.next().flatten() else {
+                continue;
+            };
             for (column, word) in line.split_ascii_whitespace().enumerate() {
                 let separator = if column == 0 { "" } else { " " };
                 let old = || word.parse().unwrap_or(f32::NAN);
-                match self.value(row, column, old) {
+                match self.value((row - 1, at), column, old) {
                     Some(value) => write!(out, "{separator}{value}")?,
                     None => write!(out, "{separator}{word}")?,
                 }
             }
             out.write_all(b"\n")?;
-            row += 1;
         }
         Ok(())
     }
+}
+
+/// A header, its surfels counted anew.
+fn counting(head: &[u8], surfels: usize) -> String {
+    let head = String::from_utf8_lossy(head);
+    let each = head.split_inclusive('\n').map(|line| {
+        let mut words = line.split_whitespace();
+        let is_count = words.next() == Some("element") && words.next() == Some("vertex");
+        let end = &line[line.trim_end().len()..];
+        if is_count {
+            format!("element vertex {surfels}{end}")
+        } else {
+            line.into()
+        }
+    });
+    each.collect()
 }
 
 #[cfg(test)]

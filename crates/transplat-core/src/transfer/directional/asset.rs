@@ -95,6 +95,23 @@ impl DirectionalAsset {
         }
     }
 
+    /// What some of its surfels are without the others, given what they see then.
+    pub(super) fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
+        let (q, k) = (self.nodes.count(), coefficient_count(self.nodes.degree));
+        Self {
+            nodes: self.nodes.clone(),
+            encoding: self.encoding,
+            bake,
+            directions: self.directions.clone(),
+            planes: self.planes.clone(),
+            sh: rows_of(&self.sh, k, surfels),
+            colors: rows_of(&self.colors, q, surfels),
+            means: rows_of(&self.means, 1, surfels),
+            // They tell what a surfel is made of, which is known.
+            neighbors: Vec::new(),
+        }
+    }
+
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
     pub(in crate::transfer) fn radiance<'a>(
         &'a self,
@@ -117,6 +134,12 @@ pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontA
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
     each.map(|(sh, n)| seen_at(&nodes, cloud.encoding, sh, *n).1)
         .collect()
+}
+
+/// Some rows of a table whose rows are that wide.
+pub(super) fn rows_of<T: Copy>(table: &[T], width: usize, taken: &[usize]) -> Vec<T> {
+    let row = |i: &usize| table[i * width..][..width].iter().copied();
+    taken.iter().flat_map(row).collect()
 }
 
 /// Linear colour of a surfel at the front's nodes, `[Q]`, and the means of both sides.

@@ -29,10 +29,8 @@ const LANES: usize = 16;
 pub(in crate::transfer) struct Incident<'a> {
     /// What each of them sees.
     sight: &'a Sight,
-    /// The first of them among those whose radiance is given, and how many they are.
-    own: [usize; 2],
-    /// What the radiance of the others is multiplied by.
-    gain_of_others: f32,
+    /// The first of them among those whose radiance is given.
+    first: usize,
     /// What shines from around each direction, from where most of it does.
     sky: Sky,
     /// With the surfels that see them.
@@ -101,20 +99,17 @@ impl DirectionalAsset {
         }
     }
 
-    /// A light as the surfels meet it, alone or among others, whose radiance is multiplied by a gain.
+    /// A light as the surfels meet it, alone or among others.
     pub(in crate::transfer) fn incident<'a>(
         &'a self,
         light: DirectionalLight,
         settings: &TransferSettings,
-        among: Option<(&'a Surroundings, f32)>,
+        among: Option<&'a Surroundings>,
     ) -> Incident<'a> {
-        let gain_of_others = among.map_or(1.0, |(_, gain)| gain);
-        let among = among.map(|(surroundings, _)| surroundings);
         let terms = settings.terms;
         let mut light = Incident {
             sight: among.map_or(&self.bake.sight, |a| &a.sight),
-            own: [among.map_or(0, |a| a.first), self.bake.len()],
-            gain_of_others,
+            first: among.map_or(0, |a| a.first),
             sky: Sky::new(&light.sky),
             suns: light
                 .suns
@@ -192,7 +187,7 @@ impl DirectionalAsset {
         let [mut front, mut back] = [Vec3A::ZERO; 2];
         for hit in light.hits(i) {
             let cosine = scale * n.dot(self.directions[hit.patch()]);
-            let b = light.radiance_of(radiance, *hit);
+            let b = radiance_of(radiance, *hit);
             // Without a branch: it could not be foretold.
             front += cosine.max(0.0) * b;
             back += (-cosine).max(0.0) * b;
@@ -212,10 +207,10 @@ impl DirectionalAsset {
         let scale = 4.0 * PI / DIRECTIONS as f32;
         // Next to a direction that is open, what blocks is taken to be as bright as the surfel itself.
         let near = if light.terms.bounce { scale } else { 0.0 };
-        let [r, g, b] = (radiance[light.own[0] + i][0] * near).to_array();
+        let [r, g, b] = (radiance[light.first + i][0] * near).to_array();
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
         for hit in light.hits(i) {
-            let b = light.radiance_of(radiance, *hit);
+            let b = radiance_of(radiance, *hit);
             for c in 0..3 {
                 met[c][hit.patch()] = b[c] * scale;
             }
@@ -247,15 +242,12 @@ impl Incident<'_> {
             &[]
         }
     }
+}
 
-    /// Radiance of the side of a surfel that a ray met.
-    #[inline(always)]
-    fn radiance_of(&self, radiance: &[Radiance], hit: Hit) -> Vec3A {
-        let [first, count] = self.own;
-        let is_own = hit.surfel().wrapping_sub(first) < count;
-        let gain = if is_own { 1.0 } else { self.gain_of_others };
-        radiance[hit.surfel()][usize::from(hit.is_back())] * gain
-    }
+/// Radiance of the side of a surfel that a ray met.
+#[inline(always)]
+fn radiance_of(radiance: &[Radiance], hit: Hit) -> Vec3A {
+    radiance[hit.surfel()][usize::from(hit.is_back())]
 }
 
 fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {

@@ -6,7 +6,7 @@ use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
-use crate::environment::Illumination;
+use crate::environment::{Beam, Illumination};
 use crate::progress::no_progress;
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
@@ -123,5 +123,115 @@ fn a_scene_that_is_turned_as_a_whole_is_relit_alike() {
                 .filter(|d| *d > 0.02)
                 .count();
         assert!(far * 100 < a.sh.len(), "{far} of {}", a.sh.len());
+    }
+}
+
+/// A capture of a ball on a plate, under a light from one side, in two parts: each with how it was lit among the other.
+fn parts() -> (
+    Arc<DirectionalTransfer>,
+    [(Vec<usize>, Arc<DirectionalTransfer>); 2],
+) {
+    let cloud = synthetic::glossy_sphere_over_plate(400, 2);
+    let bake = Arc::new(DirectionalBake::all_rays(&cloud));
+    let asset = DirectionalAsset::new(&cloud, bake, &Skips::default());
+    let settings = TransferSettings::default();
+    let transfer = DirectionalTransfer::new(&Arc::new(asset), &from_a_side(), &settings);
+    let whole = Arc::new(transfer.expect("with beams"));
+    let ball: Vec<usize> = (0..400).collect();
+    let plate: Vec<usize> = (400..cloud.len()).collect();
+    let parts = [ball, plate].map(|surfels| {
+        let part = cloud.selected(&surfels);
+        let tracer = whole.asset.bake.tracer_of_part(&part, &surfels);
+        let all = (&[1][..], &Skips::NONE);
+        let bake = DirectionalBake::bake_through(&part, &tracer, all, &no_progress, |_, _| ());
+        let bake = Arc::new(bake.expect("not cancelled"));
+        let transfer = Arc::new(whole.part(bake, &surfels));
+        (surfels, transfer)
+    });
+    (whole, parts)
+}
+
+/// Even light, and a sun.
+fn from_a_side() -> Illumination {
+    let mut light = Illumination::even(3);
+    light.add(Beam {
+        direction: Vec3::new(1.0, 0.4, 1.5).normalize(),
+        energy: [2.0, 1.5, 1.0],
+    });
+    light
+}
+
+fn together(parts: &[(Vec<usize>, Arc<DirectionalTransfer>)], place: Affine3A) -> SceneTransfer {
+    let places = [place, Affine3A::IDENTITY];
+    let placed = parts.iter().zip(places).map(|((_, t), place)| Placed {
+        bake: t.asset.bake.clone(),
+        scene_from_object: place,
+    });
+    let bake = SceneBake::new(placed.collect(), &no_progress).expect("not cancelled");
+    SceneTransfer::new(
+        parts.iter().map(|(_, t)| t.clone()).collect(),
+        Arc::new(bake),
+    )
+}
+
+/// Relative difference of what is relit where the parts stand as captured, over their surfels.
+fn difference(
+    whole: &Relit,
+    parts: &[(Vec<usize>, Arc<DirectionalTransfer>)],
+    relit: &[Relit],
+) -> f32 {
+    let k = whole.sh.len() / whole.tau.len();
+    let (mut error, mut all) = (0.0, 0.0);
+    for ((surfels, _), relit) in parts.iter().zip(relit) {
+        for (at, i) in surfels.iter().enumerate() {
+            for (a, b) in whole.sh[i * k..][..k].iter().zip(&relit.sh[at * k..][..k]) {
+                for c in 0..3 {
+                    error += (a[c] - b[c]).powi(2);
+                    all += a[c].powi(2);
+                }
+            }
+        }
+    }
+    (error / all).sqrt()
+}
+
+#[test]
+fn parts_of_a_capture_where_they_were_captured_are_relit_as_the_whole() {
+    let (whole, parts) = parts();
+    let scene = together(&parts, Affine3A::IDENTITY);
+    let other = Illumination::even(3)
+        .rotated(DMat3::from_rotation_x(1.0))
+        .scaled(0.7);
+    for light in [from_a_side(), other] {
+        let of_whole = whole
+            .relight_seen(&light, Part::Whole, &[])
+            .expect("with beams");
+        let of_parts = scene
+            .relight_objects(&light, Part::Whole, &[])
+            .expect("with beams");
+        // Which of the plate's discs a ray meets first, all in one plane and each of its own colour, is a matter of rounding.
+        let off = difference(&of_whole, &parts, &of_parts);
+        assert!(off < 0.02, "{off}");
+    }
+}
+
+/// Where the ball is taken away, the plate below it is lit as if it had never stood there.
+#[test]
+fn what_is_cut_out_and_taken_away_leaves_no_shadow() {
+    let (_, parts) = parts();
+    let light = from_a_side();
+    let far = Affine3A::from_translation(Vec3::new(0.0, 500.0, 0.0));
+    let without = together(&parts, far).relight_objects(&light, Part::Whole, &[]);
+    let without = &without.expect("with beams")[1];
+    let plate = &parts[1].1;
+    let alone = DirectionalTransfer::new(&plate.asset, &light, &plate.settings);
+    let alone = alone.expect("with beams");
+    let expected: Vec<f32> = (0..alone.divisor.len())
+        .map(|i| alone.divisor[i][0][1] / plate.divisor[i][0][1])
+        .collect();
+    let most = expected.iter().copied().fold(0.0, f32::max);
+    assert!(most > 1.3, "there is a shadow: {most}");
+    for (tau, expected) in without.tau.iter().zip(&expected) {
+        assert!((tau[1] / expected - 1.0).abs() < 0.02, "{tau:?} {expected}");
     }
 }

@@ -87,3 +87,38 @@ fn a_changed_source_is_noticed() {
     assert!(write_relit(&asset, &cloud.sh, &to).is_err());
     assert!(!to.exists());
 }
+
+#[test]
+fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
+    std::fs::write(&from, ascii()).expect("room for it");
+    let (_, asset) = load_asset(&from).expect("mostly good");
+    let part = asset.part(vec![1, 3].into());
+    write_relit(&part, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
+    let text = std::fs::read_to_string(&to).expect("it is there");
+    assert!(text.contains("\nelement vertex 2\n") && text.contains("\nelement camera 1\n"));
+    let rows: Vec<&str> = text.lines().skip_while(|l| *l != "end_header").collect();
+    assert_eq!(
+        rows[1..],
+        [
+            "7",
+            "1 0 1 8 -30 3 2 1 -1 -2 1 0 0 0",
+            "0 2 2 8 2.5 6 5 4 -1 -2 1 0 0 0",
+            "3",
+            "4"
+        ]
+    );
+    for big_endian in [false, true] {
+        std::fs::write(&from, binary(big_endian)).expect("room for it");
+        let (cloud, asset) = load_asset(&from).expect("a good file");
+        let part = asset.part(vec![1].into());
+        write_relit(&part, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
+        let (back, _) = load_asset(&to).expect("a good file");
+        assert_eq!(back.positions, cloud.positions[1..]);
+        assert_eq!(back.sh, [[4.0, 5.0, 6.0]]);
+        let written = std::fs::read(&to).expect("it is there");
+        assert_eq!(written[written.len() - 2..], [3, 4]);
+        assert!(write_relit(&part, &cloud.sh, &to).is_err());
+    }
+}
