@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, bake_harmonic};
 use transplat_core::bake::patches::Found;
+use transplat_core::bake::trace::Tracer;
 use transplat_core::camera::Camera;
 use transplat_core::environment::{
     Beams, EnvironmentMap, Illumination, IncidentRadiance, project_environment,
@@ -91,21 +92,21 @@ impl Device {
     pub fn bake_directional(
         &self,
         cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
         stages: (&[usize], &Skips),
         progress: Progress<'_>,
         preview: impl Fn(DirectionalBake, f32),
     ) -> Result<DirectionalBake> {
         let Self::Gpu(context) = self else {
-            return Ok(DirectionalBake::bake_in_stages(
-                cloud, stages, progress, preview,
+            return Ok(DirectionalBake::bake_through(
+                cloud, tracer, stages, progress, preview,
             )?);
         };
-        let tracer = DirectionalBake::tracer(cloud, progress)?;
-        let rays = match GpuTracer::new(context, &tracer) {
+        let rays = match GpuTracer::new(context, tracer) {
             // On the CPU, as drawing does.
             Err(_) if !context.is_lost() => {
                 return Ok(DirectionalBake::bake_through(
-                    cloud, &tracer, stages, progress, preview,
+                    cloud, tracer, stages, progress, preview,
                 )?);
             }
             made => made?,
@@ -113,7 +114,7 @@ impl Device {
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
             Ok(rays.trace(patches, found, progress)?)
         };
-        DirectionalBake::bake_by(cloud, &tracer, stages, by, progress, preview)
+        DirectionalBake::bake_by(cloud, tracer, stages, by, progress, preview)
     }
 
     /// Ready to relight; what the adapter has no room for is relit on the CPU, and the message says so.

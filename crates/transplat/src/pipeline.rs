@@ -23,11 +23,10 @@ use transplat_core::estimate::Estimate;
 use transplat_core::files::{inspect_bake, load_environment};
 use transplat_core::ground::Ground;
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{Scene, is_estimate, is_even, is_file};
+use transplat_core::scene::{Object, Scene, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::directional::{DirectionalAsset, DirectionalTransfer};
 use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
@@ -59,13 +58,17 @@ impl Pipeline {
     pub fn load(args: &AssetArgs, scene: Scene, summary: &mut Summary) -> Result<Self> {
         let assets = assets_of(args, &scene);
         let shown = scene.objects.iter().filter(|o| o.shown);
+        let mut wholes = Vec::new();
+        let mut load = |asset: &Path, object: &Object| {
+            LoadedObject::load_part(asset, object.clone(), &mut wholes, summary)
+        };
         let objects = shown
             .zip(&assets)
-            .map(|(object, asset)| LoadedObject::load(asset, object.clone(), summary))
+            .map(|(object, asset)| load(asset, object))
             .collect::<Result<_>>()?;
         let first = &scene.objects[0];
         let unshown_first = (!first.shown)
-            .then(|| LoadedObject::load(&asset_of(args, &scene, 0), first.clone(), summary))
+            .then(|| load(&asset_of(args, &scene, 0), first))
             .transpose()?;
         let device = summary.time("open device", || Device::open(args.options.device))?;
         let pipeline = Self::of(objects, unshown_first, scene, device);
@@ -132,13 +135,14 @@ impl Pipeline {
     /// Bakes what the method needs, or takes the saved bake.
     pub fn bake(&self, saved: Option<&Path>, summary: &mut Summary) -> Result<Bake> {
         let by = (&self.device, &self.scene);
+        let is_of_part = self.first().whole.is_some();
+        if let Some(path) = saved.filter(|_| self.is_composed() || is_of_part) {
+            bail!(
+                "{}: a bake is of a whole splat, neither of a scene nor of what is cut out of one",
+                path.display()
+            );
+        }
         let bake = if self.is_composed() {
-            if let Some(path) = saved {
-                bail!(
-                    "{}: a bake is of one object, not of a scene",
-                    path.display()
-                );
-            }
             match self.scene.transfer.method {
                 Method::Directional => Bake::Scene(Arc::new(self.scene_bake(summary)?)),
                 Method::Harmonic => {
@@ -285,15 +289,17 @@ impl Pipeline {
         lights: &Lights,
         summary: &mut Summary,
     ) -> Result<(PreparedTransfer, Transfer)> {
-        let prepared = summary.time("prepare", || match bake {
-            Bake::Scene(scene) => self.prepare_scene(scene, lights),
+        let start = Instant::now();
+        let prepared = match bake {
+            Bake::Scene(scene) => self.prepare_scene(scene, lights, summary),
             Bake::Harmonic(_) if self.is_composed() => self.prepare_harmonic_scene(lights),
             one => {
                 let [source, _] = lights.oriented(self, 0, &lights.targets[0]);
-                let settings = &self.scene.transfer;
-                Ok(PreparedTransfer::new(&self.cloud, one, &source, settings)?)
+                let by = (&self.device, &self.scene);
+                self.objects[0].prepare(one, by, &source, summary)
             }
-        })?;
+        }?;
+        summary.add_ms("prepare", start.elapsed().as_secs_f64() * 1e3);
         if prepared.source_was_black() {
             summary.warn("the source light is black and explains nothing; even light is assumed");
         }
@@ -322,14 +328,20 @@ impl Pipeline {
     }
 
     /// Each object under the light of its own capture.
-    fn prepare_scene(&self, bake: &Arc<SceneBake>, lights: &Lights) -> Result<PreparedTransfer> {
-        let settings = &self.scene.transfer;
+    fn prepare_scene(
+        &self,
+        bake: &Arc<SceneBake>,
+        lights: &Lights,
+        summary: &mut Summary,
+    ) -> Result<PreparedTransfer> {
+        let by = (&self.device, &self.scene);
         let prepare = |(at, object): (usize, &LoadedObject)| -> Result<_> {
             let [source, _] = lights.oriented(self, at, &lights.targets[0]);
-            let own = bake.objects[at].bake.clone();
-            let asset = DirectionalAsset::new(&object.cloud, own, &settings.skips);
-            let transfer = DirectionalTransfer::new(&Arc::new(asset), &source, settings)?;
-            Ok(Arc::new(transfer))
+            let own = Bake::Directional(bake.objects[at].bake.clone());
+            match object.prepare(&own, by, &source, summary)? {
+                PreparedTransfer::Directional(transfer) => Ok(transfer),
+                _ => bail!("the bake is for the other preset"),
+            }
         };
         let each = self.objects.iter().enumerate().map(prepare);
         let scene = SceneTransfer::new(each.collect::<Result<_>>()?, bake.clone());

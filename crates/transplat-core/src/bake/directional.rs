@@ -174,6 +174,35 @@ impl DirectionalBake {
         Arc::new(Tracer::new(part, fronts))
     }
 
+    /// What a part of the surfels sees, traced without the others: a back that was closed when they were captured has no colour that any light
+    /// could change, open as it may be now.
+    pub fn as_part_of(mut self, whole: &Self, surfels: &[usize]) -> Self {
+        let directions = directions();
+        let two_sided: Vec<f32> = surfels.iter().map(|i| whole.two_sided[*i]).collect();
+        let Sight { starts, hits, .. } = &mut self.sight;
+        let (mut new_starts, mut new_hits) = (vec![0u32], Vec::with_capacity(hits.len()));
+        for (i, range) in starts.windows(2).enumerate() {
+            let toward = |hit: &Hit| directions[hit.patch()];
+            let counts = |hit: &&Hit| sees(self.normals[i], two_sided[i], toward(hit));
+            let of_surfel = hits[range[0] as usize..range[1] as usize].iter();
+            new_hits.extend(of_surfel.filter(counts).map(|hit| {
+                let met = hit.surfel();
+                hit.on(is_met_on_back(
+                    self.normals[met],
+                    two_sided[met],
+                    toward(hit),
+                ))
+            }));
+            new_starts.push(new_hits.len() as u32);
+        }
+        (*starts, *hits) = (new_starts, new_hits);
+        self.two_sided = two_sided;
+        self.ambiguous_share = (0..self.len())
+            .filter(|i| self.is_ambiguous(*i))
+            .fold(0.0, |share, i| share + self.prominence[i]);
+        self
+    }
+
     /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
     ///
     /// # Errors

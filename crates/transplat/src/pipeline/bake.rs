@@ -44,18 +44,43 @@ pub struct Wanted {
     /// Of the harmonic method.
     pub directions: usize,
     pub skips: Skips,
-    /// The asset beside which the bake may be kept.
+    /// What the cloud was cut out of.
+    pub part_of: Option<PartOf>,
+    /// The asset beside which the bake may be kept; that of a part is kept in the user's cache.
     pub beside: Option<PathBuf>,
 }
 
+/// Some surfels of an asset.
+pub struct PartOf {
+    /// Its bake.
+    pub whole: Arc<DirectionalBake>,
+    /// Which of its surfels they are.
+    pub surfels: Arc<[usize]>,
+}
+
 impl Wanted {
+    /// A bake, given what the whole tells of a part.
+    fn known(&self, bake: DirectionalBake) -> Bake {
+        Bake::Directional(Arc::new(match &self.part_of {
+            Some(PartOf { whole, surfels }) => bake.as_part_of(whole, surfels),
+            None => bake,
+        }))
+    }
+
     fn cache_files(&self) -> Vec<PathBuf> {
         let kind = match self.method {
             Method::Harmonic => self.directions.to_string(),
             Method::Directional => "best".into(),
         };
-        let files = |asset: &PathBuf| cache_files(asset, &self.cloud, &format!("{kind}.bake"));
-        self.beside.as_ref().map_or(Vec::new(), files)
+        let Some(asset) = &self.beside else {
+            return Vec::new();
+        };
+        match self.part_of {
+            Some(_) => cached_file(&self.cloud, &format!("part.{kind}.bake"))
+                .into_iter()
+                .collect(),
+            None => cache_files(asset, &self.cloud, &format!("{kind}.bake")),
+        }
     }
 }
 
@@ -64,11 +89,16 @@ pub fn cache_files(asset: &Path, cloud: &SurfelCloud, suffix: &str) -> Vec<PathB
     let mut name = asset.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{suffix}"));
     let beside = asset.with_file_name(name);
-    let cached = directories::ProjectDirs::from("", "", "transplat").map(|d| {
-        let key = geometry_key(cloud);
-        d.cache_dir().join(format!("{key:016x}.{suffix}"))
-    });
-    [Some(beside), cached].into_iter().flatten().collect()
+    [Some(beside), cached_file(cloud, suffix)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+fn cached_file(cloud: &SurfelCloud, suffix: &str) -> Option<PathBuf> {
+    let folders = directories::ProjectDirs::from("", "", "transplat")?;
+    let key = geometry_key(cloud);
+    Some(folders.cache_dir().join(format!("{key:016x}.{suffix}")))
 }
 
 /// Bakes from start to end.
@@ -113,6 +143,10 @@ pub fn refined(
             && bake.method() == wanted.method
             && bake.directions() == wanted.directions
         {
+            let bake = match bake {
+                Bake::Directional(bake) => wanted.known(Arc::unwrap_or_clone(bake)),
+                other => other,
+            };
             return Ok(baked(bake, 1.0, Some(file.clone()), None));
         }
     }
@@ -145,11 +179,14 @@ fn in_stages(
     Ok(match wanted.method {
         Method::Harmonic => harmonic(device, wanted, stages, progress, preview)?,
         Method::Directional => {
-            let preview =
-                |o: DirectionalBake, share| preview(Bake::Directional(Arc::new(o)), share);
+            let preview = |so_far: DirectionalBake, share| preview(wanted.known(so_far), share);
             let stages = (stages, &wanted.skips);
-            let whole = device.bake_directional(&wanted.cloud, stages, progress, preview)?;
-            Bake::Directional(Arc::new(whole))
+            let cloud = &wanted.cloud;
+            let tracer = match &wanted.part_of {
+                Some(PartOf { whole, surfels }) => whole.tracer_of_part(cloud, surfels),
+                None => DirectionalBake::tracer(cloud, progress)?,
+            };
+            wanted.known(device.bake_directional(cloud, &tracer, stages, progress, preview)?)
         }
     })
 }
@@ -261,6 +298,7 @@ mod tests {
                     method,
                     directions,
                     skips: Skips::default(),
+                    part_of: None,
                     beside: Some(asset.clone()),
                 };
                 refined(&Device::Cpu, &wanted, None, &no_progress, preview).expect("a bake")
@@ -306,6 +344,7 @@ mod tests {
                 method,
                 directions: 32,
                 skips: Skips::default(),
+                part_of: None,
                 beside: Some(asset.clone()),
             };
             assert!(refined(&Device::Cpu, &wanted, None, &stop, |_| ()).is_err());

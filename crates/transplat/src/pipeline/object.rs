@@ -4,19 +4,23 @@ use std::cell::OnceCell;
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
+use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::files::{AssetFile, load_asset, load_bake};
-use transplat_core::scene::{Object, Scene};
+use transplat_core::scene::{Object, Scene, kept};
 use transplat_core::settings::Method;
 use transplat_core::surfels::{SurfelCloud, is_faint};
+use transplat_core::transfer::PreparedTransfer;
 
-use super::bake::{self, Wanted};
+use super::bake::{self, PartOf, Wanted};
 use super::estimate::estimate_as_json;
 use super::warnings::asset_warnings;
 use crate::device::Device;
@@ -31,12 +35,51 @@ pub struct LoadedObject {
     pub settings: Object,
     pub cloud: Arc<SurfelCloud>,
     pub file: AssetFile,
+    /// What it was cut out of, and which of the surfels there it is.
+    pub whole: Option<(Rc<LoadedObject>, Arc<[usize]>)>,
     /// The bake for the directional method, and what it told of the light, once they were needed.
     directional_bake: OnceCell<Arc<DirectionalBake>>,
     estimate: OnceCell<Estimate>,
 }
 
 impl LoadedObject {
+    /// Loads an object of a scene: a whole splat, or what its settings cut out of one, which may be among those that are loaded already.
+    pub fn load_part(
+        asset: &Path,
+        settings: Object,
+        wholes: &mut Vec<Rc<Self>>,
+        summary: &mut Summary,
+    ) -> Result<Self> {
+        if settings.cut.is_empty() {
+            return Self::load(asset, settings, summary);
+        }
+        let is_it = |o: &Rc<Self>| {
+            let read = |o: &Object| (o.up, o.linear, o.outside_from.clone());
+            o.file.path == asset && read(&o.settings) == read(&settings)
+        };
+        let whole = match wholes.iter().find(|o| is_it(o)) {
+            Some(whole) => whole.clone(),
+            None => {
+                let all = Object {
+                    cut: Vec::new(),
+                    ..settings.clone()
+                };
+                let whole = Rc::new(Self::load(asset, all, summary)?);
+                wholes.push(whole.clone());
+                whole
+            }
+        };
+        let surfels = part_of(asset, &settings, &whole.cloud)?;
+        Ok(Self {
+            cloud: Arc::new(whole.cloud.selected(&surfels)),
+            file: whole.file.part(surfels.clone()),
+            settings,
+            whole: Some((whole, surfels)),
+            directional_bake: OnceCell::new(),
+            estimate: OnceCell::new(),
+        })
+    }
+
     /// Loads a splat, and tells what is odd about it.
     pub fn load(asset: &Path, settings: Object, summary: &mut Summary) -> Result<Self> {
         let (cloud, file) = summary.time("load", || load_asset(asset))?;
@@ -62,6 +105,7 @@ impl LoadedObject {
             cloud: Arc::new(cloud),
             file,
             settings,
+            whole: None,
             directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
         }
@@ -73,6 +117,7 @@ impl LoadedObject {
             settings: self.settings.clone(),
             cloud: Arc::new(self.settings.transform.place(&self.cloud)),
             file: self.file.clone(),
+            whole: None,
             directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
         }
@@ -138,6 +183,13 @@ impl LoadedObject {
         directions: usize,
         summary: &mut Summary,
     ) -> Result<Bake> {
+        let part_of = match (&self.whole, method) {
+            (Some((whole, surfels)), Method::Directional) => Some(PartOf {
+                whole: whole.directional_bake((device, scene), None, summary)?,
+                surfels: surfels.clone(),
+            }),
+            _ => None,
+        };
         let bar = summary.progress_bar("baking visibility");
         let progress = |done: f64| {
             bar.set_position((done * 1000.0) as u64);
@@ -148,6 +200,7 @@ impl LoadedObject {
             method,
             directions,
             skips: scene.transfer.skips,
+            part_of,
             beside: None,
         };
         summary.time("bake", || bake::bake(device, &wanted, &progress))
@@ -160,6 +213,9 @@ impl LoadedObject {
         saved: Option<&Path>,
         summary: &mut Summary,
     ) -> Result<&Estimate> {
+        if let Some((whole, _)) = &self.whole {
+            return whole.estimate((device, scene), None, summary);
+        }
         if let Some(known) = self.estimate.get() {
             return Ok(known);
         }
@@ -175,8 +231,43 @@ impl LoadedObject {
 
     /// That, once it was made.
     pub fn known_estimate(&self) -> Option<&Estimate> {
-        self.estimate.get()
+        let told_by = self.whole.as_ref().map_or(self, |(whole, _)| whole);
+        told_by.estimate.get()
     }
+
+    /// Prepares its transfer by its own bake: a part was lit among the rest.
+    pub fn prepare(
+        &self,
+        bake: &Bake,
+        by: (&Device, &Scene),
+        source: &Illumination,
+        summary: &mut Summary,
+    ) -> Result<PreparedTransfer> {
+        let settings = &by.1.transfer;
+        match (&self.whole, settings.method) {
+            (Some((whole, surfels)), Method::Directional) => {
+                let of_whole = Bake::Directional(whole.directional_bake(by, None, summary)?);
+                let prepared = PreparedTransfer::new(&whole.cloud, &of_whole, source, settings)?;
+                Ok(prepared.part(bake, surfels)?)
+            }
+            _ => Ok(PreparedTransfer::new(&self.cloud, bake, source, settings)?),
+        }
+    }
+}
+
+/// Which surfels of a splat an object is that is cut out of it.
+pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc<[usize]>> {
+    let surfels = kept(&object.cut, &whole.positions).unwrap_or_default();
+    if surfels.is_empty() {
+        let places = || whole.positions.iter().copied();
+        let low = places().reduce(Vec3::min).unwrap_or_default();
+        let high = places().reduce(Vec3::max).unwrap_or_default();
+        bail!(
+            "{}: nothing of it is on the kept side of its cut; its surfels lie between {low} and {high}",
+            asset.display()
+        );
+    }
+    Ok(surfels.into())
 }
 
 /// What an object is called: as its splat's file without the ending, where nobody calls it otherwise.

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, DEFAULT_DIRECTIONS, Softness};
 use transplat_core::progress::no_progress;
 use transplat_core::settings::skips::Skips;
@@ -15,7 +16,6 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::PreparedTransfer;
 
 use super::subject::{Effort, Subject};
-use crate::device::Device;
 
 /// Samples that the paper projects a reflection by.
 const SAMPLES: usize = 1200;
@@ -180,12 +180,8 @@ pub fn staged_bakes(cloud: &SurfelCloud) -> Result<Vec<(f32, f64, Bake)>> {
         let bake = Bake::Directional(std::sync::Arc::new(directional));
         found.borrow_mut().push((share, ms, bake));
     };
-    let whole = Device::Cpu.bake_directional(
-        cloud,
-        (&[8, 4, 2, 1], &Skips::default()),
-        &no_progress,
-        keep,
-    )?;
+    let stages = (&[8, 4, 2, 1][..], &Skips::default());
+    let whole = DirectionalBake::bake_in_stages(cloud, stages, &no_progress, keep)?;
     keep(whole, 1.0);
     Ok(found.into_inner())
 }

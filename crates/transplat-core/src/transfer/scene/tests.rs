@@ -144,7 +144,8 @@ fn parts() -> (
         let tracer = whole.asset.bake.tracer_of_part(&part, &surfels);
         let all = (&[1][..], &Skips::NONE);
         let bake = DirectionalBake::bake_through(&part, &tracer, all, &no_progress, |_, _| ());
-        let bake = Arc::new(bake.expect("not cancelled"));
+        let bake = bake.expect("not cancelled");
+        let bake = Arc::new(bake.as_part_of(&whole.asset.bake, &surfels));
         let transfer = Arc::new(whole.part(bake, &surfels));
         (surfels, transfer)
     });

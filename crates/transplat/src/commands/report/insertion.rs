@@ -259,9 +259,10 @@ fn loaded(
     device: &Device,
     summary: &mut Summary,
 ) -> Result<Pipeline> {
+    let mut wholes = Vec::new();
     let load = |o: &transplat_core::scene::Object| {
         let asset = o.asset.as_deref().context("an asset")?;
-        LoadedObject::load(asset, o.clone(), summary)
+        LoadedObject::load_part(asset, o.clone(), &mut wholes, summary)
     };
     let objects = scene.objects.iter().map(load).collect::<Result<_>>()?;
     let scene = Scene {

@@ -94,6 +94,7 @@ impl Session {
             method,
             directions: key,
             skips: self.scene.transfer.skips,
+            part_of: None,
             beside: Some(asset.path.clone()),
         };
         let label = format!("baking {what} of {}", asset.name());
