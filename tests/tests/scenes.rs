@@ -363,3 +363,66 @@ fn scenes_that_say_too_little_are_refused_with_what_is_missing() {
     run_told(&args(line, &[&scene, &bake, &out]), 1, &["one object"]);
     assert!(!Path::new(&out).exists());
 }
+
+/// One file in two parts along a box: under any light they are where they were captured what the whole is there, and each is written with
+/// its own rows.
+#[test]
+fn what_is_cut_out_of_a_capture_was_lit_by_the_rest() {
+    let folder = Folder::empty();
+    let mut cloud = synthetic::sphere_over_slab(900);
+    // Dark: it throws back little.
+    cloud.sh.iter_mut().flatten().for_each(|v| *v *= 0.2);
+    let capture = write(&folder, "capture.ply", &cloud);
+    let (cloud, _) = load_asset(capture.as_ref()).expect("the capture");
+    let cut = |keep: &str| {
+        format!(
+            r#""asset": "capture.ply", "source": {{"file": "even"}}, "cut": [{{"keep": "{keep}", "min": [-9, -9, 0.1], "max": [9, 9, 9]}}]"#
+        )
+    };
+    let city = asset("city.hdr");
+    let scene = |name: &str, moved: &str| {
+        let [ball, slab] = ["inside", "outside"].map(cut);
+        let scene = format!(
+            r#"{{"version": 3, "objects": [{{{slab}, "name": "slab"}}, {{{ball}, "name": "ball"{moved}}}]}}"#
+        );
+        folder.write(name, scene)
+    };
+    let apart = scene("apart.json", "");
+    let whole = r#"{"asset": "capture.ply", "source": {"file": "even"}}"#;
+    let whole = folder.write("whole.json", whole);
+    let line = "{} --target {} --device cpu";
+    let [a, b] = [&apart, &whole].map(|scene| drawn(&folder, line, &[scene, &city]));
+    assert!(psnr(&a, &b) > 50.0, "{}", psnr(&a, &b));
+    // Without the ball the slab is brighter below it than it was captured, under the same light.
+    let away = scene("away.json", r#", "shown": false"#);
+    run_json(&args(
+        "relight {} --target even --device cpu -o {}",
+        &[&away, &folder.name("out/")],
+    ));
+    let (slab, _) = load_asset(&folder.path("out/even.ply")).expect("the slab");
+    assert_eq!(slab.len(), cloud.len() - 900);
+    let below = |cloud: &SurfelCloud, from: usize| {
+        let each = (0..slab.len()).filter(|i| {
+            let place = slab.positions[*i];
+            place.z > -0.05 && place.truncate().length() < 0.2
+        });
+        let light = |i| Encoding::Stored.decode(0.282_095 * cloud.sh_of(from + i)[0][1]);
+        mean(each.map(light).collect::<Vec<_>>().into_iter())
+    };
+    // It took half of the sky, and threw back a little of that.
+    let ratio = below(&slab, 0) / below(&cloud, 900);
+    assert!((1.1..2.0).contains(&ratio), "{ratio}");
+    // Nothing is left on the kept side.
+    let none = cut("inside").replace("0.1]", "8]");
+    let none = folder.write(
+        "none.json",
+        format!(r#"{{"version": 3, "objects": [{{{none}}}]}}"#),
+    );
+    let out = folder.name("none.png");
+    let line = "render {} --target even --eye 1,1,1 -o {}";
+    run_told(
+        &args(line, &[&none, &out]),
+        1,
+        &["capture.ply", "kept side", "lie between"],
+    );
+}

@@ -15,9 +15,9 @@ use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
-pub use cut::{Cut, Keep, MOST_CUTS, kept};
+pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
-pub use object::{FARTHEST, MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
+pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,6 +5,7 @@ mod adapter;
 mod annotations;
 mod app;
 mod asset;
+mod capture;
 mod composing;
 mod environments;
 mod export;

@@ -328,3 +328,73 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let alike = psnr(&inside(&shown), &inside(&large));
     assert!(alike > 38.0, "{alike}");
 }
+
+/// A ball over a plate that were captured as one, under even light and lit by a city.
+fn one_capture() -> Driver {
+    let folder = Folder::empty();
+    write(&folder, "capture.ply", &synthetic::sphere_over_slab(600));
+    std::fs::copy(asset("city.hdr"), folder.path("city.hdr")).expect("room");
+    let scene =
+        r#"{"asset": "capture.ply", "source": {"file": "even"}, "target": {"file": "city.hdr"}}"#;
+    folder.write("scene.json", scene);
+    let startup = Startup {
+        files: vec![folder.path("scene.json")],
+        ..Startup::default()
+    };
+    Driver::open(startup, folder)
+}
+
+#[test]
+fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
+    let mut d = one_capture();
+    let whole = d.picture();
+    let bounds = d.viewer().session.asset().expect("a splat").bounds;
+    // An empty box and one around all are told, and change nothing.
+    let cut = |d: &mut Driver, low: f32| {
+        d.after(|v| {
+            let hide = &mut v.session.object_mut().hide;
+            hide.crop = true;
+            (hide.crop_min, hide.crop_max) = (Vec3::splat(-2.0), Vec3::splat(2.0));
+            hide.crop_min.z = (low - bounds.center.z) / bounds.radius;
+            v.session.cut_out();
+        });
+    };
+    for low in [-1.9, 1.9] {
+        cut(&mut d, low);
+        assert_eq!(d.viewer().session.scene.objects.len(), 1);
+    }
+    // The ball is above 0.2.
+    cut(&mut d, 0.1);
+    let session = &d.viewer().session;
+    assert_eq!((session.states.len(), session.selected), (2, 1));
+    assert_eq!(session.asset().map(|a| a.cloud.len()), Some(600));
+    assert_eq!(session.object().name.as_deref(), Some("capture, cut out"));
+    let apart = d.picture();
+    assert!(psnr(&whole, &apart) > 45.0, "{}", psnr(&whole, &apart));
+    // Moved away it takes its shadow along.
+    d.after(|v| v.session.object_mut().transform.translation = Vec3::new(0.0, 0.0, 30.0));
+    let moved = d.picture();
+    assert!(psnr(&whole, &moved) < 35.0);
+    // Saved, opened again, and drawn by the command line.
+    let [look, ours, theirs] = ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
+    save_look(look.as_ref(), &d.viewer().session.scene_to_save()).expect("room");
+    let settings = d.viewer().export_settings();
+    settings.size = [200, 160];
+    settings.transparent = true;
+    settings.supersample = 1;
+    let path = ours.clone().into();
+    d.after(|v| v.export(Task::Screenshot(Some(path))));
+    let line = "render {} --size 200x160 --background transparent --device cpu -o {}";
+    run_json(&args(line, &[&look, &theirs]));
+    let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
+    assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
+    // Put together again, as undo does it.
+    let mut back = d.viewer().session.scene.clone();
+    back.objects.pop();
+    back.objects[0].cut.clear();
+    d.after(|v| v.session.apply(back));
+    assert!(psnr(&whole, &d.picture()) > 50.0);
+    assert_eq!(d.viewer().session.states.len(), 1);
+    let messages = &d.viewer().session.messages;
+    assert!(messages.iter().all(|m| !m.is_error), "{messages:?}");
+}

@@ -3,8 +3,10 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::object::FARTHEST;
 use crate::error::{Result, ensure};
+
+/// How far from the origin a place may be, on each axis.
+pub const FARTHEST: f32 = 1e12;
 
 /// The most boxes that an object is cut along.
 pub const MOST_CUTS: usize = 256;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::{Affine3A, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::cut::{Cut, MOST_CUTS};
+use super::cut::{Cut, FARTHEST, MOST_CUTS};
 use super::light::EnvironmentLight;
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
@@ -14,11 +14,8 @@ use crate::surfels::{Hide, SurfelCloud, UpAxis};
 /// The most objects of a scene.
 pub const MOST_OBJECTS: usize = 256;
 
-/// The most places that may be said to see the outside, and how far away they may be: each costs a pass over the asset.
+/// The most places that may be said to see the outside: each costs a pass over the asset.
 pub const MOST_PLACES: usize = 32;
-
-/// How far from the origin a place may be, on each axis.
-pub const FARTHEST: f32 = 1e12;
 
 /// Range of an object's scale.
 pub const SCALES: std::ops::RangeInclusive<f32> = 1e-6..=1e6;

@@ -10,15 +10,21 @@ use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::files::{AssetFile, load_asset};
 use transplat_core::ground::ground_plane;
-use transplat_core::scene::{Object, Scene};
+use transplat_core::scene::{Cut, Object, Scene};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
+use super::capture::{Capture, Part};
+use crate::pipeline::object::part_of;
 use crate::pipeline::warnings::asset_warnings;
 
 /// An asset as it is open.
 #[derive(Clone)]
 pub struct Asset {
     pub path: PathBuf,
+    /// What of the splat it is.
+    pub cut: Vec<Cut>,
+    /// What it is cut out of.
+    pub part: Option<Part>,
     pub cloud: Arc<SurfelCloud>,
     pub file: Arc<AssetFile>,
     pub bounds: Bounds,
@@ -29,29 +35,67 @@ pub struct Asset {
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
-    /// How it was to be read when that was last asked for: whether its colour is linear, and from where its outside is seen.
-    pub(super) reading_asked: Option<(bool, Vec<Vec3>)>,
+    /// How it was to be read when that was last asked for.
+    pub(super) reading_asked: Option<Reading>,
+}
+
+/// How a splat is read: whether its colour is linear, from where its outside is seen, and what is cut out of it.
+pub type Reading = (bool, Vec<Vec3>, Vec<Cut>);
+
+/// How an object's is to be.
+pub fn reading_of(object: &Object) -> Reading {
+    let outside_from = object.outside_from.clone();
+    (object.linear, outside_from, object.cut.clone())
 }
 
 impl Asset {
-    /// Reads a splat as an object's settings say.
-    pub fn load(path: PathBuf, object: &Object) -> Result<Self> {
+    /// Reads a splat as an object's settings say; `open` is the whole, if it was read so already and the object is cut out of it.
+    pub fn load(path: PathBuf, object: &Object, open: Option<Arc<Capture>>) -> Result<Self> {
         let start = Instant::now();
-        let (mut cloud, file) = load_asset(&path)?;
+        let (capture, warnings) = match open {
+            Some(capture) => (capture, Vec::new()),
+            None => {
+                let (mut cloud, file) = load_asset(&path)?;
+                object.apply_to(&mut cloud);
+                let warnings = asset_warnings(&path, &file);
+                let capture = Capture::new(Arc::new(cloud), Arc::new(file), None);
+                (Arc::new(capture), warnings)
+            }
+        };
+        let part = if object.cut.is_empty() {
+            None
+        } else {
+            let surfels = part_of(&path, object, &capture.cloud)?;
+            let capture = capture.clone();
+            Some(Part { capture, surfels })
+        };
+        let (cloud, file) = match &part {
+            None => (capture.cloud.clone(), capture.file.clone()),
+            Some(Part { surfels, .. }) => (
+                Arc::new(capture.cloud.selected(surfels)),
+                Arc::new(capture.file.part(surfels.clone())),
+            ),
+        };
         let file_up = cloud.up;
-        object.apply_to(&mut cloud);
         Ok(Self {
+            cut: object.cut.clone(),
+            part,
             bounds: cloud.bounds(),
             ground: ground_plane(&cloud, file_up),
             up: file_up,
-            warnings: asset_warnings(&path, &file),
+            warnings,
             load_ms: start.elapsed().as_secs_f64() * 1e3,
             file_up,
-            file: Arc::new(file),
-            cloud: Arc::new(cloud),
+            file,
+            cloud,
             path,
             reading_asked: None,
         })
+    }
+
+    /// All of the splat that it is of.
+    pub fn whole_cloud(&self) -> &Arc<SurfelCloud> {
+        self.part.as_ref().map_or(&self.cloud, |p| &p.capture.cloud)
     }
 
     /// For the user.
@@ -65,13 +109,13 @@ impl Asset {
 
     /// Sets how it is read to how it was.
     pub fn give_back(&self, object: &mut Object) {
-        object.linear = self.is_linear();
-        object.outside_from.clone_from(&self.cloud.outside_from);
+        (object.linear, object.outside_from, object.cut) = self.reading();
     }
 
-    /// Whether it was read as an object's settings say.
-    pub fn is_read_as(&self, object: &Object) -> bool {
-        object.linear == self.is_linear() && object.outside_from == self.cloud.outside_from
+    /// How it was read.
+    pub fn reading(&self) -> Reading {
+        let outside_from = self.cloud.outside_from.clone();
+        (self.is_linear(), outside_from, self.cut.clone())
     }
 
     /// Whether its colour was taken for linear.
@@ -107,6 +151,7 @@ pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
         linear: kept(opened.linear, &asked.linear, now.linear),
         outside_from,
         hide: kept(opened.hide, &asked.hide, now.hide),
+        cut: kept(opened.cut, &asked.cut, now.cut),
         ..now
     }
 }

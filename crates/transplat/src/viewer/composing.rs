@@ -3,9 +3,12 @@
 use std::path::PathBuf;
 
 use glam::Vec3;
-use transplat_core::scene::{ESTIMATE, EnvironmentLight, MOST_OBJECTS, Object, Transform};
+use transplat_core::scene::{
+    Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, Transform,
+};
 
 use super::session::Session;
+use crate::pipeline::object::name_of;
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
 const STICKING_OUT: f32 = 0.001;
@@ -59,6 +62,44 @@ impl Session {
         copy.asset = self.asset().map(|a| a.path.clone());
         copy.locked = false;
         self.add(copy);
+    }
+
+    /// Makes two objects of the selected one: what lies in its crop box, and the rest. Both know how they were lit side by side.
+    pub fn cut_out(&mut self) {
+        let at = self.selected;
+        let Some(asset) = &self.states[at].asset else {
+            return;
+        };
+        let (object, bounds) = (self.object(), asset.bounds);
+        let corner = |c: Vec3| bounds.center + bounds.radius * c;
+        let cut = Cut {
+            keep: Keep::Inside,
+            min: corner(object.hide.crop_min),
+            max: corner(object.hide.crop_max),
+        };
+        let inside = (asset.cloud.positions.iter()).filter(|p| cut.keeps(**p));
+        let (inside, all) = (inside.count(), asset.cloud.len());
+        if inside == 0 || inside == all {
+            let what = if inside == 0 { "nothing" } else { "all of it" };
+            self.info(format!("{what} lies in the crop box: move its sides"));
+            return;
+        }
+        if object.cut.len() >= MOST_CUTS || self.scene.objects.len() >= MOST_OBJECTS {
+            self.error("there are too many cuts, or too many objects, for another one");
+            return;
+        }
+        let part = |cut: Cut| {
+            let mut part = object.clone();
+            part.asset = Some(asset.path.clone());
+            part.cut.push(cut);
+            part.hide.crop = false;
+            part
+        };
+        let called = name_of(object, &asset.path);
+        let mut taken = part(cut);
+        taken.name = Some(format!("{called}, cut out"));
+        self.scene.objects[at] = part(cut.inverse());
+        self.add(taken);
     }
 
     /// Takes the selected object out of the scene, unless it is the only one.

@@ -21,6 +21,7 @@ use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::adapter::BackgroundDevice;
+use super::capture::Part;
 use super::environments::Environment;
 use super::jobs::{Handle, Kind};
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET};
@@ -174,6 +175,8 @@ struct Snapshot {
     maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
     cloud: Arc<SurfelCloud>,
+    /// What that is cut out of.
+    part: Option<Part>,
     file: Arc<AssetFile>,
     name: String,
     scene: Scene,
@@ -240,6 +243,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         maps: RefCell::default(),
         device: session.background.clone(),
         cloud: asset.cloud.clone(),
+        part: asset.part.clone(),
         file: asset.file.clone(),
         name: asset.name(),
         pose: session.pose,

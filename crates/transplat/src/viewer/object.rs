@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Detail;
 use transplat_core::derived::Derived;
@@ -98,6 +99,14 @@ impl ObjectState {
     pub fn whole_bakes(&self) -> impl Iterator<Item = &Arc<Bake>> {
         let current = self.bakes.values().filter_map(Derived::current);
         current.filter(|b| b.share == 1.0).map(|b| &b.bake)
+    }
+
+    /// That for the directional method.
+    pub fn whole_directional_bake(&self) -> Option<Arc<DirectionalBake>> {
+        self.whole_bakes().find_map(|bake| match &**bake {
+            Bake::Directional(bake) => Some(bake.clone()),
+            Bake::Harmonic(_) | Bake::Scene(_) => None,
+        })
     }
 
     /// From now on, a relight leaves out what is hidden now.

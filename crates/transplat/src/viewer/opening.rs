@@ -8,7 +8,8 @@ use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_gpu::live::LiveAsset;
 
-use super::asset::{Asset, OpenedWith, told};
+use super::asset::{Asset, OpenedWith, reading_of, told};
+use super::capture::Capture;
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
 use super::navigation;
@@ -130,14 +131,21 @@ impl Session {
     pub(super) fn match_states(&mut self, objects: &[Object]) {
         let states = &self.states;
         let is_of = |at: usize, object: &Object| states[at].path() == object.asset.as_deref();
+        let is_cut_as = |at: usize, object: &Object| {
+            let asset = states[at].asset.as_ref();
+            asset.is_none_or(|a| a.cut == object.cut)
+        };
         let mut of: Vec<Option<usize>> = vec![None; objects.len()];
         for (at, object) in objects.iter().enumerate().take(states.len()) {
-            let keeps = object.asset.is_none() || is_of(at, object);
+            let keeps = object.asset.is_none() || is_of(at, object) && is_cut_as(at, object);
             of[at] = Some(at).filter(|_| keeps);
         }
-        for (at, object) in objects.iter().enumerate() {
-            let is_free = |i: &usize| is_of(*i, object) && !of.contains(&Some(*i));
-            of[at] = of[at].or_else(|| (0..states.len()).find(is_free));
+        for cut_otherwise in [false, true] {
+            for (at, object) in objects.iter().enumerate() {
+                let is_it = |i: usize| is_of(i, object) && (cut_otherwise || is_cut_as(i, object));
+                let is_free = |i: &usize| is_it(*i) && !of.contains(&Some(*i));
+                of[at] = of[at].or_else(|| (0..states.len()).find(is_free));
+            }
         }
         for at in 0..objects.len().min(states.len()) {
             let is_free = states[at].path().is_none() && !of.contains(&Some(at));
@@ -210,18 +218,19 @@ impl Session {
         // One that is doubled is not read twice.
         let is_listed = matches!(opened_with, OpenedWith::Listed);
         let open = self.states.iter().filter_map(|s| s.asset.as_ref());
-        let mut open = open.filter(|a| is_listed && a.path == path && a.is_read_as(&object));
-        let twin = open.next().cloned();
+        let is_it = |a: &&Asset| a.path == path && a.reading() == reading_of(&object);
+        let twin = open.filter(is_it).find(|_| is_listed).cloned();
+        let capture = self.capture_for(&path, &object);
         let work = move |_: &_| {
             let asset = match twin {
                 Some(twin) => Asset {
                     warnings: Vec::new(),
                     ..twin
                 },
-                None => Asset::load(path, &object)?,
+                None => Asset::load(path, &object, capture)?,
             };
             let live = LiveAsset::new(&context, &asset.cloud)?;
-            let estimate = estimate::kept(&asset.path, &asset.cloud);
+            let estimate = estimate::kept(&asset.path, asset.whole_cloud());
             Ok((asset, live, estimate))
         };
         self.start_or_else(kind, label, work, move |session, loaded| {
@@ -242,6 +251,28 @@ impl Session {
                 }
             }
         });
+    }
+
+    /// What an object is to be cut out of, where that is open.
+    fn capture_for(&self, path: &Path, object: &Object) -> Option<Arc<Capture>> {
+        if object.cut.is_empty() {
+            return None;
+        }
+        let (linear, outside_from, _) = reading_of(object);
+        let is_of_it = |state: &&ObjectState| {
+            let asset = state.asset.as_ref().filter(|a| a.path == path);
+            asset.is_some_and(|a| (a.is_linear(), &a.cloud.outside_from) == (linear, &outside_from))
+        };
+        let open: Vec<&ObjectState> = self.states.iter().filter(is_of_it).collect();
+        let assets = || open.iter().filter_map(|s| s.asset.as_ref());
+        let shared = assets().find_map(|a| a.part.as_ref());
+        if let Some(part) = shared {
+            return Some(part.capture.clone());
+        }
+        let whole = assets().next()?;
+        let bake = open.iter().find_map(|s| s.whole_directional_bake());
+        let capture = Capture::new(whole.cloud.clone(), whole.file.clone(), bake);
+        Some(Arc::new(capture))
     }
 
     /// Takes away what was put into the scene and cannot be shown.

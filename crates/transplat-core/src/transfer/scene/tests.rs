@@ -126,11 +126,11 @@ fn a_scene_that_is_turned_as_a_whole_is_relit_alike() {
     }
 }
 
+/// Some surfels of a capture, and their transfer.
+type Cutting = (Vec<usize>, Arc<DirectionalTransfer>);
+
 /// A capture of a ball on a plate, under a light from one side, in two parts: each with how it was lit among the other.
-fn parts() -> (
-    Arc<DirectionalTransfer>,
-    [(Vec<usize>, Arc<DirectionalTransfer>); 2],
-) {
+fn parts() -> (Arc<DirectionalTransfer>, [Cutting; 2]) {
     let cloud = synthetic::glossy_sphere_over_plate(400, 2);
     let bake = Arc::new(DirectionalBake::all_rays(&cloud));
     let asset = DirectionalAsset::new(&cloud, bake, &Skips::default());
@@ -162,7 +162,7 @@ fn from_a_side() -> Illumination {
     light
 }
 
-fn together(parts: &[(Vec<usize>, Arc<DirectionalTransfer>)], place: Affine3A) -> SceneTransfer {
+fn together(parts: &[Cutting], place: Affine3A) -> SceneTransfer {
     let places = [place, Affine3A::IDENTITY];
     let placed = parts.iter().zip(places).map(|((_, t), place)| Placed {
         bake: t.asset.bake.clone(),
@@ -176,11 +176,7 @@ fn together(parts: &[(Vec<usize>, Arc<DirectionalTransfer>)], place: Affine3A) -
 }
 
 /// Relative difference of what is relit where the parts stand as captured, over their surfels.
-fn difference(
-    whole: &Relit,
-    parts: &[(Vec<usize>, Arc<DirectionalTransfer>)],
-    relit: &[Relit],
-) -> f32 {
+fn difference(whole: &Relit, parts: &[Cutting], relit: &[Relit]) -> f32 {
     let k = whole.sh.len() / whole.tau.len();
     let (mut error, mut all) = (0.0, 0.0);
     for ((surfels, _), relit) in parts.iter().zip(relit) {

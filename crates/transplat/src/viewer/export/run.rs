@@ -17,7 +17,8 @@ use transplat_core::present::{self, Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::settings::Method;
+use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 
 use super::{ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
 use crate::commands::render::MAX_SAMPLES;
@@ -235,6 +236,9 @@ impl Snapshot {
         let mut bakes = [&self.bake].into_iter().chain(&self.bakes);
         let bake = bakes.find(|bake| bake.method() == settings.method);
         let bake = bake.context("the pinned look's preset is not baked")?;
+        if let (Some(part), Method::Directional) = (&self.part, settings.method) {
+            return part.prepare(&mut TransferAsset::default(), bake, source, settings);
+        }
         Ok(PreparedTransfer::new(cloud, bake, source, settings)?)
     }
 

@@ -12,6 +12,7 @@ use crate::pipeline::warnings::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
+use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, fact, file, named, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
@@ -85,6 +86,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.separator();
     hide(ui, &mut viewer.session.object_mut().hide);
+    cut(ui, &mut viewer.session);
     ui.separator();
     inspected(ui, viewer);
 }
@@ -172,6 +174,22 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
     }
     if !hide.is_off() && ui.button("Show everything").clicked() {
         *hide = Hide::default();
+    }
+}
+
+/// Objects that are cut out of a capture.
+fn cut(ui: &mut Ui, session: &mut Session) {
+    let tip = "Makes two objects of this one: what lies in the crop box, and the rest. Each can be moved; both know how they were lit side by side. (Undo puts them together again.)";
+    if session.object().hide.crop && button(ui, "Cut out", tip) {
+        session.cut_out();
+    }
+    if let Some(part) = session.asset().and_then(|a| a.part.as_ref()) {
+        let (taken, all) = (part.surfels.len(), part.capture.cloud.len());
+        ui.weak(format!(
+            "cut out of a capture: {} of {} surfels",
+            thousands(taken),
+            thousands(all)
+        ));
     }
 }
 

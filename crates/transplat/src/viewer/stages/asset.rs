@@ -8,7 +8,7 @@ use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 
 use crate::pipeline::estimate;
-use crate::viewer::asset::OpenedWith;
+use crate::viewer::asset::{OpenedWith, reading_of};
 use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::object::Measured;
 use crate::viewer::session::Session;
@@ -26,22 +26,23 @@ impl Session {
             asset.up = up;
             asset.ground = ground_plane(&asset.cloud, up);
         }
-        let is_same_colour = object.linear == asset.is_linear();
-        if is_same_colour && object.outside_from == asset.cloud.outside_from {
+        let wanted = reading_of(object);
+        let now = asset.reading();
+        if wanted == now {
             asset.reading_asked = None;
             return;
         }
         if is_loading {
             return;
         }
-        let wanted = (object.linear, object.outside_from.clone());
         if asset.reading_asked.as_ref() == Some(&wanted) {
             // It was cancelled.
             asset.give_back(object);
             return;
         }
+        let is_only_outside = (wanted.0, &wanted.2) == (now.0, &now.2);
         asset.reading_asked = Some(wanted);
-        if is_same_colour {
+        if is_only_outside && asset.part.is_none() {
             self.tell_outside(at);
         } else {
             let path = asset.path.clone();

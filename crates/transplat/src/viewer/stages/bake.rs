@@ -7,6 +7,7 @@ use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
 use crate::pipeline::bake::{self, Baked, Wanted};
+use crate::viewer::capture::kept_beside;
 use crate::viewer::jobs::{Handle, Kind, Work, beside_the_rest};
 use crate::viewer::object::BakeKey;
 use crate::viewer::session::{Outcome, Session};
@@ -89,13 +90,18 @@ impl Session {
         // One of the other method is kept until that is set.
         let is_other = |file: &PathBuf| inspect_bake(file).is_ok_and(|h| h.method != method);
         let saved = state.saved_bake.take_if(|file| !is_other(file));
-        let wanted = Wanted {
+        let part = asset.part.clone();
+        let (part, path) = (
+            part.filter(|_| method == Method::Directional),
+            asset.path.clone(),
+        );
+        let mut wanted = Wanted {
             cloud: asset.cloud.clone(),
             method,
             directions: key,
             skips: self.scene.transfer.skips,
             part_of: None,
-            beside: Some(asset.path.clone()),
+            beside: kept_beside(&path, asset.part.as_ref(), method),
         };
         let label = format!("baking {what} of {}", asset.name());
         let (id, background) = (state.id, self.background.clone());
@@ -106,8 +112,14 @@ impl Session {
             };
             let (device, progress) = (background.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
-            beside_the_rest(|| bake::refined(&device, &wanted, saved, &progress, preview))
-                .map_err(|error| error.context("the bake failed"))
+            let bake = || {
+                if let Some(part) = &part {
+                    let of_whole = part.of_whole(&device, &path, wanted.skips, &progress)?;
+                    wanted.part_of = Some(of_whole);
+                }
+                bake::refined(&device, &wanted, saved, &progress, preview)
+            };
+            beside_the_rest(bake).map_err(|error| error.context("the bake failed"))
         };
         self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
     }

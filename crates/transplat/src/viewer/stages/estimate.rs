@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use transplat_core::bake::Bake;
 use transplat_core::settings::Method;
 
 use crate::pipeline::estimate::{make_and_keep, why_not};
@@ -48,12 +47,13 @@ impl Session {
         }
         let is_on_its_way = self.is_estimating(at);
         let state = &mut self.states[at];
-        let mut bakes = state.whole_bakes();
-        let bake = bakes.find_map(|b| match &**b {
-            Bake::Directional(bake) => Some(bake.clone()),
-            Bake::Harmonic(_) | Bake::Scene(_) => None,
-        });
-        drop(bakes);
+        let own = state.whole_directional_bake();
+        let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
+        // All of the splat tells of the light.
+        let bake = match part {
+            Some(part) => own.and_then(|_| part.capture.known_bake()),
+            None => own,
+        };
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
             let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
             if was_awaited && !is_on_its_way {
@@ -62,7 +62,7 @@ impl Session {
             return;
         };
         state.estimate.ask(&());
-        let (path, cloud, id) = (asset.path.clone(), asset.cloud.clone(), state.id);
+        let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
         let label = format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let work = move |_: &_| Ok(make_and_keep(&path, &cloud, &bake));

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use transplat_core::settings::Method;
 use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
@@ -32,13 +33,19 @@ impl Session {
             return;
         }
         let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
+        let part = asset.part.clone();
         let (context, transfer) = (self.context.clone(), state.transfer.clone());
         let wanted = key.clone();
         let work = move |_: &_| {
             let start = Instant::now();
             let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
             let (source, settings) = (&wanted.source.light, &wanted.settings);
-            let prepared = transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?;
+            let prepared = match (&part, settings.method) {
+                (Some(part), Method::Directional) => {
+                    part.prepare(&mut transfer, &bake, source, settings)?
+                }
+                _ => transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?,
+            };
             let live = on_gpu(&context, &prepared)?;
             if let Some(live) = &live {
                 live.warm_up(&target.light);

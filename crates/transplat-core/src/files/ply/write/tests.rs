@@ -98,9 +98,9 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     write_relit(&part, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
     assert!(text.contains("\nelement vertex 2\n") && text.contains("\nelement camera 1\n"));
-    let rows: Vec<&str> = text.lines().skip_while(|l| *l != "end_header").collect();
+    let lines: Vec<&str> = text.lines().skip_while(|l| *l != "end_header").collect();
     assert_eq!(
-        rows[1..],
+        lines[1..],
         [
             "7",
             "1 0 1 8 -30 3 2 1 -1 -2 1 0 0 0",
