@@ -138,7 +138,7 @@ impl Pipeline {
         let is_of_part = self.first().whole.is_some();
         if let Some(path) = saved.filter(|_| self.is_composed() || is_of_part) {
             bail!(
-                "{}: a bake is of a whole splat, neither of a scene nor of what is cut out of one",
+                "{}: a bake is of one object, not of a scene, and of a whole splat, not of what is cut out of one",
                 path.display()
             );
         }

@@ -1,7 +1,7 @@
 //! What open objects are cut out of.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use anyhow::{Result, bail};
 use transplat_core::bake::Bake;
@@ -23,7 +23,9 @@ pub struct Capture {
     pub cloud: Arc<SurfelCloud>,
     pub file: Arc<AssetFile>,
     /// For the directional method, once it was needed.
-    bake: Mutex<Option<Arc<DirectionalBake>>>,
+    bake: OnceLock<Arc<DirectionalBake>>,
+    /// Held by who makes it.
+    baking: Mutex<()>,
 }
 
 impl Capture {
@@ -32,14 +34,17 @@ impl Capture {
         file: Arc<AssetFile>,
         bake: Option<Arc<DirectionalBake>>,
     ) -> Self {
-        let bake = Mutex::new(bake);
-        Self { cloud, file, bake }
+        Self {
+            cloud,
+            file,
+            bake: bake.map_or_else(OnceLock::new, OnceLock::from),
+            baking: Mutex::default(),
+        }
     }
 
     /// Its bake, if it is there.
     pub fn known_bake(&self) -> Option<Arc<DirectionalBake>> {
-        let bake = self.bake.lock().unwrap_or_else(PoisonError::into_inner);
-        bake.clone()
+        self.bake.get().cloned()
     }
 
     /// Its bake, made once, or read from where that of the splat is kept; who else needs it meanwhile waits.
@@ -50,9 +55,9 @@ impl Capture {
         skips: Skips,
         progress: Progress<'_>,
     ) -> Result<Arc<DirectionalBake>> {
-        let mut known = self.bake.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = &*known {
-            return Ok(known.clone());
+        let _baking = self.baking.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = self.known_bake() {
+            return Ok(known);
         }
         let wanted = Wanted {
             cloud: self.cloud.clone(),
@@ -64,7 +69,7 @@ impl Capture {
         };
         let made = bake::refined(device, &wanted, None, progress, |_| ())?;
         match &*made.bake {
-            Bake::Directional(bake) => Ok(known.insert(bake.clone()).clone()),
+            Bake::Directional(bake) => Ok(self.bake.get_or_init(|| bake.clone()).clone()),
             Bake::Harmonic(_) | Bake::Scene(_) => bail!("the bake is for the other preset"),
         }
     }

@@ -7,6 +7,8 @@ use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, Transform,
 };
 
+use transplat_core::surfels::Hide;
+
 use super::session::Session;
 use crate::pipeline::object::name_of;
 
@@ -92,7 +94,14 @@ impl Session {
             let mut part = object.clone();
             part.asset = Some(asset.path.clone());
             part.cut.push(cut);
-            part.hide.crop = false;
+            // It was about the whole.
+            let whole = Hide::default();
+            part.hide = Hide {
+                crop: false,
+                crop_min: whole.crop_min,
+                crop_max: whole.crop_max,
+                ..part.hide
+            };
             part
         };
         let called = name_of(object, &asset.path);
