@@ -13,7 +13,7 @@ use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::error::{Error, Result};
 use crate::present::{Background, View};
-use crate::scene::{EnvironmentLight, MOST_OBJECTS, Object, Scene, is_file};
+use crate::scene::{Cut, EnvironmentLight, MOST_OBJECTS, Object, Scene, is_file};
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
@@ -33,6 +33,9 @@ struct Look {
     // Of the one object.
     #[serde(skip_serializing_if = "Option::is_none")]
     asset: Option<PathBuf>,
+    /// Read where it is said; one that is cut is listed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cut: Option<Vec<Cut>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     up: Option<UpAxis>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -87,6 +90,7 @@ impl Look {
             },
             objects: Some(objects).filter(|_| !is_one),
             asset: of_one.asset,
+            cut: None,
             up: of_one.up,
             linear: one.as_ref().map(|o| o.linear),
             outside_from: one.as_ref().map(|o| o.outside_from.clone()),
@@ -111,6 +115,7 @@ impl Look {
 
     fn scene(self) -> std::result::Result<Scene, String> {
         let says_of_one = self.asset.is_some()
+            || self.cut.is_some()
             || self.up.is_some()
             || self.linear.is_some()
             || self.outside_from.is_some()
@@ -119,7 +124,7 @@ impl Look {
         let objects = match self.objects {
             Some(_) if says_of_one => {
                 return Err(
-                    "where objects are listed, each has its own asset, source, up, linear, outside_from and hide"
+                    "where objects are listed, each has its own asset, cut, source, up, linear, outside_from and hide"
                         .into(),
                 );
             }
@@ -133,6 +138,7 @@ impl Look {
             Some(listed) => listed,
             None => vec![Object {
                 asset: self.asset,
+                cut: self.cut.unwrap_or_default(),
                 up: self.up,
                 linear: self.linear.unwrap_or_default(),
                 outside_from: self.outside_from.unwrap_or_default(),
@@ -260,6 +266,20 @@ mod tests {
     use crate::scene::EVEN;
     use crate::settings::Method;
     use crate::surfels::UpAxis;
+
+    #[test]
+    fn what_is_cut_out_is_listed_and_comes_back() {
+        let cut = r#""cut": [{"keep": "inside", "min": [0, 0, 0], "max": [1, 2, 3]}]"#;
+        let alone = parse(format!(r#"{{"asset": "a.ply", {cut}}}"#).as_bytes()).expect("a look");
+        let listed = format!(r#"{{"version": 3, "objects": [{{"asset": "a.ply", {cut}}}]}}"#);
+        assert_eq!(parse(listed.as_bytes()), Ok(alone.clone()));
+        let text = look_text(&alone).expect("of characters");
+        assert!(text.contains("\"version\": 3") && text.contains("\"inside\""));
+        assert_eq!(parse(text.as_bytes()), Ok(alone));
+        let wrong = cut.replace("[0, 0, 0]", "[0, 3, 0]");
+        let refused = parse(format!(r#"{{"asset": "a.ply", {wrong}}}"#).as_bytes());
+        assert!(refused.is_err_and(|why| why.contains("min not above max")));
+    }
 
     #[test]
     fn a_partial_look_keeps_the_defaults_and_a_misspelt_one_is_refused() {
