@@ -223,7 +223,7 @@ fn layers_put_together_are_the_picture() {
             letters.chars().map(|c| &all[&name(c)][..]).collect()
         };
         let (beauty, plate, shadow) = (of("", "RGBA"), of("plate", "RGBA"), of("shadow", "RGB"));
-        let ball = of("the ball", "RGBA");
+        let ball = of("the_ball", "RGBA");
         let n = beauty[0].len();
         let (mut error, mut darkest) = (0.0, 1.0f32);
         for i in 0..n {
@@ -280,6 +280,57 @@ fn layers_put_together_are_the_picture() {
     );
 }
 
+/// Names that no format has room for, or no alphabet: none is lost, none taken twice. Objects on the ground of a photograph have a layer each.
+#[test]
+fn layers_are_called_so_that_a_compositor_reads_them() {
+    let folder = Folder::empty();
+    write(&folder, "plate.ply", &synthetic::sheet(8));
+    write(&folder, "ball.ply", &synthetic::sphere(100));
+    let long = "long".repeat(100);
+    let names = ["Düse λ", "花瓶", "", "a.b", "a b", &long];
+    let named = names.map(|name| {
+        format!(
+            r#"{{"name": "{name}", "asset": "ball.ply", "source": {{"file": "even"}}, "transform": {{"scale": 0.2}}}}"#
+        )
+    });
+    let scene = |more: &str| {
+        format!(
+            r#"{{"version": 3, {more} "objects": [{{"asset": "plate.ply", "source": {{"file": "even"}}}}, {}]}}"#,
+            named.join(",")
+        )
+    };
+    let out = folder.name("a.exr");
+    let line = "render {} --eye 2,-2,1.5 --size 32x24 --device cpu --layers -o {}";
+    let layers = |scene: &str| {
+        let scene = folder.write("scene.json", scene);
+        run_json(&args(line, &[&scene, &out]));
+        let all = channels(&out);
+        let with_alpha = all.keys().filter_map(|name| name.strip_suffix(".A"));
+        let mut layers: Vec<String> = with_alpha.map(str::to_owned).collect();
+        layers.sort();
+        layers
+    };
+    let cut = &long[..200];
+    let expected = |plate: &str| {
+        let mut expected =
+            ["D_se__", "object", "ball", "a_b", "a_b-2", cut, plate].map(str::to_owned);
+        expected.sort();
+        expected
+    };
+    assert_eq!(layers(&scene("")), expected("plate"));
+    let bytes = fs::read(&out).expect("the picture");
+    let look = String::from_utf8_lossy(&bytes);
+    assert!(
+        look.contains("D\\u00fcse \\u03bb"),
+        "the look is kept with it"
+    );
+    // Where the ground is a photograph's, the first one is no place.
+    assert_eq!(
+        layers(&scene(r#""shadow_catcher": true,"#)),
+        expected("plate-2")
+    );
+}
+
 #[test]
 fn a_probe_sees_the_scene_from_where_an_object_stands_without_it() {
     let folder = Folder::empty();
@@ -324,7 +375,27 @@ fn scenes_that_say_too_little_are_refused_with_what_is_missing() {
     let no_light = folder.write("no_light.json", no_light);
     let gone = folder.write("gone.json", text.replace("ball.ply", "bull.ply"));
     let out = folder.name("out.ply");
-    run_told(&["relight", &no_light, "-o", &out], 2, &["--source"]);
+    run_told(
+        &["relight", &no_light, "-o", &out],
+        2,
+        &["plate", "--source"],
+    );
+    let askew = folder.write("askew.json", text.replace("0.6, 0.8", "0.6, 0.9"));
+    let told = [
+        "askew.json",
+        "object 2 (the ball)",
+        "rotation [0, 0, 0.6, 0.9]",
+    ];
+    run_told(&["relight", &askew, "-o", &out], 1, &told);
+    let nested = folder.write("nested.json", text.replace("ball.ply", "scene.json"));
+    let told = ["scene.json", "a look, where a splat is expected"];
+    run_told(&["relight", &nested, "-o", &out], 1, &told);
+    let told = run_json(&["info", &gone]);
+    assert!(
+        told["warnings"]
+            .to_string()
+            .contains("bull.ply: is not there")
+    );
     run_told(&["relight", &gone, "-o", &out], 1, &["bull.ply"]);
     run_told(
         &[

@@ -10,7 +10,7 @@ use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::environment::Illumination;
-use crate::error::{Result, ensure};
+use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
@@ -110,8 +110,13 @@ impl Scene {
                 format!("{name} {value} is out of range {low} to {high}")
             })?;
         }
-        for object in &self.objects {
-            object.validate()?;
+        for (at, object) in self.objects.iter().enumerate() {
+            object.validate().map_err(|why| {
+                let called = object.called().unwrap_or_default();
+                let of_several = self.objects.len() > 1;
+                let which = of_several.then(|| format!("object {} ({called}): ", at + 1));
+                Error::Mismatch(format!("{}{why}", which.unwrap_or_default()))
+            })?;
         }
         self.environment.validate("target")?;
         self.camera.map_or(Ok(()), |c| c.validate())
@@ -123,6 +128,13 @@ impl Scene {
             let captured = self.objects[0].source.clone();
             self.environment = std::mem::take(&mut self.environment).over(captured);
         }
+    }
+
+    /// Whether the first object is a place that the others were put into: where a photograph is, or what its ground catches goes onto one,
+    /// all of them were.
+    pub fn first_is_a_place(&self) -> bool {
+        let first_is_shown = self.objects[0].shown;
+        first_is_shown && self.background != Background::Plate && !self.shadow_catcher
     }
 
     /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment

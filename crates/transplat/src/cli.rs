@@ -189,7 +189,8 @@ pub struct RelightArgs {
     pub asset: AssetArgs,
     #[command(flatten)]
     pub light: LightArgs,
-    /// The relit splat; of a scene of several objects all of them in one, or a folder for each; with several targets the folder for them
+    /// The relit splat; of a scene of several objects one of all where they stand, or a folder of a splat for each, as it was captured; with
+    /// several targets the folder for them
     #[arg(short, long, value_name = "OUT.ply|DIR")]
     pub output: PathBuf,
     #[command(flatten)]

@@ -19,6 +19,9 @@ use crate::pipeline::object::told_apart;
 /// Layers that every picture has; objects are not called so.
 const OWN: [&str; 5] = ["plate", "shadow", "depth", "normal", "id"];
 
+/// Characters of a layer's name: OpenEXR has 255 bytes for that of a channel, and a number may follow.
+const LONGEST_NAME: usize = 200;
+
 /// Depth where nothing is: beyond everything.
 const FAR: f32 = 1e10;
 
@@ -47,8 +50,7 @@ impl Layers {
         });
         let ranges = ends.zip(objects).map(|(end, (_, n))| end - n..end);
         let inserted = &objects[usize::from(scene_alone.is_some())..];
-        // A dot would divide a name into layer and channel.
-        let called = inserted.iter().map(|(name, _)| name.replace('.', "_"));
+        let called = inserted.iter().map(|(name, _)| layer_name(name));
         let taken = OWN.iter().map(|name| (*name).to_owned());
         let names = told_apart(taken.chain(called)).split_off(OWN.len());
         Self {
@@ -177,6 +179,22 @@ impl Layers {
         }
         Ok(coverage)
     }
+}
+
+/// An object's name as compositors take a layer's: letters, digits, dashes and underscores, and not longer than formats have room for.
+fn layer_name(name: &str) -> String {
+    let as_layer = |c: char| {
+        if c.is_ascii_alphanumeric() || c == '-' {
+            c
+        } else {
+            '_'
+        }
+    };
+    let name: String = name.chars().take(LONGEST_NAME).map(as_layer).collect();
+    if name.chars().all(|c| c == '_') {
+        return "object".into();
+    }
+    name
 }
 
 /// Linear radiance of each surfel towards a camera; none of those that a result does not hold. `[n]`

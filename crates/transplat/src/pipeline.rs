@@ -321,7 +321,7 @@ impl Pipeline {
 
     /// The first of several objects without the others: the scene that they were put into.
     pub fn scene_alone(&self, prepared: &PreparedTransfer) -> Result<Option<PreparedTransfer>> {
-        if self.unshown_first.is_some() {
+        if !self.scene.first_is_a_place() {
             return Ok(None);
         }
         Ok(prepared.first_alone(&no_progress)?)

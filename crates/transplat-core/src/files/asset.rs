@@ -67,10 +67,15 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
             (cloud, report, AssetFormat::Ply(header))
         }
         Err(error @ Error::Io { .. }) => return Err(error),
-        _ => {
-            let message = match metadata.len() {
-                0 => "the file is empty; a splat in PLY is expected",
-                _ => "not a PLY splat: does not begin with \"ply\"",
+        other => {
+            let message = match other {
+                _ if metadata.len() == 0 => "the file is empty; a splat in PLY is expected",
+                Ok(FileKind::Look) => {
+                    "a look, where a splat is expected: what it lists can be listed here, too"
+                }
+                Ok(FileKind::Bake) => "a bake, where a splat is expected",
+                Ok(_) => "a picture, where a splat is expected",
+                Err(_) => "not a PLY splat: does not begin with \"ply\"",
             };
             return Err(Error::invalid(path, message));
         }

@@ -45,6 +45,10 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         }
         _ if start.starts_with(bake::ANY_MAGIC) => FileKind::Bake,
         _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
+        _ if path.extension().is_some_and(|e| e == "json") => {
+            let message = "no look: that is a JSON object, and begins with \"{\"";
+            return Err(Error::invalid(path, message));
+        }
         _ => {
             return Err(Error::invalid(
                 path,

@@ -167,10 +167,10 @@ pub struct Channel {
     pub values: Vec<f32>,
 }
 
-/// Writes a picture in layers as one float EXR, with words on how it was made.
+/// Writes a picture in layers as one float EXR, with the look (JSON) that it was made by in its attribute `transplat`.
 ///
 /// # Errors
-/// The file cannot be written.
+/// A channel's name is not of ASCII characters, or the file cannot be written.
 pub fn write_layers(
     path: &Path,
     size: [usize; 2],
@@ -182,22 +182,42 @@ pub fn write_layers(
         LayerAttributes, Text, WritableImage,
     };
     let channels = channels.into_iter();
-    let channels = channels.map(|c| AnyChannel::new(&*c.name, FlatSamples::F32(c.values)));
+    // What is no ASCII, the format has no encoding for.
+    let text = |text: &str| Text::new_or_none(text).filter(|_| text.is_ascii());
+    let channels = channels.map(|c| {
+        let why = || Error::invalid(path, format!("{}: no name of a channel", c.name));
+        let name = text(&c.name).ok_or_else(why)?;
+        Ok(AnyChannel::new(name, FlatSamples::F32(c.values)))
+    });
+    let channels = channels.collect::<Result<_>>()?;
     let mut attributes = LayerAttributes::default();
-    let text = |text: &str| Text::new_or_none(text);
-    if let (Some(name), Some(value)) = (text("transplat"), text(made_by)) {
+    if let (Some(name), Some(value)) = (text("transplat"), text(&ascii_json(made_by))) {
         (attributes.other).insert(name, AttributeValue::Text(value));
     }
     let encoding = Encoding {
         compression: Compression::ZIP16,
         ..Encoding::default()
     };
-    let list = AnyChannels::sort(channels.collect());
+    let list = AnyChannels::sort(channels);
     let layer = Layer::new((size[0], size[1]), attributes, encoding, list);
     let mut bytes = std::io::Cursor::new(Vec::new());
     let written = Image::from_layer(layer).write().to_buffered(&mut bytes);
     written.map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
+}
+
+/// JSON with everything that is not ASCII escaped: it stands within strings only.
+fn ascii_json(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_ascii() {
+            out.push(c);
+        } else {
+            let units = c.encode_utf16(&mut [0; 2]).to_vec();
+            units.iter().for_each(|u| out += &format!("\\u{u:04x}"));
+        }
+    }
+    out
 }
 
 /// Writes a float EXR from premultiplied linear colour.

@@ -77,6 +77,13 @@ impl Object {
         cloud.outside_from.clone_from(&self.outside_from);
     }
 
+    /// What it is called: as its file without the ending, where nobody calls it otherwise.
+    pub fn called(&self) -> Option<String> {
+        let stem = || Some(self.asset.as_ref()?.file_stem()?.to_string_lossy());
+        let given = self.name.clone().filter(|name| !name.trim().is_empty());
+        given.or_else(|| stem().map(|s| s.into_owned()))
+    }
+
     /// Whether it is as it was captured, with nothing said of it that is for several.
     pub fn is_where_it_was_captured(&self) -> bool {
         let is_plain = self.name.is_none() && self.shown && !self.locked && self.cut.is_empty();
@@ -135,11 +142,19 @@ impl Transform {
     /// # Errors
     /// Says what is expected.
     pub fn validate(&self) -> Result<()> {
-        let good = SCALES.contains(&self.scale)
-            && self.rotation.is_normalized()
-            && self.translation.abs().max_element() <= FARTHEST;
-        ensure(good, || {
-            "an object's transform is out of range (scale 1e-6 to 1e6, rotation a unit quaternion, translation three numbers)".into()
+        ensure(SCALES.contains(&self.scale), || {
+            let (low, high) = SCALES.into_inner();
+            format!("scale {} is out of range {low} to {high}", self.scale)
+        })?;
+        ensure(self.rotation.is_normalized(), || {
+            let [x, y, z, w] = self.rotation.to_array();
+            format!(
+                "rotation [{x}, {y}, {z}, {w}] is no unit quaternion x, y, z, w: the sum of its squares is to be 1"
+            )
+        })?;
+        ensure(self.translation.abs().max_element() <= FARTHEST, || {
+            let [x, y, z] = self.translation.to_array();
+            format!("translation [{x}, {y}, {z}]: three numbers up to {FARTHEST:e} are expected")
         })
     }
 }

@@ -1,6 +1,6 @@
 //! `transplat info`: what a file holds, and what is odd about it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use glam::Vec3;
@@ -10,7 +10,7 @@ use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
     load_look, look_text,
 };
-use transplat_core::scene::{Object, Scene};
+use transplat_core::scene::{EnvironmentLight, Object, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{DeviceChoice, InfoArgs};
@@ -62,10 +62,64 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             summary.set("kind", "look");
             let text = look_text(&scene).map_err(anyhow::Error::msg)?;
             summary.set("look", serde_json::from_str::<serde_json::Value>(&text)?);
-            lines.push(format!("look: {text}"));
+            look(&scene, &mut summary, &mut lines);
         }
     }
     summary.finish(&lines.join("\n  "))
+}
+
+/// What a look is of; how all of it is set, the JSON object has.
+fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
+    let count = scene.objects.len();
+    let objects = if count == 1 { "object" } else { "objects" };
+    lines.push(format!("look of {count} {objects}"));
+    let file = |light: &EnvironmentLight| {
+        let path = light.file.as_ref();
+        path.map(|path| path.display().to_string())
+    };
+    let mut files = Vec::new();
+    for (at, object) in scene.objects.iter().enumerate() {
+        let called = object.called().unwrap_or_else(|| "any splat".into());
+        let mut said = vec![format!("{}: {called}", at + 1)];
+        if let Some(asset) = &object.asset {
+            said.push(asset.display().to_string());
+            files.push(asset);
+        }
+        if !object.cut.is_empty() {
+            let cuts = object.cut.len();
+            let times = if cuts == 1 { "box" } else { "boxes" };
+            said.push(format!("cut by {cuts} {times}"));
+        }
+        let source = file(&object.source).unwrap_or_else(|| "nobody tells what".into());
+        said.push(format!("captured under {source}"));
+        if !object.shown {
+            said.push("not shown".into());
+        }
+        lines.push(said.join(", "));
+        files.extend(&object.source.file);
+    }
+    let target = file(&scene.environment);
+    let target = target.or_else(|| file(&scene.objects[0].source).filter(|_| count > 1));
+    let target = target.unwrap_or_else(|| "whatever light is named".into());
+    lines.push(format!(
+        "relit by {target}, preset {}",
+        scene.transfer.method.preset()
+    ));
+    if let Some(plate) = &scene.plate {
+        lines.push(format!("before the photograph {}", plate.display()));
+    }
+    files.extend(&scene.environment.file);
+    files.extend(&scene.plate);
+    let mut missing: Vec<&PathBuf> = Vec::new();
+    for path in files {
+        if is_file(path) && !path.exists() && !missing.contains(&path) {
+            missing.push(path);
+        }
+    }
+    for path in missing {
+        summary.warn(format!("{}: is not there", path.display()));
+    }
+    lines.push("all its settings: --json".into());
 }
 
 /// The value that a share of the sorted values lies below.

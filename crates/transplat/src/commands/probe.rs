@@ -14,13 +14,16 @@ use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::Painter;
 use crate::picture::light_at;
 use crate::pipeline::Pipeline;
-use crate::pipeline::object::{LoadedObject, told_apart};
+use crate::pipeline::object::{LoadedObject, as_file_name, told_apart};
 use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
 use crate::summary::Summary;
 use crate::words::percent;
 
 /// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
 const OPEN: f64 = 0.01;
+
+/// Share of the light that may be clipped before it is worth a warning.
+const CLIPPED: f64 = 0.005;
 
 /// What is farther away than this many times the median surfel is sky.
 const FAR: f32 = 6.0;
@@ -45,9 +48,20 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let outputs: Vec<PathBuf> = if is_file {
         vec![args.output.clone()]
     } else {
-        let each = places.iter().enumerate();
-        let name = |(i, _)| args.output.join(format!("{i:03}.exr"));
-        each.map(name).collect()
+        if extension.eq_ignore_ascii_case("exr") && !args.output.is_dir() {
+            bail!(
+                "{}: {} places do not fit into one file; give a folder",
+                args.output.display(),
+                places.len()
+            );
+        }
+        let called = |(i, place): (usize, &Place)| match place.object {
+            Some(object) => as_file_name(&pipeline.objects[object].name()),
+            None => format!("{i:03}"),
+        };
+        let names = told_apart(places.iter().enumerate().map(called));
+        let file = |name| args.output.join(format!("{name}.exr"));
+        names.into_iter().map(file).collect()
     };
     refuse_overwriting(inputs.iter().map(|p| &**p), &outputs)?;
     if is_file {
@@ -239,7 +253,7 @@ fn tell(probe: &Probe, at: Vec3, knows_around: bool, mends_clipped: bool, summar
             percent(probe.open_share)
         ));
     }
-    if probe.clipped_share > 0.0 && !mends_clipped {
+    if probe.clipped_light > CLIPPED && !mends_clipped {
         summary.warn(format!(
             "{at}: {} of all directions are clipped at white ({} of the scene's light, as it is): it was brighter there; --clipped-gain STOPS or --clipped-like estimate|ENV brings some of it back",
             percent(probe.clipped_share),

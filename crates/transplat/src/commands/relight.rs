@@ -13,14 +13,17 @@ use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::Transfer;
 use crate::pipeline::Pipeline;
-use crate::pipeline::object::{name_of, told_apart};
-use crate::pipeline::settings::{assets_of, look_of, targets_of, with_scene_as_look};
+use crate::pipeline::object::{as_file_name, name_of, told_apart};
+use crate::pipeline::settings::{
+    assets_of, check_objects, look_of, targets_of, with_scene_as_look,
+};
 use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut summary = Summary::new("relight", &args.out);
     let (asset, light) = with_scene_as_look(&args.asset, &args.light);
     let scene = look_of(&asset.options, Some(&light))?;
+    check_objects(&asset, &scene, true)?;
     let named = targets_of(&light, &scene)?;
     let shown = || scene.objects.iter().filter(|o| o.shown);
     if shown().any(|o| o.source.file.is_none()) || named.is_empty() {
@@ -102,17 +105,7 @@ fn write(
 /// A name for each object's file: its own, or its splat's; no two are the same.
 fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
     let shown = scene.objects.iter().filter(|o| o.shown).zip(assets);
-    let as_file = |c: char| {
-        if c.is_alphanumeric() || "-_ .".contains(c) {
-            c
-        } else {
-            '_'
-        }
-    };
-    told_apart(shown.map(|(object, asset)| {
-        let name = name_of(object, asset);
-        name.chars().map(as_file).collect()
-    }))
+    told_apart(shown.map(|(object, asset)| as_file_name(&name_of(object, asset))))
 }
 
 /// Where splats go: one file, or a folder with one a light and object.

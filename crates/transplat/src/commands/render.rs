@@ -23,7 +23,9 @@ use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
-use crate::pipeline::settings::{assets_of, look_of, put, targets_of, with_scene_as_look};
+use crate::pipeline::settings::{
+    assets_of, check_objects, look_of, put, targets_of, with_scene_as_look,
+};
 use crate::pipeline::{Lights, Pipeline, Target};
 use crate::summary::Summary;
 
@@ -46,6 +48,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         }
     }
     let targets = targets_of(&args.light, &scene)?;
+    check_objects(&args.asset, &scene, !targets.is_empty())?;
     let mut shown = scene.objects.iter().filter(|o| o.shown);
     let relit = shown.all(|o| o.source.file.is_some());
     let view = view_asked(args, &scene, relit, &targets);

@@ -29,6 +29,9 @@ use crate::summary::Summary;
 /// Directions that are enough to tell a normal's sign.
 const ORIENTATION_DIRECTIONS: usize = 64;
 
+/// Characters of a file's name that is made of an object's: systems have room for 255 bytes, and a character may have four.
+const LONGEST_FILE_NAME: usize = 60;
+
 /// An object, loaded.
 pub struct LoadedObject {
     /// Its settings.
@@ -272,9 +275,23 @@ pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc
 
 /// What an object is called: as its splat's file without the ending, where nobody calls it otherwise.
 pub fn name_of(object: &Object, asset: &Path) -> String {
-    let stem = || asset.file_stem().unwrap_or_default().to_string_lossy();
-    let name = object.name.clone();
-    name.unwrap_or_else(|| stem().into_owned())
+    let of_file = Object {
+        asset: Some(asset.to_owned()),
+        ..object.clone()
+    };
+    of_file.called().unwrap_or_default()
+}
+
+/// What something is called as a file's name without the ending, on any system.
+pub fn as_file_name(name: &str) -> String {
+    let as_file = |c: char| {
+        if c.is_alphanumeric() || "-_ .".contains(c) {
+            c
+        } else {
+            '_'
+        }
+    };
+    name.chars().take(LONGEST_FILE_NAME).map(as_file).collect()
 }
 
 /// Names, those that were there before with a number.

@@ -9,6 +9,7 @@ use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skips;
 
+use super::object::name_of;
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 
 /// The splats of the objects that are shown: the first one's by the command line or else by the look.
@@ -28,6 +29,26 @@ pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> PathBuf {
     asset.unwrap_or_else(|| {
         usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
     })
+}
+
+/// Refuses a scene that names a splat that is not there or, where it is to be relit, tells what some of its objects were captured under and
+/// not all.
+pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<()> {
+    let assets = assets_of(args, scene);
+    for asset in &assets {
+        std::fs::metadata(asset).with_context(|| asset.display().to_string())?;
+    }
+    let shown = scene.objects.iter().filter(|o| o.shown);
+    let (told, untold): (Vec<_>, Vec<_>) = shown
+        .zip(&assets)
+        .partition(|(object, _)| object.source.file.is_some());
+    if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), untold.first()) {
+        usage(&format!(
+            "{}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
+            name_of(object, asset)
+        ));
+    }
+    Ok(())
 }
 
 /// A scene that is given where a splat could be is what `--look` asks for.

@@ -71,6 +71,8 @@ impl Viewer {
             Action::Copy => self.export(Task::Clipboard),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
+            Action::Duplicate => session.duplicate_object(),
+            Action::Remove => session.remove_object(),
             Action::Frame => panels::frame(self),
             Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
             Action::Front => navigation::look_from(&mut session.pose, navigation::FRONT),

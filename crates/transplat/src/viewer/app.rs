@@ -296,14 +296,20 @@ impl Viewer {
             self.session.set_plate(path.to_owned());
             return;
         }
-        let path = if path.extension().is_some() {
-            path.to_owned()
-        } else {
-            path.with_extension(match kind {
-                SaveKind::Look => "json",
-                SaveKind::Splat => "ply",
-                _ => self.preferences.export.format.extension(),
-            })
+        if path.is_dir() {
+            let why = "is a folder; a file's name is asked for";
+            self.session.error(format!("{}: {why}", path.display()));
+            return;
+        }
+        // A picture's name may say another format.
+        let (wanted, may_differ) = match kind {
+            SaveKind::Look => ("json", false),
+            SaveKind::Splat => ("ply", false),
+            _ => (self.preferences.export.format.extension(), true),
+        };
+        let path = match path.extension() {
+            Some(e) if may_differ || e.eq_ignore_ascii_case(wanted) => path.to_owned(),
+            _ => path.with_added_extension(wanted),
         };
         let same = |other: &Path| other.canonicalize().ok() == path.canonicalize().ok();
         let open = self.session.open_files();

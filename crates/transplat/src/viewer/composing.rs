@@ -10,7 +10,7 @@ use transplat_core::scene::{
 use transplat_core::surfels::Hide;
 
 use super::session::Session;
-use crate::pipeline::object::name_of;
+use crate::pipeline::object::{name_of, told_apart};
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
 const STICKING_OUT: f32 = 0.001;
@@ -53,6 +53,14 @@ impl Session {
         }
     }
 
+    /// What an object is called in lists.
+    pub fn called(&self, at: usize) -> String {
+        let of_file = self.states.get(at).and_then(|s| s.asset.as_ref());
+        let called = self.scene.objects[at].called();
+        let called = called.or(of_file.map(|a| a.name()));
+        called.unwrap_or_else(|| "no splat".into())
+    }
+
     /// Another object of the selected one's splat, beside it.
     pub fn duplicate_object(&mut self) {
         let mut copy = self.object().clone();
@@ -63,6 +71,9 @@ impl Session {
         copy.transform.translation += 2.0 * copy.transform.scale * bounds.radius * aside;
         copy.asset = self.asset().map(|a| a.path.clone());
         copy.locked = false;
+        let called = |o: &Object| o.called().unwrap_or_default();
+        let all = self.scene.objects.iter().map(called);
+        copy.name = told_apart(all.chain([called(&copy)])).pop();
         self.add(copy);
     }
 

@@ -13,7 +13,7 @@ use super::export::free_name;
 use super::jobs::Kind;
 use super::session::{Event, Session};
 use crate::picture::light_at;
-use crate::pipeline::object::name_of;
+use crate::pipeline::object::{as_file_name, name_of};
 use crate::words::percent;
 
 /// Share of the light that may come from where the capture is clipped before it is worth a word.
@@ -35,7 +35,7 @@ impl Session {
             .shown()
             .flat_map(|(other, _, asset)| std::iter::repeat_n(other == at, asset.cloud.len()));
         let hidden: Vec<bool> = hidden.collect();
-        let name = format!("light_at_{}", name_of(object, &asset.path));
+        let name = as_file_name(&format!("light_at_{}", name_of(object, &asset.path)));
         let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
         let (source, up) = (source.clone(), self.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());

@@ -13,6 +13,8 @@ pub enum Action {
     Copy,
     Undo,
     Redo,
+    Duplicate,
+    Remove,
     Frame,
     Orthographic,
     Front,
@@ -35,7 +37,7 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 28] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 30] = [
     (CTRL, Key::O, Action::Open, "open files"),
     (
         CTRL_SHIFT,
@@ -50,6 +52,13 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 28] = [
     (CTRL_SHIFT, Key::Z, Action::Redo, "redo"),
     (CTRL, Key::Z, Action::Undo, "undo"),
     (CTRL, Key::Y, Action::Redo, "redo"),
+    (CTRL, Key::D, Action::Duplicate, "double the object"),
+    (
+        NONE,
+        Key::Delete,
+        Action::Remove,
+        "take the object out of the scene",
+    ),
     (NONE, Key::F, Action::Frame, "frame the object"),
     (
         NONE,
@@ -119,13 +128,17 @@ pub const ARROWS: [Key; 4] = [
 ];
 
 /// What the mouse and held keys do, for the sheet.
-pub const GESTURES: [(&str, &str); 13] = [
+pub const GESTURES: [(&str, &str); 14] = [
     ("left drag", "orbit"),
     ("middle drag, shift + left drag", "pan"),
     ("wheel", "zoom to the pointer"),
     ("right drag", "look around; with W A S D Q E fly"),
     ("shift + right drag", "turn and tilt the target light"),
-    ("click", "inspect a surfel"),
+    ("click", "select an object; inspect a surfel"),
+    (
+        "drag a handle",
+        "move, turn, scale the object (ctrl: in steps)",
+    ),
     ("double click", "turn about this point of the surface"),
     ("double click on a slider", "back to the default"),
     ("drag the wipe's line", "move the split"),

@@ -170,7 +170,7 @@ impl Snapshot {
     /// The scene that objects were put into, relit without them; none where it is not shown.
     fn scene_alone(&self, scene: &Scene, target: &Environment) -> Result<Option<Relit>> {
         if self.scene_alone.get().is_none() {
-            let shows_first = self.is_composed && scene.objects[0].shown;
+            let shows_first = self.is_composed && scene.first_is_a_place();
             let prepared = self.prepared.get().filter(|_| shows_first);
             let alone = prepared.map(|p| p.first_alone(&no_progress)).transpose()?;
             let _ = self.scene_alone.set(alone.flatten());

@@ -10,6 +10,9 @@ use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{button, name, named};
 
+/// Characters of a name.
+const LONGEST_NAME: usize = 64;
+
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     for at in 0..session.scene.objects.len() {
@@ -46,30 +49,22 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         });
     });
+    rename(ui, session);
     let is_locked = session.object().locked;
     ui.add_enabled_ui(!is_locked, |ui| stand(ui, session));
 }
 
 /// An object of the list.
 fn row(ui: &mut Ui, session: &mut Session, at: usize) {
-    let of_file = session.states.get(at).and_then(|s| s.asset.as_ref());
-    let file = session.scene.objects[at]
-        .asset
-        .as_ref()
-        .and_then(|a| a.file_stem());
-    let file = file.map(|f| f.to_string_lossy().into_owned());
-    let called = of_file.map(|a| a.name()).or(file);
-    let called = session.scene.objects[at].name.clone().or(called);
-    let called = called.unwrap_or_else(|| "no splat".into());
+    let called = session.called(at);
     ui.horizontal(|ui| {
         let object = &mut session.scene.objects[at];
         let shown = ui
             .checkbox(&mut object.shown, "")
             .on_hover_text("Shown. What is not neither casts a shadow nor shines on anything.");
         named(&shown, egui::Role::CheckBox, format!("Show {called}"));
-        let lock = if object.locked { "locked" } else { "free" };
         let lock = ui
-            .selectable_label(object.locked, lock)
+            .selectable_label(object.locked, "Lock")
             .on_hover_text("A locked object stays where it stands.");
         if lock.clicked() {
             object.locked = !object.locked;
@@ -90,6 +85,27 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         {
             session.load_again(at);
         }
+    });
+}
+
+/// What the selected object is called: layers and files are named so.
+fn rename(ui: &mut Ui, session: &mut Session) {
+    let called = session.called(session.selected);
+    ui.horizontal(|ui| {
+        name(ui, "Name");
+        let object = session.object_mut();
+        let mut text = object.name.clone().unwrap_or_default();
+        let edit = egui::TextEdit::singleline(&mut text)
+            .hint_text(called)
+            .char_limit(LONGEST_NAME)
+            .desired_width(f32::INFINITY);
+        let edit = ui.add(edit);
+        if edit.changed() {
+            object.name = (!text.trim().is_empty()).then_some(text);
+        }
+        let tip =
+            "What its layer and its files are called; that of its splat where nothing stands here.";
+        named(&edit.on_hover_text(tip), egui::Role::TextInput, "Name");
     });
 }
 

@@ -102,7 +102,8 @@ impl Session {
                     why_not(self.scene.transfer.method, obstacle)
                 ),
             };
-            self.info(message);
+            let of = (self.scene.objects.len() > 1).then(|| self.called(at));
+            self.info(of.map_or(message.clone(), |name| format!("{name}: {message}")));
         }
         match light {
             Ok(light) => {
