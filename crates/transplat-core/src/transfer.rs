@@ -91,7 +91,7 @@ impl PreparedTransfer {
             Self::Scene(scene) if scene.objects.len() > 1 => {
                 Some(Self::Scene(Arc::new(scene.first_alone(progress)?)))
             }
-            Self::HarmonicScene(scene) => Some(Self::Harmonic(scene.first_alone())),
+            Self::HarmonicScene(scene) => scene.first_alone().map(Self::Harmonic),
             _ => None,
         })
     }

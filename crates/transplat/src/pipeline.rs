@@ -176,6 +176,10 @@ impl Pipeline {
             Ok(Placed {
                 bake: o.directional_bake(by, None, summary)?,
                 scene_from_object: o.settings.transform.scene_from_object(),
+                whole: match &o.whole {
+                    Some((whole, _)) => Some(whole.directional_bake(by, None, summary)?),
+                    None => None,
+                },
             })
         });
         let placed = placed.collect::<Result<_>>()?;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::directional::{DirectionalBake, Sight, is_met_on_back, sees};
 use super::patches::{DIRECTIONS, Hit, MOST_SURFELS, PATCHES, WORDS, directions};
-use super::trace::{MISS, PACKET, Tracer};
+use super::trace::{MISS, PACKET, RayStart, RaySurfel, Tracer};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 
@@ -21,9 +21,21 @@ pub struct Placed {
     pub bake: Arc<DirectionalBake>,
     /// From its coordinates to the scene's: a turn, a move, and one scale for all axes.
     pub scene_from_object: Affine3A,
+    /// What it was cut out of.
+    pub whole: Option<Arc<DirectionalBake>>,
 }
 
 impl Placed {
+    /// Whether both are parts of one capture, which knows how they were lit side by side.
+    pub fn is_of_capture_of(&self, other: &Self) -> bool {
+        matches!((&self.whole, &other.whole), (Some(a), Some(b)) if Arc::ptr_eq(a, b))
+    }
+
+    /// Whether the two stand as they were captured, so that surfaces may go from one to the other.
+    fn is_one_body_with(&self, other: &Self) -> bool {
+        self.is_of_capture_of(other) && self.scene_from_object == other.scene_from_object
+    }
+
     fn scene_from_rays(&self) -> Affine3A {
         let tracer = &self.bake.tracer;
         let scale = Affine3A::from_scale(Vec3::splat(tracer.radius));
@@ -43,9 +55,22 @@ struct Other {
     ball: (Vec3, f32),
     /// Its first surfel among those of the scene.
     first: u32,
+    /// Whether a surfel's own stack may go on in it, see [`Placed::is_one_body_with`].
+    is_one_body: bool,
 }
 
 impl Other {
+    /// The start of a ray of the one's surfel, both in their own coordinates.
+    fn start(&self, surfel: &RaySurfel, direction: Vec3) -> RayStart {
+        let start = surfel.start(direction);
+        let own = if self.is_one_body { self.scale } else { 0.0 };
+        RayStart {
+            origin: self.other_from_own.transform_point3(start.origin),
+            nearest: own * start.nearest,
+            stack: own * start.stack,
+        }
+    }
+
     fn direction(&self, own: Vec3) -> Vec3 {
         self.other_from_own.transform_vector3(own) / self.scale
     }
@@ -160,6 +185,7 @@ impl Surroundings {
                     other_from_own,
                     ball: objects[o].bake.tracer.reach(),
                     first: firsts[o] as u32,
+                    is_one_body: own.is_one_body_with(&objects[o]),
                 }
             })
             .collect();
@@ -183,14 +209,13 @@ impl Surroundings {
         let mut open = own.open_towards(direction, asked);
         for other in &self.others {
             let toward = other.direction(direction);
-            let rays: Vec<(u32, Vec3)> = (own.order.iter().filter(|i| open[**i as usize]))
-                .map(|i| (*i, own.surfels[*i as usize].start(direction).0))
-                .map(|(i, origin)| (i, other.other_from_own.transform_point3(origin)))
-                .filter(|(_, origin)| other.is_near(*origin, toward))
+            let rays: Vec<(u32, RayStart)> = (own.order.iter().filter(|i| open[**i as usize]))
+                .map(|i| (*i, other.start(&own.surfels[*i as usize], direction)))
+                .filter(|(_, start)| other.is_near(start.origin, toward))
                 .collect();
             let blocked = rays.par_chunks(PACKET).map_init(Vec::new, |stack, rays| {
-                let origins: Vec<Vec3> = rays.iter().map(|(_, origin)| *origin).collect();
-                let met = other.bake.tracer.met_from(&origins, toward, true, stack);
+                let starts: Vec<RayStart> = rays.iter().map(|(_, start)| *start).collect();
+                let met = other.bake.tracer.met_from(&starts, toward, true, stack);
                 met.surfel.map(|s| s != MISS)
             });
             let blocked: Vec<_> = blocked.collect();
@@ -273,16 +298,15 @@ fn neighborhood(
             if !other.is_near_any(starts, toward) {
                 continue;
             }
-            let rays: Vec<(usize, Vec3)> = (of.iter().map(|i| *i as usize).enumerate())
+            let rays: Vec<(usize, RayStart)> = (of.iter().map(|i| *i as usize).enumerate())
                 .filter(|(lane, i)| own.sight.is_open(*i, j) || meets_itself(*lane))
-                .map(|(lane, i)| (lane, own.tracer.surfels[i].start(*direction).0))
-                .map(|(lane, origin)| (lane, other.other_from_own.transform_point3(origin)))
-                .filter(|(_, origin)| other.is_near(*origin, toward))
+                .map(|(lane, i)| (lane, other.start(&own.tracer.surfels[i], *direction)))
+                .filter(|(_, start)| other.is_near(start.origin, toward))
                 .collect();
             for rays in rays.chunks(PACKET) {
-                let origins: Vec<Vec3> = rays.iter().map(|(_, origin)| *origin).collect();
+                let starts: Vec<RayStart> = rays.iter().map(|(_, start)| *start).collect();
                 let tracer = &other.bake.tracer;
-                let met = tracer.met_from(&origins, toward, patch.is_none(), &mut stack);
+                let met = tracer.met_from(&starts, toward, patch.is_none(), &mut stack);
                 for ((lane, _), (surfel, distance)) in rays.iter().zip(met.each()) {
                     if surfel == MISS {
                         continue;

@@ -53,18 +53,29 @@ pub struct RaySurfel {
     pub one_sided: bool,
 }
 
+/// Where a ray starts, and how far from there what it meets counts.
+#[derive(Clone, Copy, Debug)]
+pub struct RayStart {
+    /// Where.
+    pub origin: Vec3,
+    /// Hits nearer than this do not count.
+    pub nearest: f32,
+    /// The same of discs that are left through their fronts.
+    pub stack: f32,
+}
+
 impl RaySurfel {
-    /// Where a ray towards a direction starts, and from which distance on it meets anything, and discs that it leaves through their fronts.
-    pub fn start(&self, direction: Vec3) -> (Vec3, f32, f32) {
+    /// The start of its ray towards a direction.
+    pub fn start(&self, direction: Vec3) -> RayStart {
         let in_front = self.normal.dot(direction) >= 0.0;
         let side = if in_front { 1.0 } else { -1.0 };
         let nearest = NEAREST_SCALES * self.minor;
         let stack = STACK_SCALES * self.major;
-        (
-            self.position + self.normal * (side * START_SCALES * self.minor),
+        RayStart {
+            origin: self.position + self.normal * (side * START_SCALES * self.minor),
             nearest,
-            if in_front { stack } else { nearest },
-        )
+            stack: if in_front { stack } else { nearest },
+        }
     }
 
     fn casts(&self) -> bool {
@@ -133,23 +144,27 @@ struct Packet {
 }
 
 impl Packet {
-    /// Rays from the surfels `of`, at most [`PACKET`]; the last one fills what is left.
-    fn new(surfels: &[RaySurfel], of: &[u32], direction: Vec3) -> Self {
+    /// At most [`PACKET`] rays; the last one fills what is left.
+    fn new(count: usize, start: impl Fn(usize) -> RayStart) -> Self {
         let mut packet = Self {
             origin: [[0.0; PACKET]; 3],
             nearest: [0.0; PACKET],
             stack: [0.0; PACKET],
         };
         for lane in 0..PACKET {
-            let surfel = &surfels[of[lane.min(of.len() - 1)] as usize];
-            let (origin, nearest, stack) = surfel.start(direction);
+            let start = start(lane.min(count - 1));
             for axis in 0..3 {
-                packet.origin[axis][lane] = origin[axis];
+                packet.origin[axis][lane] = start.origin[axis];
             }
-            packet.nearest[lane] = nearest;
-            packet.stack[lane] = stack;
+            packet.nearest[lane] = start.nearest;
+            packet.stack[lane] = start.stack;
         }
         packet
+    }
+
+    /// Those of the surfels `of`.
+    fn from_surfels(surfels: &[RaySurfel], of: &[u32], direction: Vec3) -> Self {
+        Self::new(of.len(), |i| surfels[of[i] as usize].start(direction))
     }
 }
 
@@ -208,30 +223,25 @@ impl Tracer {
         any: bool,
         stack: &mut Vec<u32>,
     ) -> [u32; PACKET] {
-        let packet = Packet::new(&self.surfels, of, direction);
+        let packet = Packet::from_surfels(&self.surfels, of, direction);
         walk(self, &packet, direction, any, stack).surfel
     }
 
     /// The same with how far away the surfels are that are met first.
     pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Vec<u32>) -> Met {
-        let packet = Packet::new(&self.surfels, of, direction);
+        let packet = Packet::from_surfels(&self.surfels, of, direction);
         walk(self, &packet, direction, false, stack)
     }
 
     /// What rays towards a direction meet first, or at all, that start anywhere, in these coordinates; at most [`PACKET`].
     pub fn met_from(
         &self,
-        origins: &[Vec3],
+        starts: &[RayStart],
         direction: Vec3,
         any: bool,
         stack: &mut Vec<u32>,
     ) -> Met {
-        let start = |lane: usize| origins[lane.min(origins.len() - 1)];
-        let packet = Packet {
-            origin: std::array::from_fn(|axis| std::array::from_fn(|lane| start(lane)[axis])),
-            nearest: [0.0; PACKET],
-            stack: [0.0; PACKET],
-        };
+        let packet = Packet::new(starts.len(), |i| starts[i]);
         walk(self, &packet, direction, any, stack)
     }
 

@@ -64,8 +64,6 @@ pub const RESIDUAL_FLOOR: f32 = 0.02;
 pub struct DirectionalTransfer {
     /// Of what.
     pub asset: Arc<DirectionalAsset>,
-    /// What that was cut out of.
-    pub whole: Option<Arc<DirectionalBake>>,
     /// How.
     pub settings: TransferSettings,
     /// What target lights are multiplied by: 1 over the source's mean irradiance.
@@ -262,7 +260,6 @@ impl DirectionalTransfer {
             .collect();
         Ok(Self {
             asset: asset.clone(),
-            whole: None,
             settings: settings.clone(),
             light_gain,
             source_was_black,
@@ -289,7 +286,6 @@ impl DirectionalTransfer {
         let gloss = rows_of(&self.gloss, 1, surfels);
         Self {
             asset: Arc::new(self.asset.part(bake, surfels)),
-            whole: Some(self.asset.bake.clone()),
             settings: self.settings.clone(),
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
             gloss,

@@ -107,11 +107,9 @@ impl SceneTransfer {
     /// That as it shines on one of the objects, in the unit of its captured colour.
     fn as_seen_by<'a>(&self, which: usize, radiance: &'a [Radiance]) -> Cow<'a, [Radiance]> {
         let seer = &self.objects[which];
-        let is_of_its_capture = |other: usize| {
-            let wholes = (&seer.whole, &self.objects[other].whole);
-            let is_same = matches!(wholes, (Some(a), Some(b)) if Arc::ptr_eq(a, b));
-            other == which || is_same
-        };
+        let placed = &self.bake.objects;
+        let is_of_its_capture =
+            |other: usize| other == which || placed[which].is_of_capture_of(&placed[other]);
         let objects = 0..self.objects.len();
         let others: Vec<usize> = objects.filter(|o| !is_of_its_capture(*o)).collect();
         if others.is_empty() || seer.light_gain == 1.0 {

@@ -9,6 +9,7 @@ fn placed(cloud: &SurfelCloud, scene_from_object: Affine3A) -> Placed {
     Placed {
         bake: Arc::new(DirectionalBake::all_rays(cloud)),
         scene_from_object,
+        whole: None,
     }
 }
 

@@ -146,9 +146,9 @@ impl HarmonicScene {
         Ok(all)
     }
 
-    /// The first object as it is where the others are not, in the scene's coordinates.
-    pub fn first_alone(&self) -> Arc<HarmonicTransfer> {
-        self.objects[0].clone()
+    /// The first of several objects as it is where the others are not, in the scene's coordinates.
+    pub fn first_alone(&self) -> Option<Arc<HarmonicTransfer>> {
+        (self.objects.len() > 1).then(|| self.objects[0].clone())
     }
 
     /// The light at a place: the scene as it is relit, and the target where it is open.

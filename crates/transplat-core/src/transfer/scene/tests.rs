@@ -30,6 +30,7 @@ fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
         .map(|(t, (_, place))| Placed {
             bake: t.asset.bake.clone(),
             scene_from_object: *place,
+            whole: None,
         })
         .collect();
     let bake = SceneBake::new(placed, &no_progress).expect("not cancelled");
@@ -132,14 +133,21 @@ type Cutting = (Vec<usize>, Arc<DirectionalTransfer>);
 /// A capture of a ball on a plate, under a light from one side, in two parts: each with how it was lit among the other.
 fn parts() -> (Arc<DirectionalTransfer>, [Cutting; 2]) {
     let cloud = synthetic::glossy_sphere_over_plate(400, 2);
-    let bake = Arc::new(DirectionalBake::all_rays(&cloud));
-    let asset = DirectionalAsset::new(&cloud, bake, &Skips::default());
+    let ball: Vec<usize> = (0..400).collect();
+    let plate: Vec<usize> = (400..cloud.len()).collect();
+    parts_of(&cloud, [ball, plate])
+}
+
+fn parts_of(
+    cloud: &SurfelCloud,
+    parts: [Vec<usize>; 2],
+) -> (Arc<DirectionalTransfer>, [Cutting; 2]) {
+    let bake = Arc::new(DirectionalBake::all_rays(cloud));
+    let asset = DirectionalAsset::new(cloud, bake, &Skips::default());
     let settings = TransferSettings::default();
     let transfer = DirectionalTransfer::new(&Arc::new(asset), &from_a_side(), &settings);
     let whole = Arc::new(transfer.expect("with beams"));
-    let ball: Vec<usize> = (0..400).collect();
-    let plate: Vec<usize> = (400..cloud.len()).collect();
-    let parts = [ball, plate].map(|surfels| {
+    let parts = parts.map(|surfels| {
         let part = cloud.selected(&surfels);
         let tracer = whole.asset.bake.tracer_of_part(&part, &surfels);
         let all = (&[1][..], &Skips::NONE);
@@ -162,11 +170,15 @@ fn from_a_side() -> Illumination {
     light
 }
 
-fn together(parts: &[Cutting], place: Affine3A) -> SceneTransfer {
+fn together(
+    (whole, parts): (&Arc<DirectionalTransfer>, &[Cutting]),
+    place: Affine3A,
+) -> SceneTransfer {
     let places = [place, Affine3A::IDENTITY];
     let placed = parts.iter().zip(places).map(|((_, t), place)| Placed {
         bake: t.asset.bake.clone(),
         scene_from_object: place,
+        whole: Some(whole.asset.bake.clone()),
     });
     let bake = SceneBake::new(placed.collect(), &no_progress).expect("not cancelled");
     SceneTransfer::new(
@@ -195,7 +207,7 @@ fn difference(whole: &Relit, parts: &[Cutting], relit: &[Relit]) -> f32 {
 #[test]
 fn parts_of_a_capture_where_they_were_captured_are_relit_as_the_whole() {
     let (whole, parts) = parts();
-    let scene = together(&parts, Affine3A::IDENTITY);
+    let scene = together((&whole, &parts), Affine3A::IDENTITY);
     let other = Illumination::even(3)
         .rotated(DMat3::from_rotation_x(1.0))
         .scaled(0.7);
@@ -212,13 +224,38 @@ fn parts_of_a_capture_where_they_were_captured_are_relit_as_the_whole() {
     }
 }
 
+/// Surfels of a surface that is cut through lie in each other's stack as before, and do not shade each other: there is no seam.
+#[test]
+fn a_cut_through_a_surface_leaves_no_seam() {
+    // As training leaves a surface: in layers.
+    let mut cloud = synthetic::sphere(800);
+    cloud.add(&synthetic::sphere(900), 0.985, Vec3::ZERO);
+    let is_left = |i: &usize| cloud.positions[*i].x < 0.1;
+    let (left, right) = (0..cloud.len()).partition(is_left);
+    let (whole, parts) = parts_of(&cloud, [left, right]);
+    let light = from_a_side();
+    let scene = together((&whole, &parts), Affine3A::IDENTITY);
+    let relit = scene.relight_objects(&light, Part::Whole, &[]);
+    for (relit, (surfels, _)) in relit.expect("with beams").iter().zip(&parts) {
+        for (tau, i) in relit.tau.iter().zip(surfels) {
+            let off = tau.iter().fold(0f32, |off, t| off.max((t - 1.0).abs()));
+            assert!(off < 1e-3, "surfel {i} at {}: {tau:?}", cloud.positions[*i]);
+        }
+    }
+    // A half that stands elsewhere is another body, and blocks as any does.
+    let aside = Affine3A::from_translation(0.5 * Vec3::X);
+    let apart = together((&whole, &parts), aside).relight_objects(&light, Part::Whole, &[]);
+    let changes = |r: &Relit| r.tau.iter().any(|t| (t[0] - 1.0).abs() > 0.05);
+    assert!(apart.expect("with beams").iter().any(changes));
+}
+
 /// Where the ball is taken away, the plate below it is lit as if it had never stood there.
 #[test]
 fn what_is_cut_out_and_taken_away_leaves_no_shadow() {
-    let (_, parts) = parts();
+    let (whole, parts) = parts();
     let light = from_a_side();
     let far = Affine3A::from_translation(Vec3::new(0.0, 500.0, 0.0));
-    let without = together(&parts, far).relight_objects(&light, Part::Whole, &[]);
+    let without = together((&whole, &parts), far).relight_objects(&light, Part::Whole, &[]);
     let without = &without.expect("with beams")[1];
     let plate = &parts[1].1;
     let alone = DirectionalTransfer::new(&plate.asset, &light, &plate.settings);

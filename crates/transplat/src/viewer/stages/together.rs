@@ -47,14 +47,13 @@ impl Session {
             };
             let scene_from_object = self.scene.objects[at].transform.scene_from_object();
             let key = (state.id, made.version(), scene_from_object);
-            let bake = bake.clone();
-            Some((
-                key,
-                Placed {
-                    bake,
-                    scene_from_object,
-                },
-            ))
+            let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
+            let placed = Placed {
+                bake: bake.clone(),
+                scene_from_object,
+                whole: part.and_then(|p| p.capture.known_bake()),
+            };
+            Some((key, placed))
         });
         let placed = placed.collect::<Option<Vec<_>>>()?;
         Some(placed.into_iter().unzip()).filter(|(of, _): &(Vec<_>, _)| !of.is_empty())
