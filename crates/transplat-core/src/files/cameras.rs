@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::write::folder_of;
 use crate::error::{Error, Result};
-use frame::Offsets;
+use frame::{Offsets, UNSEEN};
 
 pub use frame::{CameraFile, CameraFrame};
 
@@ -39,6 +39,13 @@ struct Lens {
     h: Option<f64>,
     cx: Option<f64>,
     cy: Option<f64>,
+    fl_y: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
 }
 
 impl Lens {
@@ -50,6 +57,13 @@ impl Lens {
             h: self.h.or(all.h),
             cx: self.cx.or(all.cx),
             cy: self.cy.or(all.cy),
+            fl_y: self.fl_y.or(all.fl_y),
+            k1: self.k1.or(all.k1),
+            k2: self.k2.or(all.k2),
+            k3: self.k3.or(all.k3),
+            k4: self.k4.or(all.k4),
+            p1: self.p1.or(all.p1),
+            p2: self.p2.or(all.p2),
         }
     }
 
@@ -61,6 +75,16 @@ impl Lens {
             (None, None) => Ok(None),
             _ => Err("w and h are not a picture size"),
         }
+    }
+
+    fn is_distorted(self) -> bool {
+        let terms = [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2];
+        terms.into_iter().flatten().any(|k| k.abs() > UNSEEN)
+    }
+
+    fn is_stretched(self) -> bool {
+        let by_focal = self.fl_x.zip(self.fl_y);
+        by_focal.is_some_and(|(x, y)| (y / x - 1.0).abs() > UNSEEN)
     }
 
     fn fov_x(self) -> std::result::Result<f64, &'static str> {
@@ -108,6 +132,8 @@ pub fn load_cameras(path: &Path) -> Result<CameraFile> {
         if let (Some(size), Some(cx), Some(cy)) = (size, lens.cx, lens.cy) {
             off.center(size, [cx, cy]);
         }
+        off.distorted |= lens.is_distorted();
+        off.stretched |= lens.is_stretched();
         frames.push(CameraFrame {
             picture: frame.file_path,
             world_from_camera: pose(&frame.transform_matrix)
@@ -143,7 +169,7 @@ mod tests {
     #[test]
     fn a_lens_is_all_frames_or_ones_own() {
         let text = format!(
-            r#"{{"fl_x": 100, "w": 200, "h": 100, "cx": 100, "cy": 50, "k1": 0.1, "frames": [
+            r#"{{"fl_x": 100, "w": 200, "h": 100, "cx": 100, "cy": 50, "k1": 0, "frames": [
             {{"file_path": "a.jpg", "transform_matrix": {ROWS}}},
             {{"camera_angle_x": 0.5, "transform_matrix": {ROWS}}}]}}"#
         );
@@ -155,6 +181,10 @@ mod tests {
         assert!(file.warnings.is_empty(), "{:?}", file.warnings);
         let off = load(&text.replace("\"cx\": 100", "\"cx\": 90")).expect("a good file");
         assert_eq!(off.warnings.len(), 1);
+        for bent in ["\"k1\": 0.1", "\"k1\": 0, \"fl_y\": 110"] {
+            let off = load(&text.replace("\"k1\": 0", bent)).expect("a good file");
+            assert_eq!(off.warnings.len(), 1, "{bent}: {:?}", off.warnings);
+        }
         for wrong in [
             text.replace("\"fl_x\": 100,", ""),
             text.replace("\"h\": 100,", ""),

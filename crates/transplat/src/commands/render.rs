@@ -10,10 +10,9 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    CameraFrame, ExrFloats, PngBits, load_cameras, load_plate, look_text, save_look, write_exr,
-    write_layers, write_png,
+    ExrFloats, PngBits, load_cameras, load_plate, look_text, save_look, write_exr, write_layers,
+    write_png,
 };
-use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::{Skip, Skipped};
@@ -67,10 +66,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         .inputs(&pipeline.scene, &targets)
         .chain(assets.iter().map(|a| &**a))
         .chain(cameras)
-        .chain(pipeline.scene.plate.as_deref());
+        .chain(frames.iter().filter_map(|f| f.plate.as_deref()));
     let mut outputs = output.pictures(&targets, &frames);
     if args.layers {
-        outputs.extend(targets.iter().map(|(name, _)| output.look(Some(name))));
+        let looks = outputs.iter().map(|path| look_beside(path));
+        outputs.extend(looks.collect::<Vec<_>>());
     }
     refuse_overwriting(inputs, &outputs)?;
     let linear = output.format == PictureFormat::Exr;
@@ -116,6 +116,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         frames: &frames,
         output: &output,
         studio,
+        plate: None,
         pipeline: &pipeline,
     };
     let written = match (&lights, &bake) {
@@ -193,101 +194,118 @@ struct Frame {
     /// Its own, whichever are left out.
     number: usize,
     camera: Camera,
-    /// What the photograph of that camera is called, where a file tells.
-    picture: Option<String>,
+    /// The photograph behind it.
+    plate: Option<PathBuf>,
 }
 
 /// The cameras to draw.
 fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let all = cameras(args, pipeline, summary)?;
-    let samples = all.first().map_or(0, |frame| {
-        frame.camera.width * frame.camera.height * usize::from(args.supersample).pow(2)
-    });
+    let frames = cameras(args, pipeline, summary)?;
+    let samples = |f: &Frame| {
+        let of_a_pixel = usize::from(args.supersample).pow(2);
+        f.camera.width.saturating_mul(f.camera.height) * of_a_pixel
+    };
+    let samples = frames.iter().map(samples).max().unwrap_or_default();
     if samples > MAX_SAMPLES {
         bail!(
             "a picture of {samples} samples is too large; {MAX_SAMPLES} are possible: lower --size or --supersample"
         );
     }
-    let count = all.len();
+    Ok(frames)
+}
+
+/// Of so many frames, those that are asked for.
+fn asked(args: &RenderArgs, count: usize) -> Result<std::ops::RangeInclusive<usize>> {
     let [first, last] = args.frames.unwrap_or([0, count - 1]);
     if first >= count {
         bail!("--frames {first}-{last}: the frames are 0 to {}", count - 1);
     }
-    let asked = all.into_iter();
-    Ok(asked
-        .filter(|f| (first..=last).contains(&f.number))
-        .collect())
+    Ok(first..=last.min(count - 1))
 }
 
 fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
     let (scene, cloud) = (&pipeline.scene, &pipeline.cloud);
     let bounds = cloud.bounds();
     let near = NEAR * bounds.radius;
-    let numbered = |(number, camera)| Frame {
-        number,
-        camera,
-        picture: None,
-    };
-    // A photograph is covered pixel for pixel.
     let plate = scene.plate.as_ref();
-    let plate = plate.filter(|p| scene.background == Background::Plate && p.is_file());
-    let plate = plate.map(|path| load_plate(path)).transpose()?;
-    let plate_size = plate.map(|p| [p.width, p.height]);
-    let args = (&args.camera, args.size);
-    if let (Some(path), size) = (&args.0.cameras, args.1) {
+    let plate = plate.filter(|_| scene.background == Background::Plate);
+    let one_for_all = plate.filter(|p| !p.is_dir());
+    let size_of = |path: &Path| load_plate(path).map(|p| [p.width, p.height]);
+    // A photograph is covered pixel for pixel.
+    let plate_size = one_for_all.map(|path| size_of(path)).transpose()?;
+    if let Some(path) = &args.camera.cameras {
         let file = load_cameras(path)?;
         for warning in &file.warnings {
             summary.warn(warning.clone());
         }
-        let frames = file.frames.into_iter().enumerate();
-        let frame = |(number, frame): (usize, CameraFrame)| {
-            let size = size.or(frame.size).or(plate_size).unwrap_or([800, 800]);
-            Frame {
+        let of_file = |number: usize| -> Result<Frame> {
+            let mut frame = file.frames[number].clone();
+            let plate = plate.map(|p| plate_of(p, frame.picture.as_deref()));
+            let plate = plate.transpose()?;
+            if frame.size.is_none() {
+                let of_frame = || plate.as_ref().map(|path| size_of(path)).transpose();
+                frame.size = plate_size.map_or_else(of_frame, |size| Ok(Some(size)))?;
+            }
+            let size = args.size.or(frame.size).unwrap_or([800, 800]);
+            Ok(Frame {
                 number,
                 camera: frame.camera(size, near),
-                picture: frame.picture,
-            }
+                plate,
+            })
         };
-        return Ok(frames.map(frame).collect());
+        return asked(args, file.frames.len())?.map(of_file).collect();
     }
-    let (args, size) = (args.0, args.1.or(plate_size).unwrap_or([800, 800]));
-    let fov_x = args.fov.to_radians();
+    let plate = plate.map(|path| plate_of(path, None)).transpose()?;
+    let numbered = |cameras: Vec<Camera>| -> Result<Vec<Frame>> {
+        let range = asked(args, cameras.len())?;
+        let all = cameras.into_iter().enumerate();
+        let frames = all.filter(|(number, _)| range.contains(number));
+        Ok(frames
+            .map(|(number, camera)| Frame {
+                number,
+                camera,
+                plate: plate.clone(),
+            })
+            .collect())
+    };
+    let size = args.size.or(plate_size).unwrap_or([800, 800]);
+    let camera = &args.camera;
+    let fov_x = camera.fov.to_radians();
     let up = cloud.up.direction();
-    if let Some(eye) = args.eye {
-        let target = args.look_at.map_or(bounds.center, Vec3::from_array);
+    if let Some(eye) = camera.eye {
+        let target = camera.look_at.map_or(bounds.center, Vec3::from_array);
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
-        return Ok(vec![numbered((0, camera))]);
+        return numbered(vec![camera]);
     }
-    if let (Some(pose), None) = (&scene.camera, args.turntable) {
+    if let (Some(pose), None) = (&scene.camera, camera.turntable) {
         let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
-        return Ok(vec![numbered((0, camera))]);
+        return numbered(vec![camera]);
     }
-    let count = args.turntable.unwrap_or(1) as usize;
-    let around = turntable(cloud, count, fov_x, size, near);
-    Ok(around.into_iter().enumerate().map(numbered).collect())
+    let count = camera.turntable.unwrap_or(1) as usize;
+    numbered(turntable(cloud, count, fov_x, size, near))
 }
 
-/// The photograph behind a frame: one for all, or that of its camera out of a folder.
-fn plate_of(plate: &Path, frame: &Frame) -> Result<Plate> {
+/// The photograph behind a frame: one for all, or out of a folder that of its camera, which calls it `picture`.
+fn plate_of(plate: &Path, picture: Option<&str>) -> Result<PathBuf> {
     if !plate.is_dir() {
-        return Ok(load_plate(plate)?);
+        return Ok(plate.to_owned());
     }
-    let picture = frame.picture.as_deref().with_context(|| {
+    let picture = picture.with_context(|| {
         format!(
             "{}: a folder of photographs needs cameras that name theirs (--cameras)",
             plate.display()
         )
     })?;
     let name = Path::new(picture).file_name().unwrap_or_default();
-    let found = photographs_named(&plate.join(name)).find(|path| path.is_file());
-    let found = found.with_context(|| {
+    let named = plate.join(name);
+    let found = photographs_named(&named).find(|path| path.is_file());
+    found.with_context(|| {
         format!(
             "{}: holds no photograph {}",
             plate.display(),
             name.display()
         )
-    })?;
-    Ok(load_plate(&found)?)
+    })
 }
 
 /// Files that are not written; a folder would hardly be called so.
@@ -360,14 +378,6 @@ impl<'a> Output<'a> {
             .join(format!("{frame:03}.{}", self.format.extension()))
     }
 
-    /// The look that pictures in layers are made by.
-    fn look(&self, target: Option<&str>) -> PathBuf {
-        if self.is_file {
-            return self.path.with_extension("look.json");
-        }
-        self.folder(target).join("look.json")
-    }
-
     /// All pictures that will be written.
     fn pictures(&self, targets: &[(String, PathBuf)], frames: &[Frame]) -> Vec<PathBuf> {
         let names = targets.iter().map(|(name, _)| Some(&**name)).chain([None]);
@@ -381,11 +391,18 @@ impl<'a> Output<'a> {
     }
 }
 
+/// The look that a picture in layers is made by.
+fn look_beside(picture: &Path) -> PathBuf {
+    picture.with_extension("look.json")
+}
+
 struct Shots<'a> {
     args: &'a RenderArgs,
     frames: &'a [Frame],
     output: &'a Output<'a>,
     studio: Studio,
+    /// The photograph that is behind it now.
+    plate: Option<PathBuf>,
     pipeline: &'a Pipeline,
 }
 
@@ -511,32 +528,29 @@ impl Shots<'_> {
         let mut look = pipeline.scene.clone();
         look.environment.file = Some(target.path.clone());
         look.objects[0].asset = Some(pipeline.first().file.path.clone());
-        if let [Frame { camera, .. }] = self.frames {
-            let middle = pipeline.cloud.bounds().center;
-            look.camera = Some(CameraPose::of(camera, pipeline.cloud.up, middle));
-        }
-        let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
+        let middle = pipeline.cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
         for frame in self.frames {
             self.set_plate(frame)?;
+            look.camera = Some(CameraPose::of(&frame.camera, pipeline.cloud.up, middle));
+            look.plate = frame.plate.clone().or(look.plate);
+            let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
             let path = self.output.picture(name, frame.number);
             let taken = || layers.take(&self.studio, &frame.camera, factor, lit);
             let channels = summary.time("rasterize", taken)?;
             let size = [frame.camera.width, frame.camera.height];
             summary.time("export", || write_layers(&path, size, channels, &made_by))?;
+            save_look(&look_beside(&path), &look)?;
         }
-        save_look(&self.output.look(name), &look)?;
         Ok(self.frames.len())
     }
 
     /// Puts the frame's photograph behind it, where there is one.
     fn set_plate(&mut self, frame: &Frame) -> Result<()> {
-        let scene = &self.studio.scene;
-        let plate = scene.plate.as_ref();
-        if let Some(plate) = plate.filter(|_| scene.background == Background::Plate)
-            && (self.studio.plate.is_none() || plate.is_dir())
-        {
-            self.studio.plate = Some(plate_of(plate, frame)?);
+        if frame.plate != self.plate && self.studio.scene.background == Background::Plate {
+            let photograph = frame.plate.as_ref().map(|path| load_plate(path));
+            self.studio.plate = photograph.transpose()?;
+            self.plate = frame.plate.clone();
         }
         Ok(())
     }

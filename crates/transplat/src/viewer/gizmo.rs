@@ -49,7 +49,8 @@ enum Handle {
 /// A drag, and from where it started.
 struct Drag {
     handle: Handle,
-    object: usize,
+    /// The state of what is dragged.
+    object: u64,
     from: Transform,
     pointer: Vec2,
 }
@@ -209,7 +210,7 @@ impl View<'_> {
         }
         // Seen from its edge, a ring is a rod that is rolled.
         let right = self.camera.view_from_world * axis;
-        let across = Vec2::new(right.y, -right.x).normalize_or_zero();
+        let across = Vec2::new(-right.y, right.x).normalize_or_zero();
         Some((to - from).dot(across) / RING % (2.0 * PI))
     }
 }
@@ -223,9 +224,11 @@ impl Gizmo {
         response: &Response,
         (part, camera): (Rect, &Camera),
     ) -> bool {
-        let object = session.selected;
-        let held = self.drag.as_ref().filter(|drag| drag.object == object);
+        let object = session.state().id;
+        // Another one that is selected meanwhile is not held.
+        self.drag.take_if(|drag| drag.object != object);
         // What is held is where it was when it was taken.
+        let held = self.drag.as_ref();
         let place = held.map_or(session.object().transform, |drag| drag.from);
         let Some(view) = view(session, place, (part, camera)) else {
             self.drag = None;
@@ -437,6 +440,23 @@ mod tests {
         let to = inside(&view, middle) + Vec2::new(75.0, 0.0);
         let made = view.dragged(&drag, to, None).expect("a scale");
         assert!((made.scale / 0.7 - 1.5).abs() < 1e-3);
+    }
+
+    /// A ring that is seen from its edge rolls the way its near side is pulled.
+    #[test]
+    fn the_near_side_of_an_edge_on_ring_follows_the_pointer() {
+        let middle = Vec3::new(1.0, 0.0, 0.5);
+        let eye = middle - 6.0 * Vec3::Y;
+        let camera = Camera::look_at(eye, middle, Vec3::Z, 0.7, [800, 600], 0.01);
+        let view = view(&camera, middle);
+        for axis in [0, 2] {
+            let turn = Quat::from_axis_angle(AXES[axis], 0.2);
+            let near = middle - 0.5 * Vec3::Y;
+            let pulled = middle + turn * (near - middle);
+            let [from, to] = [near, pulled].map(|p| inside(&view, p));
+            let angle = view.angle(from, from + 100.0 * (to - from), AXES[axis]);
+            assert!(angle.expect("a turn") > 0.1, "{axis}: {angle:?}");
+        }
     }
 
     #[test]

@@ -29,9 +29,16 @@ pub struct CameraFrame {
 }
 
 impl CameraFrame {
-    /// The camera for a picture of a size.
+    /// The camera for a picture of a size; one of other proportions than its own is framed by its shorter edge, as photographs are.
     pub fn camera(&self, size: [usize; 2], near: f32) -> Camera {
-        Camera::from_opengl_pose(self.world_from_camera, self.fov_x, size, near)
+        let own = self.size.unwrap_or(size);
+        let mut fov_x = self.fov_x;
+        if own[0] * size[1] != own[1] * size[0] {
+            let in_shorter_edges = |[w, h]: [usize; 2]| w as f64 / w.min(h) as f64;
+            let wider = in_shorter_edges(size) / in_shorter_edges(own);
+            fov_x = 2.0 * (wider * (0.5 * fov_x).tan()).atan();
+        }
+        Camera::from_opengl_pose(self.world_from_camera, fov_x, size, near)
     }
 }
 
