@@ -241,8 +241,11 @@ fn layers_put_together_are_the_picture() {
         for i in 0..n {
             match id[i] {
                 0.0 => assert!(depth[i] > 1e9 && beauty[3][i] == 0.0),
-                1.0 => assert!(ball[3][i] <= 0.51 && (ball[3][i] > 0.01 || normal[2][i] > 0.9)),
-                2.0 => assert!(ball[3][i] >= 0.0 && depth[i] < 3.5),
+                1.0 => {
+                    assert!(ball[3][i] <= 0.5 * beauty[3][i] + 0.01);
+                    assert!(ball[3][i] > 0.01 || normal[2][i] > 0.9);
+                }
+                2.0 => assert!(ball[3][i] >= 0.5 * beauty[3][i] - 0.01 && depth[i] < 3.5),
                 other => panic!("id {other}"),
             }
         }
@@ -278,6 +281,47 @@ fn layers_put_together_are_the_picture() {
         2,
         &[".exr"],
     );
+}
+
+/// Objects that meet in a pixel each have their share of it: together they go over the plate.
+#[test]
+fn layers_of_objects_that_touch_in_the_picture_are_added() {
+    let folder = Folder::empty();
+    write(&folder, "plate.ply", &synthetic::sheet(8));
+    write(&folder, "ball.ply", &synthetic::sphere(300));
+    let ball = |name: &str, at: &str| {
+        format!(
+            r#"{{"name": "{name}", "asset": "ball.ply", "source": {{"file": "even"}}, "transform": {{"scale": 0.4, "translation": {at}}}}}"#
+        )
+    };
+    let scene = folder.write(
+        "scene.json",
+        &format!(
+            r#"{{"version": 3, "objects": [{{"asset": "plate.ply", "source": {{"file": "even"}}}}, {}, {}]}}"#,
+            ball("near", "[0.3, 0, 0.5]"),
+            ball("far", "[-0.3, 0.3, 0.5]")
+        ),
+    );
+    let out = folder.name("layers.exr");
+    let line = format!("render {{}} --target even {VIEW} --device cpu --layers -o {{}}");
+    run_json(&args(&line, &[&scene, &out]));
+    let all = channels(&out);
+    let value = |layer: &str, c: char, i: usize| all[&format!("{layer}.{c}")][i];
+    let n = all["A"].len();
+    let (mut error, mut shared) = (0.0, 0);
+    for i in 0..n {
+        let alphas = ["near", "far"].map(|layer| value(layer, 'A', i));
+        shared += usize::from(alphas.iter().all(|a| *a > 0.2));
+        for c in ['R', 'G', 'B'] {
+            let objects = value("near", c, i) + value("far", c, i);
+            let under = value("plate", c, i) * value("shadow", c, i);
+            let together = objects + (1.0 - alphas[0] - alphas[1]) * under;
+            error += f64::from(together - all[&c.to_string()][i]).powi(2);
+        }
+    }
+    let db = -10.0 * (error / (3 * n) as f64).log10();
+    assert!(shared > 10, "they touch in {shared} pixels");
+    assert!(db > 50.0, "{db}");
 }
 
 /// Names that no format has room for, or no alphabet: none is lost, none taken twice. Objects on the ground of a photograph have a layer each.

@@ -24,7 +24,7 @@ use crate::plate::Plate;
 
 pub use asset::{AssetFile, load_asset, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
-pub use cameras::{CameraFile, CameraFrame, load_cameras};
+pub use cameras::{CameraFile, CameraFrame, is_camera_file, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use kind::{FileKind, file_kind};
@@ -42,6 +42,17 @@ pub use write::{
 /// The file cannot be read, is broken, or is no picture.
 pub fn load_plate(path: &Path) -> Result<Plate> {
     Ok(Plate::of(&load_environment(path)?))
+}
+
+/// Width and height of a photograph.
+///
+/// # Errors
+/// As [`load_plate`].
+pub fn plate_size(path: &Path) -> Result<[usize; 2]> {
+    if file_kind(path)? == FileKind::Picture {
+        return picture::size(path);
+    }
+    load_plate(path).map(|p| [p.width, p.height])
 }
 
 /// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).

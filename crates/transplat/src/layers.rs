@@ -1,7 +1,7 @@
 //! A picture in layers, for a compositor: what was put into a scene alone, what that does to the scene, and where everything is.
 //!
-//! A photograph times `shadow`, with the objects' layers over it, is the photograph with the objects in it; the layers of the objects are held
-//! out by what stands before them.
+//! A photograph times `shadow`, with the objects' layers over it, is the photograph with the objects in it. The layers of the objects are held
+//! out by what stands before them: where several meet in a pixel they are added, and their sum is what goes over.
 
 use std::ops::Range;
 
@@ -127,8 +127,7 @@ impl Layers {
             for (i, value) in shadow.iter_mut().enumerate() {
                 let (x, y) = (i % camera.width, i / camera.width);
                 let caught = ground.shadow(share, camera, x, y, ColorSpace::Linear);
-                let scene = self.scene_alone.as_ref().map_or(0.0, |_| coverage[0][i]);
-                *value = value.map(|v| v * (1.0 - caught * (1.0 - scene)));
+                *value = value.map(|v| v * (1.0 - caught));
             }
         }
         add(&mut channels, "shadow", "RGB", &shadow);

@@ -3,6 +3,7 @@
 mod colmap;
 mod frame;
 
+use std::io::Read;
 use std::path::Path;
 
 use glam::{DMat4, DVec4};
@@ -146,6 +147,24 @@ pub fn load_cameras(path: &Path) -> Result<CameraFile> {
         frames,
         warnings: off.warnings(path),
     })
+}
+
+/// Whether a file or folder is meant to be one of cameras, good or not.
+pub fn is_camera_file(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    if path.is_dir() {
+        return colmap::IMAGES
+            .iter()
+            .any(|images| path.join(images).is_file());
+    }
+    if colmap::IMAGES.iter().any(|images| name == *images) {
+        return true;
+    }
+    let mut beginning = Vec::new();
+    let file = std::fs::File::open(path);
+    let read = file.and_then(|f| f.take(1 << 16).read_to_end(&mut beginning));
+    let key = b"\"transform_matrix\"";
+    read.is_ok() && beginning.windows(key.len()).any(|w| w == key)
 }
 
 fn pose(rows: &[[f64; 4]; 4]) -> Option<DMat4> {

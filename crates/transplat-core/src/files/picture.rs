@@ -1,5 +1,7 @@
 //! PNG and JPEG pictures as environments: decoded from sRGB, their highlights clipped.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
 use image::{ImageReader, Limits};
@@ -10,21 +12,31 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
 pub fn load(path: &Path) -> Result<EnvironmentMap> {
-    let invalid = |error: image::ImageError| Error::invalid(path, error.to_string());
-    let reader = || {
-        ImageReader::open(path)
-            .and_then(ImageReader::with_guessed_format)
-            .map_err(Error::io(path))
-    };
-    let (width, height) = reader()?.into_dimensions().map_err(invalid)?;
-    check_map_size(path, width as usize, height as usize)?;
-    let mut reader = reader()?;
+    let [width, height] = size(path)?;
+    check_map_size(path, width, height)?;
+    let mut reader = reader(path)?;
     let mut limits = Limits::default();
     limits.max_alloc = Some(16 * super::read::MAX_ENVIRONMENT_PIXELS as u64);
     reader.limits(limits);
-    let picture = reader.decode().map_err(invalid)?.into_rgb32f();
+    let picture = reader.decode().map_err(invalid(path))?.into_rgb32f();
     let pixels = picture.pixels().map(|p| p.0.map(srgb_decode)).collect();
-    Ok(EnvironmentMap::new(width as usize, height as usize, pixels).with_clipped_highlights())
+    Ok(EnvironmentMap::new(width, height, pixels).with_clipped_highlights())
+}
+
+/// Its width and height.
+pub fn size(path: &Path) -> Result<[usize; 2]> {
+    let (width, height) = reader(path)?.into_dimensions().map_err(invalid(path))?;
+    Ok([width as usize, height as usize])
+}
+
+fn reader(path: &Path) -> Result<ImageReader<BufReader<File>>> {
+    ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(Error::io(path))
+}
+
+fn invalid(path: &Path) -> impl Fn(image::ImageError) -> Error + '_ {
+    |error| Error::invalid(path, error.to_string())
 }
 
 #[cfg(test)]

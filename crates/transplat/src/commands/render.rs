@@ -10,8 +10,8 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, load_cameras, load_plate, look_text, save_look, write_exr, write_layers,
-    write_png,
+    ExrFloats, PngBits, load_cameras, load_plate, look_text, plate_size, save_look, write_exr,
+    write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
@@ -230,9 +230,8 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let plate = scene.plate.as_ref();
     let plate = plate.filter(|_| scene.background == Background::Plate);
     let one_for_all = plate.filter(|p| !p.is_dir());
-    let size_of = |path: &Path| load_plate(path).map(|p| [p.width, p.height]);
     // A photograph is covered pixel for pixel.
-    let plate_size = one_for_all.map(|path| size_of(path)).transpose()?;
+    let size_of_all = one_for_all.map(|path| plate_size(path)).transpose()?;
     if let Some(path) = &args.camera.cameras {
         let file = load_cameras(path)?;
         for warning in &file.warnings {
@@ -243,8 +242,8 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
             let plate = plate.map(|p| plate_of(p, frame.picture.as_deref()));
             let plate = plate.transpose()?;
             if frame.size.is_none() {
-                let of_frame = || plate.as_ref().map(|path| size_of(path)).transpose();
-                frame.size = plate_size.map_or_else(of_frame, |size| Ok(Some(size)))?;
+                let of_frame = || plate.as_ref().map(|path| plate_size(path)).transpose();
+                frame.size = size_of_all.map_or_else(of_frame, |size| Ok(Some(size)))?;
             }
             let size = args.size.or(frame.size).unwrap_or([800, 800]);
             Ok(Frame {
@@ -268,7 +267,7 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
             })
             .collect())
     };
-    let size = args.size.or(plate_size).unwrap_or([800, 800]);
+    let size = args.size.or(size_of_all).unwrap_or([800, 800]);
     let camera = &args.camera;
     let fov_x = camera.fov.to_radians();
     let up = cloud.up.direction();

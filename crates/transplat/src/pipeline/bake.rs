@@ -101,6 +101,33 @@ fn cached_file(cloud: &SurfelCloud, suffix: &str) -> Option<PathBuf> {
     Some(folders.cache_dir().join(format!("{key:016x}.{suffix}")))
 }
 
+/// Bytes of the bakes of parts that are kept: every cut that is tried makes two.
+const MOST_OF_PARTS: u64 = 1 << 30;
+
+/// Removes bakes of parts beside the newest one, the oldest first, until there is room.
+fn forget_old_parts(newest: &Path) {
+    let entries = newest
+        .parent()
+        .and_then(|folder| std::fs::read_dir(folder).ok());
+    let is_of_part = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.contains(".part.") && name.ends_with(".bake")
+    };
+    let files = entries.into_iter().flatten().flatten().map(|e| e.path());
+    let known = |path: PathBuf| {
+        let told = path.metadata().ok()?;
+        Some((told.modified().ok()?, told.len(), path))
+    };
+    let mut parts: Vec<_> = files.filter(is_of_part).filter_map(known).collect();
+    parts.sort();
+    let mut all: u64 = parts.iter().map(|(_, bytes, _)| bytes).sum();
+    for (_, bytes, path) in parts {
+        if all > MOST_OF_PARTS && path != newest && std::fs::remove_file(path).is_ok() {
+            all -= bytes;
+        }
+    }
+}
+
 /// Bakes from start to end.
 pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Bake> {
     in_stages(device, wanted, &[1], progress, &|_, _| ())
@@ -158,7 +185,12 @@ pub fn refined(
     let bake = in_stages(device, wanted, stages, progress, &so_far)?;
     let mut whole = baked(bake, 1.0, None, complaint);
     match keep(&files, |file| save_bake(file, &wanted.cloud, &whole.bake)) {
-        Ok(file) => whole.file = Some(file),
+        Ok(file) => {
+            if wanted.part_of.is_some() {
+                forget_old_parts(&file);
+            }
+            whole.file = Some(file);
+        }
         Err(_) if files.is_empty() => {}
         Err(why) => {
             let why = format!("the bake could not be kept: {why}");
@@ -327,6 +359,27 @@ mod tests {
             let other = Arc::new(synthetic::sphere_over_plate(500));
             assert_eq!(run(&other).bake.len(), other.len());
         }
+    }
+
+    #[test]
+    fn of_parts_the_oldest_bakes_make_room() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let made = |name: &str, bytes: u64, age: u64| {
+            let path = folder.path().join(name);
+            let file = std::fs::File::create(&path).expect("room");
+            // A file with a hole takes no room.
+            file.set_len(bytes).expect("room");
+            let then = std::time::SystemTime::now() - std::time::Duration::from_secs(age);
+            file.set_modified(then).expect("a time");
+            path
+        };
+        let other = made("1.best.bake", MOST_OF_PARTS, 900);
+        let oldest = made("1.part.best.bake", MOST_OF_PARTS / 2, 300);
+        let kept = made("2.part.best.bake", MOST_OF_PARTS / 2, 200);
+        let newest = made("3.part.best.bake", MOST_OF_PARTS / 2, 100);
+        forget_old_parts(&newest);
+        assert!(!oldest.exists());
+        assert!(kept.exists() && newest.exists() && other.exists());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! An object of the scene that a command works on: its splat, its bakes, and what it tells of its light.
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -16,7 +16,7 @@ use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::files::{AssetFile, load_asset, load_bake};
 use transplat_core::scene::{Object, Scene, kept};
-use transplat_core::settings::Method;
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelCloud, is_faint};
 use transplat_core::transfer::PreparedTransfer;
 
@@ -43,6 +43,8 @@ pub struct LoadedObject {
     /// The bake for the directional method, and what it told of the light, once they were needed.
     directional_bake: OnceCell<Arc<DirectionalBake>>,
     estimate: OnceCell<Estimate>,
+    /// How it was prepared last for parts of it: from what, and how.
+    prepared_for_parts: RefCell<Option<(Illumination, TransferSettings, PreparedTransfer)>>,
 }
 
 impl LoadedObject {
@@ -56,9 +58,11 @@ impl LoadedObject {
         if settings.cut.is_empty() {
             return Self::load(asset, settings, summary);
         }
+        // However it is spelled: parts of one capture share it.
+        let file = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let is_it = |o: &Rc<Self>| {
             let read = |o: &Object| (o.up, o.linear, o.outside_from.clone());
-            o.file.path == asset && read(&o.settings) == read(&settings)
+            file(&o.file.path) == file(asset) && read(&o.settings) == read(&settings)
         };
         let whole = match wholes.iter().find(|o| is_it(o)) {
             Some(whole) => whole.clone(),
@@ -80,6 +84,7 @@ impl LoadedObject {
             whole: Some((whole, surfels)),
             directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
+            prepared_for_parts: RefCell::default(),
         })
     }
 
@@ -111,6 +116,7 @@ impl LoadedObject {
             whole: None,
             directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
+            prepared_for_parts: RefCell::default(),
         }
     }
 
@@ -123,6 +129,7 @@ impl LoadedObject {
             whole: None,
             directional_bake: OnceCell::new(),
             estimate: OnceCell::new(),
+            prepared_for_parts: RefCell::default(),
         }
     }
 
@@ -250,8 +257,16 @@ impl LoadedObject {
         match (&self.whole, settings.method) {
             (Some((whole, surfels)), Method::Directional) => {
                 let of_whole = Bake::Directional(whole.directional_bake(by, None, summary)?);
-                let prepared = PreparedTransfer::new(&whole.cloud, &of_whole, source, settings)?;
-                Ok(prepared.part(bake, surfels)?)
+                let mut kept = whole.prepared_for_parts.borrow_mut();
+                let known = kept.take();
+                let known = known.filter(|(s, t, _)| (s, t) == (source, settings));
+                let prepared = match known {
+                    Some((.., prepared)) => prepared,
+                    None => PreparedTransfer::new(&whole.cloud, &of_whole, source, settings)?,
+                };
+                let part = prepared.part(bake, surfels)?;
+                *kept = Some((source.clone(), settings.clone(), prepared));
+                Ok(part)
             }
             _ => Ok(PreparedTransfer::new(&self.cloud, bake, source, settings)?),
         }

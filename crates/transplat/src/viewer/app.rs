@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use eframe::egui;
-use transplat_core::files::{FileKind, file_kind, load_look};
+use transplat_core::files::{FileKind, file_kind, is_camera_file, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
@@ -217,7 +217,8 @@ impl Viewer {
     /// Opens a file or a folder of environments, as if it had been dropped.
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        if path.is_dir() && self.session.open_cameras(&path) {
+        if path.is_dir() && is_camera_file(&path) {
+            self.session.open_cameras(&path);
             return;
         }
         if path.is_dir() {
@@ -307,6 +308,7 @@ impl Viewer {
             SaveKind::Splat => ("ply", false),
             _ => (self.preferences.export.format.extension(), true),
         };
+        let asked = path;
         let path = match path.extension() {
             Some(e) if may_differ || e.eq_ignore_ascii_case(wanted) => path.to_owned(),
             _ => path.with_added_extension(wanted),
@@ -319,7 +321,7 @@ impl Viewer {
                 "{}: is open here and would be lost; choose another name",
                 path.display()
             ));
-        } else if path.exists() && !replace {
+        } else if path.exists() && !(replace && path == asked) {
             self.replacing = Some((path, kind));
         } else {
             match kind {

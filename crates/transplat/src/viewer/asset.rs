@@ -58,7 +58,7 @@ impl Asset {
                 let (mut cloud, file) = load_asset(&path)?;
                 object.apply_to(&mut cloud);
                 let warnings = asset_warnings(&path, &file);
-                let capture = Capture::new(Arc::new(cloud), Arc::new(file), None);
+                let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
                 (Arc::new(capture), warnings)
             }
         };

@@ -1,12 +1,15 @@
 //! What open objects are cut out of.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use anyhow::{Result, bail};
+use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
+use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
 use transplat_core::files::AssetFile;
 use transplat_core::progress::Progress;
@@ -20,26 +23,47 @@ use crate::pipeline::bake::{self, PartOf, Wanted};
 
 /// A splat as a whole, shared by the objects that are cut out of it.
 pub struct Capture {
+    pub path: PathBuf,
     pub cloud: Arc<SurfelCloud>,
     pub file: Arc<AssetFile>,
     /// For the directional method, once it was needed.
     bake: OnceLock<Arc<DirectionalBake>>,
     /// Held by who makes it.
     baking: Mutex<()>,
+    /// What its transfer is made from and, while parts wait for it, the transfer itself.
+    preparing: Mutex<Preparing>,
+    /// How many parts wait for that.
+    waiting: AtomicUsize,
+}
+
+#[derive(Default)]
+struct Preparing {
+    asset: TransferAsset,
+    made: Option<(Illumination, TransferSettings, PreparedTransfer)>,
 }
 
 impl Capture {
     pub fn new(
+        path: PathBuf,
         cloud: Arc<SurfelCloud>,
         file: Arc<AssetFile>,
         bake: Option<Arc<DirectionalBake>>,
     ) -> Self {
         Self {
+            path,
             cloud,
             file,
             bake: bake.map_or_else(OnceLock::new, OnceLock::from),
             baking: Mutex::default(),
+            preparing: Mutex::default(),
+            waiting: AtomicUsize::new(0),
         }
+    }
+
+    /// Whether it is a splat that was read so: its colour linear or not, its outside seen from there.
+    pub fn is_of(&self, path: &Path, is_linear: bool, outside_from: &[Vec3]) -> bool {
+        let was_linear = self.cloud.encoding == Encoding::StoredLinear;
+        self.path == path && was_linear == is_linear && self.cloud.outside_from == outside_from
     }
 
     /// Its bake, if it is there.
@@ -51,7 +75,6 @@ impl Capture {
     fn bake(
         &self,
         device: &Device,
-        path: &Path,
         skips: Skips,
         progress: Progress<'_>,
     ) -> Result<Arc<DirectionalBake>> {
@@ -65,13 +88,46 @@ impl Capture {
             directions: DIRECTIONS,
             skips,
             part_of: None,
-            beside: Some(path.to_owned()),
+            beside: Some(self.path.clone()),
         };
         let made = bake::refined(device, &wanted, None, progress, |_| ())?;
         match &*made.bake {
             Bake::Directional(bake) => Ok(self.bake.get_or_init(|| bake.clone()).clone()),
             Bake::Harmonic(_) | Bake::Scene(_) => bail!("the bake is for the other preset"),
         }
+    }
+
+    /// Does something with its transfer, which is made once for all parts that ask for it at a time.
+    fn with_transfer<T>(
+        &self,
+        source: &Illumination,
+        settings: &TransferSettings,
+        take: impl FnOnce(&PreparedTransfer) -> Result<T>,
+    ) -> Result<T> {
+        let Some(bake) = self.known_bake() else {
+            bail!("what it is cut out of is not baked");
+        };
+        self.waiting.fetch_add(1, Ordering::SeqCst);
+        let mut kept = self
+            .preparing
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        self.waiting.fetch_sub(1, Ordering::SeqCst);
+        let made = kept.made.take();
+        let prepared = match made.filter(|(s, t, _)| (s, t) == (source, settings)) {
+            Some((.., prepared)) => prepared,
+            // There is one bake for as long as the splat is open.
+            None => {
+                let bake = Bake::Directional(bake);
+                kept.asset
+                    .prepare(&self.cloud, &bake, 0, source, settings)?
+            }
+        };
+        let taken = take(&prepared);
+        if self.waiting.load(Ordering::SeqCst) > 0 {
+            kept.made = Some((source.clone(), settings.clone(), prepared));
+        }
+        taken
     }
 }
 
@@ -88,12 +144,11 @@ impl Part {
     pub fn of_whole(
         &self,
         device: &Device,
-        path: &Path,
         skips: Skips,
         progress: Progress<'_>,
     ) -> Result<PartOf> {
         Ok(PartOf {
-            whole: self.capture.bake(device, path, skips, progress)?,
+            whole: self.capture.bake(device, skips, progress)?,
             surfels: self.surfels.clone(),
         })
     }
@@ -101,18 +156,12 @@ impl Part {
     /// Prepares its transfer by its own bake for the directional method: it was lit among the rest.
     pub fn prepare(
         &self,
-        transfer: &mut TransferAsset,
         bake: &Bake,
         source: &Illumination,
         settings: &TransferSettings,
     ) -> Result<PreparedTransfer> {
-        let Some(whole) = self.capture.known_bake() else {
-            bail!("what it is cut out of is not baked");
-        };
-        // There is one for as long as the splat is open.
-        let (cloud, of_whole) = (&self.capture.cloud, Bake::Directional(whole));
-        let prepared = transfer.prepare(cloud, &of_whole, 0, source, settings)?;
-        Ok(prepared.part(bake, &self.surfels)?)
+        let part = |whole: &PreparedTransfer| Ok(whole.part(bake, &self.surfels)?);
+        self.capture.with_transfer(source, settings, part)
     }
 }
 

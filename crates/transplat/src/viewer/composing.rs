@@ -90,10 +90,15 @@ impl Session {
             min: corner(object.hide.crop_min),
             max: corner(object.hide.crop_max),
         };
-        let inside = (asset.cloud.positions.iter()).filter(|p| cut.keeps(**p));
-        let (inside, all) = (inside.count(), asset.cloud.len());
-        if inside == 0 || inside == all {
-            let what = if inside == 0 { "nothing" } else { "all of it" };
+        let is_inside = |i: &usize| cut.keeps(asset.cloud.positions[*i]);
+        let (inside, outside): (Vec<usize>, Vec<usize>) =
+            (0..asset.cloud.len()).partition(is_inside);
+        if inside.is_empty() || outside.is_empty() {
+            let what = if inside.is_empty() {
+                "nothing"
+            } else {
+                "all of it"
+            };
             self.info(format!("{what} lies in the crop box: move its sides"));
             return;
         }
@@ -101,13 +106,16 @@ impl Session {
             self.error("there are too many cuts, or too many objects, for another one");
             return;
         }
-        let part = |cut: Cut| {
+        let part = |cut: Cut, surfels: &[usize]| {
             let mut part = object.clone();
             part.asset = Some(asset.path.clone());
             part.cut.push(cut);
             // It was about the whole.
             let whole = Hide::default();
+            // What is large is so beside the object: the same surfels stay hidden.
+            let radius = asset.cloud.selected(surfels).bounds().radius;
             part.hide = Hide {
+                max_size: (part.hide.max_size * bounds.radius / radius).min(whole.max_size),
                 crop: false,
                 crop_min: whole.crop_min,
                 crop_max: whole.crop_max,
@@ -116,9 +124,9 @@ impl Session {
             part
         };
         let called = name_of(object, &asset.path);
-        let mut taken = part(cut);
+        let mut taken = part(cut, &inside);
         taken.name = Some(format!("{called}, cut out"));
-        self.scene.objects[at] = part(cut.inverse());
+        self.scene.objects[at] = part(cut.inverse(), &outside);
         self.add(taken);
     }
 
@@ -180,7 +188,10 @@ impl Session {
             Some(ground) => ground,
             None if at == 0 => return,
             None => match &self.states[0].asset {
-                Some(scene) => scene.ground.0.dot(up),
+                Some(scene) => {
+                    let place = self.scene.objects[0].transform.scene_from_object();
+                    place.transform_point3(scene.ground.0).dot(up)
+                }
                 None => return,
             },
         };

@@ -215,6 +215,17 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
+    let listed = session.scene.objects.iter().enumerate();
+    let mut awaited = listed.filter(|(at, object)| {
+        let is_listed = object.shown && object.asset.is_some();
+        is_listed && session.states[*at].asset.is_none() && !session.is_missing(*at)
+    });
+    if let Some(name) = awaited.next().map(|(at, _)| session.called(at)) {
+        session.error(format!(
+            "{name} is still being loaded; try again when that is done"
+        ));
+        return;
+    }
     let composed = match composed(session, &task) {
         Ok(composed) => composed,
         Err(error) => {
@@ -233,7 +244,12 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     let (bake, share) = (baked.bake.clone(), baked.share);
     let mut scene = session.scene.clone();
     let is_layered = settings.format == Format::ExrLayers;
-    if settings.transparent || (is_layered && scene.background != Background::Plate) {
+    let is_clear = if is_layered {
+        scene.background != Background::Plate
+    } else {
+        settings.transparent
+    };
+    if is_clear {
         scene.background = Background::Transparent;
     }
     let snapshot = Snapshot {
@@ -323,7 +339,9 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         bail!("no object is shown: there is nothing to save");
     };
     // As things stand now, and not as they stood before the last move.
-    let prepared = session.scene_transfer().filter(|_| session.is_traced());
+    let prepared = session.scene_transfer().filter(|(members, _)| {
+        session.is_traced() && members.iter().all(|at| session.is_prepared(*at))
+    });
     let prepared = prepared.map(|(_, scene)| {
         let bake = Bake::Scene(scene.bake.clone());
         (PreparedTransfer::Scene(Arc::new(scene)), bake)

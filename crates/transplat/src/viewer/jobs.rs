@@ -17,6 +17,7 @@ pub enum Kind {
     /// A stage of an object, by the number of its state.
     Of(u64, Work),
     Light,
+    Cameras,
     /// The ground under the objects.
     Ground,
     /// What objects see of each other, and all of them relit.

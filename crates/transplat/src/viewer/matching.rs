@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{CameraFrame, folder_of, load_cameras};
+use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, plate_size};
 use transplat_core::present::Background;
 
+use super::jobs::Kind;
 use super::session::{OpenCameras, Session};
 use crate::picture::photographs_named;
 
@@ -14,11 +15,23 @@ use crate::picture::photographs_named;
 const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../images"];
 
 impl Session {
-    /// Opens a camera file and looks through its first camera. Whether it is one.
-    pub fn open_cameras(&mut self, path: &Path) -> bool {
-        let Ok(file) = load_cameras(path) else {
-            return false;
-        };
+    /// Opens a camera file and looks through its first camera.
+    pub fn open_cameras(&mut self, path: &Path) {
+        let path = path.to_owned();
+        let file = path.clone();
+        let work = move |_: &_| Ok(load_cameras(&file)?);
+        self.start(
+            Kind::Cameras,
+            "reading cameras",
+            work,
+            move |session, file| {
+                session.show_cameras(&path, file);
+            },
+        );
+    }
+
+    fn show_cameras(&mut self, path: &Path, file: CameraFile) {
+        self.opened.push(path.to_owned());
         for warning in file.warnings.clone() {
             self.info(warning);
         }
@@ -33,7 +46,6 @@ impl Session {
             at: 0,
         });
         self.look_through(0);
-        true
     }
 
     /// Looks through a camera of the file that is open, its photograph behind the objects where that is found.
@@ -47,11 +59,26 @@ impl Session {
             return;
         };
         cameras.at = at;
-        let camera = frame.camera(frame.size.unwrap_or([800, 800]), 1e-3);
-        self.pose = CameraPose::of(&camera, up, middle);
         let photograph = photograph(&cameras.path, frame);
+        // An angle of view is across the whole photograph.
+        let size_of = |file: &PathBuf| plate_size(file).ok();
+        let size = frame.size.or_else(|| photograph.as_ref().and_then(size_of));
+        let camera = frame.camera(size.unwrap_or([800, 800]), 1e-3);
+        self.pose = CameraPose::of(&camera, up, middle);
+        let missing = frame.picture.clone().filter(|_| photograph.is_none());
         if let Some(photograph) = photograph {
             self.set_plate(photograph);
+            return;
+        }
+        // That of another camera would lie.
+        if self.scene.background == Background::Plate {
+            self.scene.plate = None;
+            self.scene.background = Background::default();
+        }
+        if let Some(picture) = missing {
+            self.info(format!(
+                "{picture}: the photograph of this camera is not beside its file, nor in images/"
+            ));
         }
     }
 

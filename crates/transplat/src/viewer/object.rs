@@ -188,15 +188,17 @@ pub struct RelitKey {
     pub part: Part,
     /// Which surfels may be left out, as a number that grows when one is to be seen that was not.
     pub unseen: u64,
+    /// Version of what it sees of others, 0 where it is alone.
+    pub surroundings: u64,
 }
 
 /// All that a whole relit asset depends on: a part of one is no other.
-pub type ShownKey = (u64, OrientedLight);
+pub type ShownKey = (u64, OrientedLight, u64);
 
 impl RelitKey {
     /// Of which whole this is a part.
     pub fn shown(&self) -> ShownKey {
-        (self.prepared, self.target.clone())
+        (self.prepared, self.target.clone(), self.surroundings)
     }
 }
 

@@ -1,10 +1,10 @@
 //! What is opened: splats, environments, looks.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{FileKind, file_kind, load_look};
+use transplat_core::files::{FileKind, file_kind, is_camera_file, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_gpu::live::LiveAsset;
 
@@ -34,6 +34,7 @@ impl Session {
                 let opened_with = OpenedWith::Object(Box::new(object), None);
                 self.load_asset(self.selected, path.to_owned(), opened_with);
             }
+            Ok(FileKind::Look) | Err(_) if is_camera_file(path) => self.open_cameras(path),
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(scene) => {
                     self.opened.push(path.to_owned());
@@ -43,7 +44,6 @@ impl Session {
                     }
                     self.apply(scene);
                 }
-                Err(_) if self.open_cameras(path) => self.opened.push(path.to_owned()),
                 Err(error) => self.error(error.to_string()),
             },
             Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
@@ -53,7 +53,6 @@ impl Session {
                 "{}: a bake is found by itself when it lies beside its splat",
                 path.display()
             )),
-            Err(_) if self.open_cameras(path) => self.opened.push(path.to_owned()),
             Err(error) => self.error(error.to_string()),
         }
     }
@@ -254,25 +253,35 @@ impl Session {
     }
 
     /// What an object is to be cut out of, where that is open.
-    fn capture_for(&self, path: &Path, object: &Object) -> Option<Arc<Capture>> {
+    fn capture_for(&mut self, path: &Path, object: &Object) -> Option<Arc<Capture>> {
         if object.cut.is_empty() {
             return None;
         }
         let (linear, outside_from, _) = reading_of(object);
+        let mut known = self.captures.iter().filter_map(Weak::upgrade);
+        if let Some(known) = known.find(|c| c.is_of(path, linear, &outside_from)) {
+            return Some(known);
+        }
         let is_of_it = |state: &&ObjectState| {
             let asset = state.asset.as_ref().filter(|a| a.path == path);
             asset.is_some_and(|a| (a.is_linear(), &a.cloud.outside_from) == (linear, &outside_from))
         };
-        let open: Vec<&ObjectState> = self.states.iter().filter(is_of_it).collect();
-        let assets = || open.iter().filter_map(|s| s.asset.as_ref());
-        let shared = assets().find_map(|a| a.part.as_ref());
-        if let Some(part) = shared {
-            return Some(part.capture.clone());
+        let open = self.states.iter().find(is_of_it)?;
+        let whole = open.asset.as_ref()?;
+        let (cloud, file) = (whole.cloud.clone(), whole.file.clone());
+        let bake = open.whole_directional_bake();
+        let capture = Arc::new(Capture::new(path.to_owned(), cloud, file, bake));
+        self.know_capture(&capture);
+        Some(capture)
+    }
+
+    /// Notes what objects are cut out of: all parts of one capture share it.
+    fn know_capture(&mut self, capture: &Arc<Capture>) {
+        self.captures.retain(|c| c.strong_count() > 0);
+        let is_it = |c: &Weak<Capture>| std::ptr::eq(c.as_ptr(), Arc::as_ptr(capture));
+        if !self.captures.iter().any(is_it) {
+            self.captures.push(Arc::downgrade(capture));
         }
-        let whole = assets().next()?;
-        let bake = open.iter().find_map(|s| s.whole_directional_bake());
-        let capture = Capture::new(whole.cloud.clone(), whole.file.clone(), bake);
-        Some(Arc::new(capture))
     }
 
     /// Takes away what was put into the scene and cannot be shown.
@@ -305,6 +314,9 @@ impl Session {
         self.jobs.cancel_object(self.states[at].id);
         self.stages.load += 1;
         self.opened.push(asset.path.clone());
+        if let Some(part) = &asset.part {
+            self.know_capture(&part.capture);
+        }
         for warning in asset.warnings.clone() {
             self.info(warning);
         }

@@ -1,7 +1,7 @@
 //! What is open, as what it is lit, and what follows from that.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::Instant;
 
 use anyhow::Result;
@@ -20,6 +20,7 @@ use transplat_gpu::live::{Live, Passes};
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
+use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
 use super::object::{
@@ -162,6 +163,8 @@ pub struct Session {
     pub(super) framed: Option<CameraPose>,
     /// What is made of each of the scene's objects.
     pub states: Vec<ObjectState>,
+    /// What objects are cut out of.
+    pub(super) captures: Vec<Weak<Capture>>,
     /// The object that the panels are about.
     pub selected: usize,
     /// Whether a splat that is opened is put into the scene.
@@ -216,6 +219,7 @@ impl Session {
                 .map(|_| ObjectState::new(None))
                 .collect(),
             scene,
+            captures: Vec::new(),
             pose: CameraPose {
                 pivot: glam::Vec3::ZERO,
                 azimuth: 0.0,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::Bake;
+use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::{Display, Encoding};
 use transplat_core::environment::{EnvironmentMap, Illumination};
@@ -18,12 +19,13 @@ use transplat_core::progress::no_progress;
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
 use transplat_core::settings::Method;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
 use crate::commands::render::MAX_SAMPLES;
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::jobs::Handle;
 use crate::viewer::navigation::wrap;
@@ -61,6 +63,10 @@ impl Snapshot {
             }
             Task::Screenshot(None) => {
                 let views = match self.settings.sides {
+                    // Layers are of what is relit alone.
+                    ExportSides::Each if self.settings.format == Format::ExrLayers => {
+                        vec![View::After]
+                    }
                     ExportSides::Shown => vec![self.scene.view],
                     ExportSides::Each => vec![View::Before, View::After],
                 };
@@ -80,6 +86,9 @@ impl Snapshot {
                 self.need_shelf()?;
                 let lights = self.shelf.iter();
                 self.each(handle, lights.map(|light| (self.scene.view, light)))
+            }
+            Task::ContactSheet if self.settings.format == Format::ExrLayers => {
+                bail!("a contact sheet has no layers: choose another format")
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
@@ -114,9 +123,23 @@ impl Snapshot {
         if there.any(|bake| bake.method() == method) {
             return Ok(None);
         }
-        let report = |done| handle.progress(done);
-        let bake = Bake::new(&self.cloud, method, scene.directions, &report)?;
-        Ok(Some(Arc::new(bake)))
+        let (report, device) = (|done| handle.progress(done), self.device.fastest());
+        let skips = scene.transfer.skips;
+        let part = self.part.as_ref();
+        let part = part.filter(|_| method == Method::Directional);
+        let part_of = part.map(|part| part.of_whole(&device, skips, &report));
+        let wanted = Wanted {
+            cloud: self.cloud.clone(),
+            method,
+            directions: match method {
+                Method::Harmonic => scene.directions,
+                Method::Directional => DIRECTIONS,
+            },
+            skips,
+            part_of: part_of.transpose()?,
+            beside: None,
+        };
+        Ok(Some(Arc::new(bake::bake(&device, &wanted, &report)?)))
     }
 
     fn need_shelf(&self) -> Result<()> {
@@ -237,7 +260,7 @@ impl Snapshot {
         let bake = bakes.find(|bake| bake.method() == settings.method);
         let bake = bake.context("the pinned look's preset is not baked")?;
         if let (Some(part), Method::Directional) = (&self.part, settings.method) {
-            return part.prepare(&mut TransferAsset::default(), bake, source, settings);
+            return part.prepare(bake, source, settings);
         }
         Ok(PreparedTransfer::new(cloud, bake, source, settings)?)
     }

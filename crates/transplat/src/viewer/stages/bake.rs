@@ -114,7 +114,7 @@ impl Session {
             let saved = saved.as_deref();
             let bake = || {
                 if let Some(part) = &part {
-                    let of_whole = part.of_whole(&device, &path, wanted.skips, &progress)?;
+                    let of_whole = part.of_whole(&device, wanted.skips, &progress)?;
                     wanted.part_of = Some(of_whole);
                 }
                 bake::refined(&device, &wanted, saved, &progress, preview)

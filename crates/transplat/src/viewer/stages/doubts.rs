@@ -46,6 +46,10 @@ impl Session {
         if !wants_doubts && !wants_readout {
             return;
         }
+        // Only all objects together tell what one is among others.
+        if key.2 > 0 && state.readout.of(&key).is_none() {
+            return;
+        }
         state.doubts.ask(&key);
         let (cloud, prepared) = (asset.cloud.clone(), prepared.prepared.clone());
         let (id, target) = (state.id, key.1.light.clone());

@@ -13,23 +13,36 @@ use crate::viewer::object::{PrepareKey, Prepared};
 use crate::viewer::session::Session;
 
 impl Session {
-    pub(in crate::viewer) fn start_prepare(&mut self, at: usize) {
-        let [source, target] = self.oriented_of(at);
+    /// All that an object's preparation depends on, as it is now.
+    fn prepare_key(&self, at: usize) -> Option<PrepareKey> {
+        let [source, _] = self.oriented_of(at);
         let settings = self.scene.transfer.clone();
-        let state = &mut self.states[at];
-        let kind = Kind::Of(state.id, Work::Prepare);
-        let (Some(asset), Some(made)) = (&state.asset, state.bakes.get(&settings.method)) else {
-            return;
-        };
-        let Some(bake) = made.get().filter(|_| !self.jobs.is_running(kind)) else {
-            return;
-        };
-        let key = PrepareKey {
-            bake: made.version(),
+        let bake = self.states[at].bakes.get(&settings.method)?;
+        Some(PrepareKey {
+            bake: bake.version(),
             source,
             settings,
+        })
+    }
+
+    /// Whether an object is prepared as all is set now.
+    pub fn is_prepared(&self, at: usize) -> bool {
+        let made_from = self.states[at].prepared.made_from();
+        made_from.is_some() && made_from == self.prepare_key(at).as_ref()
+    }
+
+    pub(in crate::viewer) fn start_prepare(&mut self, at: usize) {
+        let [_, target] = self.oriented_of(at);
+        let Some(key) = self.prepare_key(at) else {
+            return;
         };
-        if !state.prepared.ask(&key) {
+        let state = &mut self.states[at];
+        let kind = Kind::Of(state.id, Work::Prepare);
+        let bake = state.bakes.get(&key.settings.method).and_then(|b| b.get());
+        let (Some(asset), Some(bake)) = (&state.asset, bake) else {
+            return;
+        };
+        if self.jobs.is_running(kind) || !state.prepared.ask(&key) {
             return;
         }
         let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
@@ -38,13 +51,13 @@ impl Session {
         let wanted = key.clone();
         let work = move |_: &_| {
             let start = Instant::now();
-            let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
             let (source, settings) = (&wanted.source.light, &wanted.settings);
             let prepared = match (&part, settings.method) {
-                (Some(part), Method::Directional) => {
-                    part.prepare(&mut transfer, &bake, source, settings)?
+                (Some(part), Method::Directional) => part.prepare(&bake, source, settings)?,
+                _ => {
+                    let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
+                    transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?
                 }
-                _ => transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?,
             };
             let live = on_gpu(&context, &prepared)?;
             if let Some(live) = &live {

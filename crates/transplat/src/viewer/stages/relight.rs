@@ -25,6 +25,7 @@ impl Session {
             target,
             part: prepared.computed_part(self.scene.view.part()),
             unseen: state.unseen.version,
+            surroundings: 0,
         };
         if state.relit.made_from() == Some(&key) {
             return;

@@ -74,8 +74,9 @@ impl Session {
         }
         let kind = Kind::Surroundings;
         if self.jobs.is_awaited(kind) {
-            // A coarse one is soon done, and shown while things move; nobody waits for a fine one of where they were.
-            if !self.is_tracing_finely {
+            // A coarse one, or one of a few surfels, is soon done, and shown while things move; nobody waits for a fine one of where they
+            // were.
+            if !self.is_tracing_finely || surfels < SOON_TRACED {
                 return;
             }
             self.jobs.cancel(kind);
@@ -227,6 +228,7 @@ impl Session {
             target,
             part,
             unseen: state.unseen.version,
+            surroundings: self.relit_together.made_from().map_or(0, |key| key.1),
         };
         let relighting = self.relighting(at, &key, Some(ms));
         let state = &mut self.states[at];
