@@ -28,7 +28,7 @@ use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::scene::SceneTransfer;
-use transplat_core::transfer::scene::harmonic::HarmonicScene;
+use transplat_core::transfer::scene::harmonic::{HarmonicScene, Inserted};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
@@ -359,9 +359,13 @@ impl Pipeline {
         };
         let placed = |(at, object): (usize, &LoadedObject)| {
             let [source, _] = lights.oriented(self, at, &lights.targets[0]);
-            let turn = object.settings.transform.rotation.as_dquat();
-            let turn = DMat3::from_quat(turn);
-            (object.placed().cloud, &bakes[at], source.rotated(turn))
+            let turn = object.settings.transform.rotation;
+            Inserted {
+                cloud: object.placed().cloud,
+                bake: bakes[at].clone(),
+                source: source.rotated(DMat3::from_quat(turn.as_dquat())),
+                turn,
+            }
         };
         let objects: Vec<_> = self.objects.iter().enumerate().map(placed).collect();
         let scene = HarmonicScene::new(&objects, &self.scene.transfer, &no_progress)?;
@@ -439,16 +443,8 @@ impl Pipeline {
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
         tell_of_light((prepared, false), name, light, summary);
-        let back = |(relit, object): (Relit, &LoadedObject)| {
-            relit.turned(object.settings.transform.rotation.inverse())
-        };
-        timed(summary, || match prepared {
-            PreparedTransfer::Scene(scene) => Ok(scene.relight_objects(light, part, unseen)?),
-            PreparedTransfer::HarmonicScene(scene) => {
-                let relit = scene.relight_objects(light, part)?;
-                Ok(relit.into_iter().zip(&self.objects).map(back).collect())
-            }
-            one => Ok(vec![one.relight_seen(light, part, unseen)?]),
+        timed(summary, || {
+            Ok(prepared.relight_objects(light, part, unseen)?)
         })
     }
 }

@@ -10,6 +10,7 @@ use transplat_core::files::{
 };
 use transplat_core::present::Background;
 use transplat_core::scene::{Scene, Transform};
+use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::synthetic;
 use transplat_tests::driver::Driver;
@@ -75,6 +76,38 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     d.after(|v| v.export(Task::Splat(path)));
     let (cloud, _) = load_asset(&merged).expect("a splat");
     assert_eq!(cloud.len(), 900 + 800);
+}
+
+/// By preset paper, too: lit by a probe, with a shadow on what is near, also where an object was moved.
+#[test]
+fn a_scene_of_preset_paper_is_what_the_command_line_draws() {
+    let mut d = ball_over_plate();
+    let settings = d.viewer().export_settings();
+    settings.size = [200, 160];
+    settings.transparent = true;
+    settings.supersample = 1;
+    d.after(|v| v.session.scene.transfer = TransferSettings::of(Method::Harmonic));
+    let mut drawn = Vec::new();
+    for at in [Vec3::new(0.0, 0.0, 0.5), Vec3::new(0.4, 0.2, 0.6)] {
+        d.after(|v| v.session.scene.objects[1].transform.translation = at);
+        let [look, ours, theirs] =
+            ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
+        let scene = d.viewer().session.scene_to_save();
+        save_look(look.as_ref(), &scene).expect("room");
+        let path = ours.clone().into();
+        d.after(|v| v.export(Task::Screenshot(Some(path))));
+        let line = "render {} --size 200x160 --background transparent --device cpu -o {}";
+        run_json(&args(line, &[&look, &theirs]));
+        let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
+        assert!(psnr(&a, &b) > 45.0, "{at}: {}", psnr(&a, &b));
+        drawn.push(a);
+        std::fs::remove_file(&ours).expect("it was saved");
+    }
+    assert!(psnr(&drawn[0], &drawn[1]) < 35.0);
+    // What is on the screen has the shadow, too: without it the plate is brighter.
+    let with = d.picture();
+    d.after(|v| v.session.scene.transfer.terms.shadow = false);
+    assert!(psnr(&with, &d.picture()) < 45.0);
 }
 
 #[test]

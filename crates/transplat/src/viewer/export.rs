@@ -16,7 +16,6 @@ use transplat_core::files::AssetFile;
 use transplat_core::ground::Ground;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::Scene;
-use transplat_core::settings::Method;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
@@ -339,25 +338,15 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         bail!("no object is shown: there is nothing to save");
     };
     // As things stand now, and not as they stood before the last move.
-    let prepared = session.scene_transfer().filter(|(members, _)| {
+    let prepared = session.scene_transfer().filter(|(members, ..)| {
         session.is_traced() && members.iter().all(|at| session.is_prepared(*at))
     });
-    let prepared = prepared.map(|(_, scene)| {
-        let bake = Bake::Scene(scene.bake.clone());
-        (PreparedTransfer::Scene(Arc::new(scene)), bake)
-    });
+    let prepared = prepared.map(|(_, scene, bake)| (scene, bake));
     let view = session.scene.view;
     let needs_scene =
         matches!(task, Task::Splat(_)) || view.needs_relit() || view == View::Visibility;
     if needs_scene && prepared.is_none() {
-        match session.scene.transfer.method {
-            Method::Directional => {
-                bail!("the objects are still being prepared; try again when that is done")
-            }
-            Method::Harmonic => bail!(
-                "of several objects, preset paper is saved by the command line alone: transplat render LOOK --preset paper"
-            ),
-        }
+        bail!("the objects are still being prepared; try again when that is done");
     }
     let skips = &session.scene.transfer.skips;
     let hidden = session.shown().flat_map(|(_, object, asset)| {

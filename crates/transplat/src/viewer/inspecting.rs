@@ -10,11 +10,10 @@ impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let degree = self.asset()?.cloud.sh_degree;
+        let is_alone = !self.together.contains(&self.state().id);
         let harmonic = match self.prepared()? {
-            PreparedTransfer::Harmonic(harmonic) => harmonic,
-            PreparedTransfer::Directional(_)
-            | PreparedTransfer::Scene(_)
-            | PreparedTransfer::HarmonicScene(_) => {
+            PreparedTransfer::Harmonic(harmonic) if is_alone => harmonic,
+            _ => {
                 // None while a newer one is on its way.
                 let state = self.state();
                 let relit = state.readout.of(&state.relit.made_from()?.shown())?;

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex};
 use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Detail;
 use transplat_core::derived::Derived;
@@ -18,6 +19,7 @@ use transplat_core::scene::{EnvironmentLight, Light};
 use transplat_core::settings::skips::{Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 
 use super::asset::Asset;
@@ -154,6 +156,16 @@ pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
 
 /// What the objects that are shown see of each other, and how finely.
 pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
+
+/// All that objects put into a scene as preset paper does it depend on: which, by state and version of its bake, captured under what, and
+/// where each stands; and the settings.
+pub type InsertionKey = (Vec<(u64, u64, OrientedLight, Affine3A)>, TransferSettings);
+
+/// Those objects, with what they see of themselves.
+pub struct Insertion {
+    pub scene: Arc<HarmonicScene>,
+    pub bake: HarmonicBake,
+}
 
 /// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, and what of the objects is not seen.
 pub type TogetherKey = (Vec<u64>, u64, OrientedLight, Part, Vec<u64>);

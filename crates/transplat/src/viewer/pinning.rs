@@ -57,10 +57,10 @@ impl Session {
     /// Keeps all objects as they are relit together, all parts of them.
     fn pin_together(&mut self, display: Display) -> bool {
         let scene = self.scene_transfer();
-        let is_of_now = |(members, _): &(Vec<usize>, _)| {
+        let is_of_now = |(members, ..): &(Vec<usize>, _, _)| {
             self.is_traced() && members.iter().all(|at| self.is_prepared(*at))
         };
-        let Some((members, scene)) = scene.filter(is_of_now) else {
+        let Some((members, scene, _)) = scene.filter(is_of_now) else {
             self.error("the objects are still being prepared; try again when that is done");
             return false;
         };

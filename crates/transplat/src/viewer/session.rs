@@ -24,7 +24,8 @@ use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
 use super::object::{
-    GroundKey, GroundLitKey, ObjectState, OrientedLight, Surroundings, TogetherKey,
+    GroundKey, GroundLitKey, Insertion, InsertionKey, ObjectState, OrientedLight, Surroundings,
+    TogetherKey,
 };
 use crate::pipeline::bake::Baked;
 
@@ -175,6 +176,8 @@ pub struct Session {
     /// What the objects see of each other.
     pub(super) surroundings: Surroundings,
     pub(super) is_tracing_finely: bool,
+    /// The objects as preset paper puts them into a scene.
+    pub(super) insertion: Derived<InsertionKey, Insertion>,
     pub(super) relit_together: Derived<TogetherKey, ()>,
     /// The objects that are shown as they were relit together, by their states.
     pub(super) together: Vec<u64>,
@@ -236,6 +239,7 @@ impl Session {
             environment: Resolved::default(),
             surroundings: Surroundings::default(),
             is_tracing_finely: false,
+            insertion: Derived::default(),
             relit_together: Derived::default(),
             together: Vec::new(),
             ground: Derived::default(),
@@ -484,6 +488,7 @@ impl Session {
             self.update_hidden(at);
         }
         self.start_surroundings();
+        self.start_insertion();
         self.relight_together();
         self.update_ground();
         for at in 0..self.scene.objects.len() {

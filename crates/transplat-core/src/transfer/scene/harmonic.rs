@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 
 use crate::bake::harmonic::{self, HarmonicBake};
 use crate::camera::{Camera, NEAR};
@@ -29,6 +29,19 @@ pub const SHADOW_REACH: [f32; 2] = [3.0, 4.0];
 /// Rows of the map in which the light at an object is taken: far more than SH series hold.
 const PROBE_ROWS: usize = 64;
 
+/// An object where it stands in a scene.
+#[derive(Clone, Debug)]
+pub struct Inserted {
+    /// Its surfels, in the scene's coordinates.
+    pub cloud: Arc<SurfelCloud>,
+    /// What those see of themselves.
+    pub bake: HarmonicBake,
+    /// The light of its capture, as the scene sees it.
+    pub source: Illumination,
+    /// How it is turned.
+    pub turn: Quat,
+}
+
 /// A scene and the objects in it, each under the light of its own capture, ready for any other. Everything is in the scene's coordinates; the
 /// surfels are numbered object after object.
 #[derive(Clone, Debug)]
@@ -36,6 +49,7 @@ pub struct HarmonicScene {
     /// The scene, and then what is put into it.
     objects: Vec<Arc<HarmonicTransfer>>,
     clouds: Vec<Arc<SurfelCloud>>,
+    turns: Vec<Quat>,
     shadows: Vec<Shadow>,
     firsts: Vec<usize>,
 }
@@ -53,12 +67,12 @@ struct Shadow {
 }
 
 impl HarmonicScene {
-    /// Takes objects where they stand, each with its own bake and the light of its capture as the scene sees it, the scene first.
+    /// Takes objects where they stand, the scene first.
     ///
     /// # Errors
     /// A setting is out of range, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
     pub fn new(
-        objects: &[(Arc<SurfelCloud>, &HarmonicBake, Illumination)],
+        objects: &[Inserted],
         settings: &TransferSettings,
         progress: Progress<'_>,
     ) -> Result<Self> {
@@ -66,9 +80,9 @@ impl HarmonicScene {
         let prepare = |cloud: &SurfelCloud, bake: &HarmonicBake, light: &Illumination| {
             HarmonicTransfer::new(cloud, bake, &light.radiance.truncated(degree), settings)
         };
-        let (scene, scene_bake, scene_light) = &objects[0];
+        let scene = &objects[0].cloud;
         let mut shadows = Vec::new();
-        for (cloud, ..) in &objects[1..] {
+        for Inserted { cloud, .. } in &objects[1..] {
             let ball = cloud.bounds();
             let near: Vec<(usize, f32)> = (0..scene.len())
                 .map(|i| (i, reach(scene.positions[i], &ball)))
@@ -86,9 +100,9 @@ impl HarmonicScene {
             if near.is_empty() {
                 continue;
             }
-            let directions = scene_bake.directions;
+            let directions = objects[0].bake.directions;
             let [without, with] = [&around, &both].map(|c| harmonic::bake(c, directions, progress));
-            let without = prepare(&around, &without?, scene_light)?;
+            let without = prepare(&around, &without?, &objects[0].source)?;
             let with = without.shadowed_as(&with?);
             shadows.push(Shadow {
                 ball,
@@ -98,25 +112,35 @@ impl HarmonicScene {
             });
         }
         let mut firsts = vec![0];
-        for (cloud, ..) in objects {
+        for Inserted { cloud, .. } in objects {
             firsts.push(firsts[firsts.len() - 1] + cloud.len());
         }
         let prepared = objects
             .iter()
-            .map(|(cloud, bake, light)| Ok(Arc::new(prepare(cloud, bake, light)?)));
+            .map(|o| Ok(Arc::new(prepare(&o.cloud, &o.bake, &o.source)?)));
         Ok(Self {
             objects: prepared.collect::<Result<_>>()?,
-            clouds: objects.iter().map(|(cloud, ..)| cloud.clone()).collect(),
+            clouds: objects.iter().map(|o| o.cloud.clone()).collect(),
+            turns: objects.iter().map(|o| o.turn).collect(),
             shadows,
             firsts,
         })
     }
 
-    /// Relights; each object's result is in the scene's coordinates.
+    /// Relights; each object's result is in its own coordinates.
     ///
     /// # Errors
     /// None of its own.
     pub fn relight_objects(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
+        let placed = self.relight_placed(target, part)?.into_iter();
+        let each = placed.zip(&self.turns);
+        Ok(each
+            .map(|(relit, turn)| relit.turned(turn.inverse()))
+            .collect())
+    }
+
+    /// The same, in the scene's coordinates.
+    fn relight_placed(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
         let mut scene = self.objects[0].relight_seen(target, part, &[])?;
         let unshaded = self.objects[0].relight_seen(target, Part::Whole, &[])?;
         let mut all = Vec::new();
@@ -205,7 +229,7 @@ impl Relight for HarmonicScene {
         part: Part,
         _: &[bool],
     ) -> Result<Relit> {
-        let each = self.relight_objects(target, part)?;
+        let each = self.relight_placed(target, part)?;
         let degree = each.iter().map(|r| r.degree).max().unwrap_or_default();
         let each = each.into_iter().map(|r| r.of_degree(degree));
         Ok(Relit::together(each).expect("at least one object"))

@@ -146,5 +146,6 @@ impl Session {
             bake.ask_again();
         }
         self.surroundings.ask_again();
+        self.insertion.ask_again();
     }
 }

@@ -3,19 +3,27 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DMat3;
+use anyhow::bail;
+use glam::{DMat3, Quat};
 use transplat_core::bake::Bake;
+use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::{Detail, Placed};
+use transplat_core::environment::Illumination;
 use transplat_core::present;
 use transplat_core::scene::Transform;
 use transplat_core::settings::Method;
+use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::scene::SceneTransfer;
+use transplat_core::transfer::scene::harmonic::{HarmonicScene, Inserted};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
+use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
+use crate::viewer::object::{
+    Insertion, InsertionKey, OrientedLight, RelitKey, SurroundingsKey, TogetherKey,
+};
 use crate::viewer::session::{Outcome, Session};
 
 /// Scenes of fewer surfels are traced finely at once.
@@ -24,7 +32,7 @@ const SOON_TRACED: usize = 20_000;
 impl Session {
     /// The objects that are shown, where they are several and relit together.
     fn members(&self) -> Vec<usize> {
-        if self.scene.transfer.method == Method::Directional && self.is_composed() {
+        if self.is_composed() {
             self.shown().map(|(at, ..)| at).collect()
         } else {
             Vec::new()
@@ -37,8 +45,11 @@ impl Session {
         objects.len() > 1 || objects[0].transform != Transform::default()
     }
 
-    /// Those objects where they stand, once they are baked.
+    /// Those objects where they stand, once they are baked for the directional method.
     fn placed(&self) -> Option<(SurroundingsKey, Vec<Placed>)> {
+        if self.scene.transfer.method != Method::Directional {
+            return None;
+        }
         let placed = self.members().into_iter().map(|at| {
             let state = &self.states[at];
             let made = state.bakes.get(&Method::Directional)?;
@@ -98,6 +109,94 @@ impl Session {
         });
     }
 
+    /// All that preset paper's scene depends on as it stands now, once its objects are baked.
+    fn insertion_key(&self) -> Option<InsertionKey> {
+        let settings = self.scene.transfer.clone();
+        if settings.method != Method::Harmonic {
+            return None;
+        }
+        let each = self.members().into_iter().map(|at| {
+            let state = &self.states[at];
+            let made = state.bakes.get(&Method::Harmonic)?;
+            made.current().filter(|b| b.share == 1.0)?;
+            let [source, _] = self.oriented_of(at);
+            let scene_from_object = self.scene.objects[at].transform.scene_from_object();
+            Some((state.id, made.version(), source, scene_from_object))
+        });
+        let each = each.collect::<Option<Vec<_>>>()?;
+        (!each.is_empty()).then_some((each, settings))
+    }
+
+    /// Puts the objects into the scene as preset paper does it, where they stand now; the last answer serves until then.
+    pub(in crate::viewer) fn start_insertion(&mut self) {
+        let kind = Kind::Surroundings;
+        let Some(key) = self.insertion_key() else {
+            return;
+        };
+        if self.jobs.is_awaited(kind) || !self.insertion.ask(&key) {
+            return;
+        }
+        let (directions, background) = (self.scene.directions, self.background.clone());
+        let each = key.0.iter().filter_map(|(id, _, source, _)| {
+            let at = self.at(*id)?;
+            let cloud = self.states[at].asset.as_ref()?.cloud.clone();
+            let bake = self.states[at].bakes.get(&Method::Harmonic)?.get()?;
+            let transform = self.scene.objects[at].transform;
+            Some((cloud, bake.bake.clone(), source.light.clone(), transform))
+        });
+        let each: Vec<(Arc<SurfelCloud>, Arc<Bake>, Arc<Illumination>, Transform)> = each.collect();
+        let (count, settings) = (each.len() as f64, key.1.clone());
+        let work = move |handle: &Handle<Outcome>| {
+            let mut placed = Vec::new();
+            for (i, (cloud, own, source, transform)) in each.into_iter().enumerate() {
+                let cloud = Arc::new(transform.place(&cloud));
+                // Its directions do not turn with it.
+                let bake = if transform.rotation == Quat::IDENTITY {
+                    own
+                } else {
+                    let wanted = Wanted {
+                        cloud: cloud.clone(),
+                        method: Method::Harmonic,
+                        directions,
+                        skips: settings.skips,
+                        part_of: None,
+                        beside: None,
+                    };
+                    let progress = |done: f64| handle.progress((i as f64 + done) / count);
+                    Arc::new(bake::bake(&background.fastest(), &wanted, &progress)?)
+                };
+                let Bake::Harmonic(bake) = &*bake else {
+                    bail!("the bake is for the other preset");
+                };
+                placed.push(Inserted {
+                    cloud,
+                    bake: bake.clone(),
+                    source: source.rotated(DMat3::from_quat(transform.rotation.as_dquat())),
+                    turn: transform.rotation,
+                });
+            }
+            let progress = |done| handle.progress(done);
+            let scene = HarmonicScene::new(&placed, &settings, &progress)?;
+            let bakes: Vec<HarmonicBake> = placed.into_iter().map(|o| o.bake).collect();
+            Ok(Insertion {
+                scene: Arc::new(scene),
+                bake: HarmonicBake::together(&bakes),
+            })
+        };
+        let label = "tracing between the objects";
+        self.start(kind, label, work, move |session, made| {
+            session.insertion.accept(key, made);
+        });
+    }
+
+    /// Version of what is known of the objects among each other.
+    fn scene_version(&self) -> u64 {
+        match self.scene.transfer.method {
+            Method::Directional => self.surroundings.version(),
+            Method::Harmonic => self.insertion.version(),
+        }
+    }
+
     /// Whether the scene is shown as it is known now.
     fn is_together_shown(&self) -> bool {
         let shown = self.relit_together.current().is_some();
@@ -107,20 +206,38 @@ impl Session {
 
     /// Whether it is known, finely, what the objects that are shown see of each other where they stand now.
     pub(in crate::viewer) fn is_traced(&self) -> bool {
+        if self.scene.transfer.method == Method::Harmonic {
+            let now = self.insertion_key();
+            return now.is_some() && self.insertion.made_from() == now.as_ref();
+        }
         let made_from = self.surroundings.made_from();
         self.placed()
             .is_some_and(|(of, _)| made_from == Some(&(of, Detail::Full)))
     }
 
-    /// The objects that are shown, ready to be relit as one scene: those that are known to each other, and prepared.
-    pub fn scene_transfer(&self) -> Option<(Vec<usize>, SceneTransfer)> {
+    /// The objects that are shown, ready to be relit as one scene, with its bake: those that are known to each other, and prepared.
+    pub fn scene_transfer(&self) -> Option<(Vec<usize>, PreparedTransfer, Bake)> {
         let shown = self.members();
-        let (known, _) = self.surroundings.made_from()?;
-        let members = known.iter().map(|(id, ..)| {
+        let known: Vec<u64> = match self.scene.transfer.method {
+            Method::Directional => {
+                let (known, _) = self.surroundings.made_from()?;
+                known.iter().map(|(id, ..)| *id).collect()
+            }
+            Method::Harmonic => {
+                let (known, _) = self.insertion.made_from()?;
+                known.iter().map(|(id, ..)| *id).collect()
+            }
+        };
+        let members = known.iter().map(|id| {
             let at = self.at(*id)?;
             shown.contains(&at).then_some(at)
         });
         let members = members.collect::<Option<Vec<_>>>()?;
+        if self.scene.transfer.method == Method::Harmonic {
+            let made = self.insertion.get()?;
+            let scene = PreparedTransfer::HarmonicScene(made.scene.clone());
+            return Some((members, scene, Bake::Harmonic(made.bake.clone())));
+        }
         let bake = self.surroundings.get()?.clone();
         let transfers = members.iter().map(|at| {
             let made = self.states[*at].prepared.get()?;
@@ -133,13 +250,17 @@ impl Session {
         // Of another splat than the preparation's: that is on its way.
         let sizes: Vec<usize> = bake.bakes().map(|b| b.len()).collect();
         let fits = transfers.iter().map(|t| t.asset.bake.len()).eq(sizes);
-        fits.then(|| (members, SceneTransfer::new(transfers, bake)))
+        fits.then(|| {
+            let scene = SceneTransfer::new(transfers, bake.clone());
+            let scene = PreparedTransfer::Scene(Arc::new(scene));
+            (members, scene, Bake::Scene(bake))
+        })
     }
 
     /// Relights all objects that are known to each other as one scene. The others are relit alone until it is known what they see.
     pub(in crate::viewer) fn relight_together(&mut self) {
         let shown = self.members();
-        let Some((members, scene)) = self.scene_transfer() else {
+        let Some((members, scene, _)) = self.scene_transfer() else {
             // What is taken away leaves its shadow until the rest is traced anew.
             let waits = self.jobs.is_awaited(Kind::Surroundings);
             let stays = |at: &usize| waits && self.together.contains(&self.states[*at].id);
@@ -153,7 +274,7 @@ impl Session {
         let part = self.scene.view.part();
         let key: TogetherKey = (
             each().map(|s| s.prepared.version()).collect(),
-            self.surroundings.version(),
+            self.scene_version(),
             target,
             part,
             each().map(|s| s.hidden.version()).collect(),

@@ -1,6 +1,7 @@
 //! The channel *visibility*, made when it is asked for.
 
 use transplat_core::present::View;
+use transplat_core::settings::Method;
 
 use crate::viewer::session::Session;
 
@@ -17,6 +18,7 @@ impl Session {
         // Among others it sees less.
         let traced = self.surroundings.made_from().map(|(of, _)| of);
         let among = traced.and_then(|of| of.iter().position(|(id, ..)| *id == state.id));
+        let among = among.filter(|_| method == Method::Directional);
         let among = among.filter(|_| self.together.contains(&state.id));
         let scene = among.zip(self.surroundings.get());
         let key = (
