@@ -296,7 +296,7 @@ fn layers_of_objects_that_touch_in_the_picture_are_added() {
     };
     let scene = folder.write(
         "scene.json",
-        &format!(
+        format!(
             r#"{{"version": 3, "objects": [{{"asset": "plate.ply", "source": {{"file": "even"}}}}, {}, {}]}}"#,
             ball("near", "[0.3, 0, 0.5]"),
             ball("far", "[-0.3, 0.3, 0.5]")

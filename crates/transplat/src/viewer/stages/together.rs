@@ -29,6 +29,9 @@ use crate::viewer::session::{Outcome, Session};
 /// Scenes of fewer surfels are traced finely at once.
 const SOON_TRACED: usize = 20_000;
 
+/// An object as it is: its surfels, its own bake, what it was captured under, and where it stands.
+type ToInsert = (Arc<SurfelCloud>, Arc<Bake>, Arc<Illumination>, Transform);
+
 impl Session {
     /// The objects that are shown, where they are several and relit together.
     fn members(&self) -> Vec<usize> {
@@ -144,7 +147,7 @@ impl Session {
             let transform = self.scene.objects[at].transform;
             Some((cloud, bake.bake.clone(), source.light.clone(), transform))
         });
-        let each: Vec<(Arc<SurfelCloud>, Arc<Bake>, Arc<Illumination>, Transform)> = each.collect();
+        let each: Vec<ToInsert> = each.collect();
         let (count, settings) = (each.len() as f64, key.1.clone());
         let work = move |handle: &Handle<Outcome>| {
             let mut placed = Vec::new();
