@@ -132,7 +132,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         (folder.write("empty.ply", ""), "empty"),
         (
             folder.write("picture.ply", [0x89, b'P', b'N', b'G', 13, 10, 26, 10]),
-            "not a PLY",
+            "a picture, where a splat",
         ),
         (
             folder.write("type.ply", good.replace("float opacity", "uchar opacity")),
@@ -182,7 +182,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     for (path, expected) in &assets {
         let relight = "relight {} --source even --target even --device cpu -o {}";
         check(&args(relight, &[path, &out]), expected);
-        if expected != &"not a PLY" {
+        if expected != &"a picture, where a splat" {
             check(&["info", path], "");
         }
     }
