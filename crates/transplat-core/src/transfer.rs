@@ -96,23 +96,6 @@ impl PreparedTransfer {
         })
     }
 
-    /// Relights each object of a scene, in its own coordinates; a single one is a scene of one. `unseen` as for [`Relight::relight_seen`].
-    ///
-    /// # Errors
-    /// The light was not read for the method.
-    pub fn relight_objects(
-        &self,
-        target: &Illumination,
-        part: Part,
-        unseen: &[bool],
-    ) -> Result<Vec<Relit>> {
-        match self {
-            Self::Scene(scene) => scene.relight_objects(target, part, unseen),
-            Self::HarmonicScene(scene) => scene.relight_objects(target, part),
-            one => Ok(vec![one.relight_seen(target, part, unseen)?]),
-        }
-    }
-
     /// Relights; `part` says what of the colour is wanted.
     ///
     /// # Errors

@@ -33,6 +33,19 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         unseen: &[bool],
     ) -> Result<Relit>;
 
+    /// The same for each object of a scene, in its own coordinates; a single one is a scene of one.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn relight_objects(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Vec<Relit>> {
+        Ok(vec![self.relight_seen(target, part, unseen)?])
+    }
+
     /// What of the colour a transfer computes where a part of it is to be shown.
     fn computed_part(&self, shown: Part) -> Part;
 

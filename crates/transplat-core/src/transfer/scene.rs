@@ -35,28 +35,6 @@ impl SceneTransfer {
         Self { objects, bake }
     }
 
-    /// Relights; each object's result is in its own coordinates.
-    ///
-    /// # Errors
-    /// The light was read without its beams.
-    pub fn relight_objects(
-        &self,
-        target: &Illumination,
-        part: Part,
-        unseen: &[bool],
-    ) -> Result<Vec<Relit>> {
-        let (lights, taus) = self.bounce(target)?;
-        let radiance = self.radiance(&taus);
-        let each = taus.into_iter().enumerate();
-        Ok(each
-            .map(|(i, tau)| {
-                let radiance = self.as_seen_by(i, &radiance);
-                let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
-                self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
-            })
-            .collect())
-    }
-
     /// The first object as it is where the others are not.
     ///
     /// # Errors
@@ -152,6 +130,24 @@ impl SceneTransfer {
 }
 
 impl Relight for SceneTransfer {
+    fn relight_objects(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Vec<Relit>> {
+        let (lights, taus) = self.bounce(target)?;
+        let radiance = self.radiance(&taus);
+        let each = taus.into_iter().enumerate();
+        Ok(each
+            .map(|(i, tau)| {
+                let radiance = self.as_seen_by(i, &radiance);
+                let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
+                self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
+            })
+            .collect())
+    }
+
     fn relight_after(
         &self,
         _: Option<Relit>,

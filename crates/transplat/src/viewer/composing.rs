@@ -112,10 +112,13 @@ impl Session {
             part.cut.push(cut);
             // It was about the whole.
             let whole = Hide::default();
-            // What is large is so beside the object: the same surfels stay hidden.
-            let radius = asset.cloud.selected(surfels).bounds().radius;
+            if part.hide.max_size < whole.max_size {
+                // What is large is so beside the object: the same surfels stay hidden.
+                let radius = asset.cloud.selected(surfels).bounds().radius;
+                let same = part.hide.max_size * bounds.radius / radius;
+                part.hide.max_size = same.min(whole.max_size);
+            }
             part.hide = Hide {
-                max_size: (part.hide.max_size * bounds.radius / radius).min(whole.max_size),
                 crop: false,
                 crop_min: whole.crop_min,
                 crop_max: whole.crop_max,

@@ -127,19 +127,7 @@ impl HarmonicScene {
         })
     }
 
-    /// Relights; each object's result is in its own coordinates.
-    ///
-    /// # Errors
-    /// None of its own.
-    pub fn relight_objects(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
-        let placed = self.relight_placed(target, part)?.into_iter();
-        let each = placed.zip(&self.turns);
-        Ok(each
-            .map(|(relit, turn)| relit.turned(turn.inverse()))
-            .collect())
-    }
-
-    /// The same, in the scene's coordinates.
+    /// Relights; each object's result is in the scene's coordinates.
     fn relight_placed(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
         let mut scene = self.objects[0].relight_seen(target, part, &[])?;
         let unshaded = self.objects[0].relight_seen(target, Part::Whole, &[])?;
@@ -222,6 +210,14 @@ fn reach(place: Vec3, ball: &Bounds) -> f32 {
 }
 
 impl Relight for HarmonicScene {
+    fn relight_objects(&self, target: &Illumination, part: Part, _: &[bool]) -> Result<Vec<Relit>> {
+        let placed = self.relight_placed(target, part)?;
+        let each = placed.into_iter().zip(&self.turns);
+        Ok(each
+            .map(|(relit, turn)| relit.turned(turn.inverse()))
+            .collect())
+    }
+
     fn relight_after(
         &self,
         _: Option<Relit>,
