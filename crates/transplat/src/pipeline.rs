@@ -147,7 +147,8 @@ impl Pipeline {
                 Method::Directional => Bake::Scene(Arc::new(self.scene_bake(summary)?)),
                 Method::Harmonic => {
                     let each = self.own_harmonic_bakes(summary)?;
-                    Bake::Harmonic(HarmonicBake::together(each))
+                    let each: Vec<&HarmonicBake> = each.iter().collect();
+                    Bake::Harmonic(HarmonicBake::together(&each))
                 }
             }
         } else {
@@ -362,7 +363,7 @@ impl Pipeline {
             let turn = object.settings.transform.rotation;
             Inserted {
                 cloud: object.placed().cloud,
-                bake: bakes[at].clone(),
+                bake: &bakes[at],
                 source: source.rotated(DMat3::from_quat(turn.as_dquat())),
                 turn,
             }

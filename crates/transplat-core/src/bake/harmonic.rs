@@ -390,7 +390,7 @@ impl HarmonicBake {
     }
 
     /// Bakes of the same directions as one, surfels after surfels.
-    pub fn together(bakes: &[Self]) -> Self {
+    pub fn together(bakes: &[&Self]) -> Self {
         let each = || bakes.iter();
         Self {
             directions: bakes[0].directions,

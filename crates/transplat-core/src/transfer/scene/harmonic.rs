@@ -31,11 +31,11 @@ const PROBE_ROWS: usize = 64;
 
 /// An object where it stands in a scene.
 #[derive(Clone, Debug)]
-pub struct Inserted {
+pub struct Inserted<'a> {
     /// Its surfels, in the scene's coordinates.
     pub cloud: Arc<SurfelCloud>,
     /// What those see of themselves.
-    pub bake: HarmonicBake,
+    pub bake: &'a HarmonicBake,
     /// The light of its capture, as the scene sees it.
     pub source: Illumination,
     /// How it is turned.
@@ -72,7 +72,7 @@ impl HarmonicScene {
     /// # Errors
     /// A setting is out of range, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
     pub fn new(
-        objects: &[Inserted],
+        objects: &[Inserted<'_>],
         settings: &TransferSettings,
         progress: Progress<'_>,
     ) -> Result<Self> {
@@ -117,7 +117,7 @@ impl HarmonicScene {
         }
         let prepared = objects
             .iter()
-            .map(|o| Ok(Arc::new(prepare(&o.cloud, &o.bake, &o.source)?)));
+            .map(|o| Ok(Arc::new(prepare(&o.cloud, o.bake, &o.source)?)));
         Ok(Self {
             objects: prepared.collect::<Result<_>>()?,
             clouds: objects.iter().map(|o| o.cloud.clone()).collect(),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::bail;
+use anyhow::{Result, bail};
 use glam::{DMat3, Quat};
 use transplat_core::bake::Bake;
 use transplat_core::bake::harmonic::HarmonicBake;
@@ -150,12 +150,12 @@ impl Session {
         let each: Vec<ToInsert> = each.collect();
         let (count, settings) = (each.len() as f64, key.1.clone());
         let work = move |handle: &Handle<Outcome>| {
-            let mut placed = Vec::new();
-            for (i, (cloud, own, source, transform)) in each.into_iter().enumerate() {
-                let cloud = Arc::new(transform.place(&cloud));
+            let mut baked = Vec::new();
+            for (i, (cloud, own, _, transform)) in each.iter().enumerate() {
+                let cloud = Arc::new(transform.place(cloud));
                 // Its directions do not turn with it.
                 let bake = if transform.rotation == Quat::IDENTITY {
-                    own
+                    own.clone()
                 } else {
                     let wanted = Wanted {
                         cloud: cloud.clone(),
@@ -168,19 +168,25 @@ impl Session {
                     let progress = |done: f64| handle.progress((i as f64 + done) / count);
                     Arc::new(bake::bake(&background.fastest(), &wanted, &progress)?)
                 };
-                let Bake::Harmonic(bake) = &*bake else {
+                baked.push((cloud, bake));
+            }
+            let placed = baked.iter().zip(&each);
+            let placed = placed.map(|((cloud, bake), (.., source, transform))| {
+                let Bake::Harmonic(bake) = &**bake else {
                     bail!("the bake is for the other preset");
                 };
-                placed.push(Inserted {
-                    cloud,
-                    bake: bake.clone(),
-                    source: source.rotated(DMat3::from_quat(transform.rotation.as_dquat())),
-                    turn: transform.rotation,
-                });
-            }
+                let turn = transform.rotation;
+                Ok(Inserted {
+                    cloud: cloud.clone(),
+                    bake,
+                    source: source.rotated(DMat3::from_quat(turn.as_dquat())),
+                    turn,
+                })
+            });
+            let placed = placed.collect::<Result<Vec<_>>>()?;
             let progress = |done| handle.progress(done);
             let scene = HarmonicScene::new(&placed, &settings, &progress)?;
-            let bakes: Vec<HarmonicBake> = placed.into_iter().map(|o| o.bake).collect();
+            let bakes: Vec<&HarmonicBake> = placed.iter().map(|o| o.bake).collect();
             Ok(Insertion {
                 scene: Arc::new(scene),
                 bake: HarmonicBake::together(&bakes),
