@@ -233,6 +233,44 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     relight("-o /dev/full", &[], "No space left");
 }
 
+/// Not the one that another frame is drawn over, nor one that a look names and this picture does without.
+#[test]
+fn photographs_are_never_written_over() {
+    let folder = Folder::empty();
+    let splat = folder.write("good.ply", small_splat(100));
+    fs::create_dir(folder.path("photos")).expect("room");
+    let photograph = image::RgbImage::from_pixel(8, 8, image::Rgb([1, 2, 3]));
+    for name in ["000.png", "001.png"] {
+        photograph
+            .save(folder.path("photos").join(name))
+            .expect("room");
+    }
+    // The second camera's photograph is the first one's number.
+    let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,5],[0,0,0,1]]";
+    let frame = |name: &str| format!(r#"{{"file_path": "{name}", "transform_matrix": {pose}}}"#);
+    let [first, second] = ["001.png", "000.png"].map(frame);
+    let cameras = format!(r#"{{"camera_angle_x": 0.6, "frames": [{first}, {second}]}}"#);
+    let cameras = folder.write("transforms.json", cameras);
+    let photos = folder.name("photos");
+    let lost = "would be lost";
+    let line = "render {} --cameras {} --plate {} --frames 0 --device cpu -o {}";
+    run_told(
+        &args(line, &[&splat, &cameras, &photos, &photos]),
+        1,
+        &[lost],
+    );
+    let photo = folder.path("photos/000.png").display().to_string();
+    let look =
+        r#"{"version": 3, "asset": "good.ply", "background": "plate", "plate": "photos/000.png"}"#;
+    let look = folder.write("look.json", look);
+    let line = "render {} --turntable 1 --background white --device cpu -o {}";
+    run_told(&args(line, &[&look, &photo]), 1, &[lost]);
+    for name in ["000.png", "001.png"] {
+        let kept = image::open(folder.path("photos").join(name)).expect("it is kept");
+        assert_eq!(kept.to_rgb8(), photograph);
+    }
+}
+
 #[test]
 fn without_an_adapter_it_is_said_in_plain_words() {
     let error = transplat_gpu::choose_adapter(&[]).expect_err("there is none");

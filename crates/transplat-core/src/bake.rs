@@ -4,6 +4,7 @@ pub mod directional;
 pub mod front;
 pub mod harmonic;
 mod hierarchy;
+pub mod insertion;
 pub mod open_object;
 pub mod patches;
 pub mod scaled;
@@ -47,7 +48,7 @@ pub(crate) fn check_method(baked: Method, wanted: Method) -> Result<()> {
 #[derive(Clone, Debug)]
 pub enum Bake {
     /// For the harmonic method.
-    Harmonic(HarmonicBake),
+    Harmonic(Arc<HarmonicBake>),
     /// For the directional method.
     Directional(Arc<DirectionalBake>),
     /// For the directional method, of several objects.
@@ -90,10 +91,12 @@ impl Bake {
             }
             Method::Harmonic => {
                 let open = || HarmonicBake::of_open_object(cloud, directions);
-                Self::Harmonic(match skips.has(Skip::OpenObject).then(open).flatten() {
-                    Some(open) => open,
-                    None => harmonic::bake(cloud, directions, progress)?,
-                })
+                Self::Harmonic(Arc::new(
+                    match skips.has(Skip::OpenObject).then(open).flatten() {
+                        Some(open) => open,
+                        None => harmonic::bake(cloud, directions, progress)?,
+                    },
+                ))
             }
         })
     }

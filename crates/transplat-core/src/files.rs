@@ -36,6 +36,12 @@ pub use write::{
     write_exr, write_layers, write_png,
 };
 
+/// Whether two paths are of one file, however they are spelled.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    let whole = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    a == b || whole(a) == whole(b)
+}
+
 /// Loads a photograph to be seen behind objects: anything that an environment may be, of any shape.
 ///
 /// # Errors
@@ -44,15 +50,17 @@ pub fn load_plate(path: &Path) -> Result<Plate> {
     Ok(Plate::of(&load_environment(path)?))
 }
 
-/// Width and height of a photograph.
+/// Width and height of a photograph, of which only the header is read.
 ///
 /// # Errors
 /// As [`load_plate`].
 pub fn plate_size(path: &Path) -> Result<[usize; 2]> {
-    if file_kind(path)? == FileKind::Picture {
-        return picture::size(path);
+    match file_kind(path)? {
+        FileKind::Picture => picture::size(path),
+        FileKind::Hdr => hdr::size(path),
+        FileKind::Exr => exr::size(path),
+        _ => load_plate(path).map(|p| [p.width, p.height]),
     }
-    load_plate(path).map(|p| [p.width, p.height])
 }
 
 /// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).

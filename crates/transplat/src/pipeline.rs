@@ -13,9 +13,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use glam::DMat3;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::HarmonicBake;
+use transplat_core::bake::insertion::{InsertionBake, Standing};
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Placed;
 use transplat_core::environment::{EnvironmentMap, Illumination};
@@ -28,7 +27,7 @@ use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::scene::SceneTransfer;
-use transplat_core::transfer::scene::harmonic::{HarmonicScene, Inserted};
+use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
@@ -50,7 +49,7 @@ pub struct Pipeline {
     pub scene: Scene,
     pub device: Device,
     /// Those of several objects, once they were needed.
-    harmonic_bakes: OnceCell<Vec<HarmonicBake>>,
+    insertion: OnceCell<Arc<InsertionBake>>,
 }
 
 impl Pipeline {
@@ -102,7 +101,7 @@ impl Pipeline {
             cloud,
             scene,
             device,
-            harmonic_bakes: OnceCell::new(),
+            insertion: OnceCell::new(),
         }
     }
 
@@ -145,11 +144,7 @@ impl Pipeline {
         let bake = if self.is_composed() {
             match self.scene.transfer.method {
                 Method::Directional => Bake::Scene(Arc::new(self.scene_bake(summary)?)),
-                Method::Harmonic => {
-                    let each = self.own_harmonic_bakes(summary)?;
-                    let each: Vec<&HarmonicBake> = each.iter().collect();
-                    Bake::Harmonic(HarmonicBake::together(&each))
-                }
+                Method::Harmonic => Bake::Harmonic(self.insertion_bake(summary)?.together.clone()),
             }
         } else {
             self.first().bake(by, saved, summary)?
@@ -193,21 +188,33 @@ impl Pipeline {
         Ok(summary.time("surroundings", trace)?)
     }
 
-    /// The objects' own bakes for the harmonic method, where they stand.
-    fn own_harmonic_bakes(&self, summary: &mut Summary) -> Result<&[HarmonicBake]> {
-        if let Some(known) = self.harmonic_bakes.get() {
+    /// The same for the harmonic method: the objects' own bakes where they stand, and their shadows on the scene.
+    fn insertion_bake(&self, summary: &mut Summary) -> Result<&Arc<InsertionBake>> {
+        if let Some(known) = self.insertion.get() {
             return Ok(known);
         }
-        let mut made = Vec::new();
+        let mut objects = Vec::new();
         for object in &self.objects {
             let placed = object.placed();
             let Bake::Harmonic(bake) = placed.bake((&self.device, &self.scene), None, summary)?
             else {
                 bail!("the bake is for the other preset");
             };
-            made.push(bake);
+            objects.push(Standing {
+                cloud: placed.cloud,
+                bake,
+                turn: object.settings.transform.rotation,
+            });
         }
-        Ok(self.harmonic_bakes.get_or_init(|| made))
+        let bar = summary.progress_bar("tracing between objects");
+        let progress = |done: f64| {
+            bar.set_position((done * 1000.0) as u64);
+            ControlFlow::Continue(())
+        };
+        let shadows = self.scene.transfer.terms.shadow;
+        let trace = || InsertionBake::new(objects, shadows, None, &progress);
+        let made = summary.time("surroundings", trace)?;
+        Ok(self.insertion.get_or_init(|| Arc::new(made)))
     }
 
     /// Bakes the ground that catches the object's shadow.
@@ -355,21 +362,18 @@ impl Pipeline {
 
     /// The same as the paper puts objects into a scene.
     fn prepare_harmonic_scene(&self, lights: &Lights) -> Result<PreparedTransfer> {
-        let Some(bakes) = self.harmonic_bakes.get() else {
+        let Some(bake) = self.insertion.get() else {
             bail!("the objects are not baked");
         };
-        let placed = |(at, object): (usize, &LoadedObject)| {
-            let [source, _] = lights.oriented(self, at, &lights.targets[0]);
-            let turn = object.settings.transform.rotation;
-            Inserted {
-                cloud: object.placed().cloud,
-                bake: &bakes[at],
-                source: source.rotated(DMat3::from_quat(turn.as_dquat())),
-                turn,
-            }
-        };
-        let objects: Vec<_> = self.objects.iter().enumerate().map(placed).collect();
-        let scene = HarmonicScene::new(&objects, &self.scene.transfer, &no_progress)?;
+        let objects = 0..self.objects.len();
+        let sources: Vec<Illumination> = objects
+            .map(|at| {
+                let [source, _] = lights.oriented(self, at, &lights.targets[0]);
+                source
+            })
+            .collect();
+        let sources: Vec<&Illumination> = sources.iter().collect();
+        let scene = HarmonicScene::new(bake.clone(), &sources, &self.scene.transfer)?;
         Ok(PreparedTransfer::HarmonicScene(Arc::new(scene)))
     }
 

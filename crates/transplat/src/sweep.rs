@@ -350,9 +350,8 @@ fn bake_maps(device: &Device, cloud: &SurfelCloud, how: MapBake) -> Result<Bake>
         Device::Cpu => bake_receivers(&input, &input.surfels, how.softness, &no_progress)?,
         gpu => gpu.bake_harmonic(&input, &no_progress)?,
     };
-    Ok(Bake::Harmonic(HarmonicBake::from_open(
-        cloud, directions, open,
-    )))
+    let bake = HarmonicBake::from_open(cloud, directions, open);
+    Ok(Bake::Harmonic(bake.into()))
 }
 
 impl Point {

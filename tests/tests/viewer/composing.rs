@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{Quat, Vec3};
 use transplat::viewer::{Format, Startup, Task};
-use transplat_core::color::{Encoding, encode_sh};
+use transplat_core::color::{Encoding, decode_sh, encode_sh};
 use transplat_core::files::{
     load_asset, load_environment, load_look, load_picture, save_look, write_splat,
 };
@@ -21,11 +21,33 @@ fn write(folder: &Folder, name: &str, cloud: &SurfelCloud) {
     write_splat(cloud, &stored, &folder.path(name)).expect("room");
 }
 
-/// A ball over a plate, both captured under even light and lit by a city.
+/// A ball of which each surfel has a colour of its own, another one from each side: it shows how it is turned.
+fn colored_ball() -> SurfelCloud {
+    let mut ball = synthetic::sphere(800);
+    let sides = |(dc, p): (&[f32; 3], &Vec3)| {
+        let along = p.to_array().map(|x| 0.3 * x);
+        [*dc, along, [0.0; 3], along.map(|x| -x)]
+    };
+    ball.sh = ball
+        .sh
+        .iter()
+        .zip(&ball.positions)
+        .flat_map(sides)
+        .collect();
+    ball.sh_degree = 1;
+    ball
+}
+
+/// A grey ball over a plate.
 fn ball_over_plate() -> Driver {
+    over_plate(&synthetic::sphere(800))
+}
+
+/// A ball over a plate, turned, both captured under even light and lit by a city.
+fn over_plate(ball: &SurfelCloud) -> Driver {
     let folder = Folder::empty();
     write(&folder, "plate.ply", &synthetic::sheet(30));
-    write(&folder, "ball.ply", &synthetic::sphere(800));
+    write(&folder, "ball.ply", ball);
     std::fs::copy(asset("city.hdr"), folder.path("city.hdr")).expect("room");
     let scene = r#"{"version": 3, "target": {"file": "city.hdr"}, "objects": [
         {"asset": "plate.ply", "source": {"file": "even"}},
@@ -81,7 +103,7 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
 /// By preset paper, too: lit by a probe, with a shadow on what is near, also where an object was moved.
 #[test]
 fn a_scene_of_preset_paper_is_what_the_command_line_draws() {
-    let mut d = ball_over_plate();
+    let mut d = over_plate(&colored_ball());
     let settings = d.viewer().export_settings();
     settings.size = [200, 160];
     settings.transparent = true;
@@ -104,8 +126,21 @@ fn a_scene_of_preset_paper_is_what_the_command_line_draws() {
         std::fs::remove_file(&ours).expect("it was saved");
     }
     assert!(psnr(&drawn[0], &drawn[1]) < 35.0);
-    // What is on the screen has the ball's shadow, too: alone, a plate of one normal changes by the same everywhere.
+    // What is on the screen is the same, each object in coordinates of its own.
+    let [look, relit] = ["look.json", "relit"].map(|n| d.folder.name(n));
+    run_json(&args("relight {} --device cpu -o {}", &[&look, &relit]));
+    let path = d.folder.path("relit").join("the ball.ply");
+    let (theirs, _) = load_asset(&path).expect("the command's");
+    let theirs = decode_sh(&theirs.sh, 1, theirs.encoding);
     let session = &mut d.viewer().session;
+    session.selected = 1;
+    for (i, theirs) in theirs.chunks_exact(4).enumerate() {
+        let (_, ours) = session.relit_surfel(i).expect("it is relit");
+        for (a, b) in ours.as_flattened().iter().zip(theirs.as_flattened()) {
+            assert!((a - b).abs() < 0.01, "surfel {i}: {ours:?} {theirs:?}");
+        }
+    }
+    // It has the ball's shadow, too: alone, a plate of one normal changes by the same everywhere.
     session.selected = 0;
     let taus = (0..900).map(|i| session.relit_surfel(i).expect("it is relit").0[1]);
     let (low, high) = taus.fold((f32::MAX, 0f32), |(a, b), t| (a.min(t), b.max(t)));
@@ -314,7 +349,7 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let text = format!(
         r#"{{"camera_angle_x": 0.6, "w": 120, "h": 90, "frames": [{{"file_path": "photo", "transform_matrix": {rows}}}]}}"#
     );
-    let cameras = d.folder.write("transforms.json", text);
+    let cameras = d.folder.write("transforms.json", &text);
     let path = d.folder.path("transforms.json");
     d.after(|v| v.open(&path));
     let session = &d.viewer().session;
@@ -362,6 +397,16 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let large = picture(large.as_ref());
     let alike = psnr(&inside(&shown), &inside(&large));
     assert!(alike > 38.0, "{alike}");
+    // Another camera whose photograph is not there does not stand before that one; what the user chose stays behind any.
+    let text = text.replace("\"photo\"", "\"elsewhere\"");
+    let others = d.folder.path("others.json");
+    std::fs::write(&others, text).expect("room");
+    let plate = |d: &mut Driver| d.viewer().session.scene.plate.clone();
+    d.after(|v| v.session.look_through(0));
+    assert!(plate(&mut d).is_some());
+    d.after(|v| v.session.set_plate("photo chosen.png".into()));
+    d.after(|v| v.open(&others));
+    assert_eq!(plate(&mut d), Some("photo chosen.png".into()));
 }
 
 /// A ball over a plate that were captured as one, under even light and lit by a city.

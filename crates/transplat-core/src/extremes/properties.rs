@@ -190,7 +190,7 @@ proptest! {
         settings.epsilon = settings.epsilon.map(|e| e.max(1e-2));
         let turn = DMat3::from_axis_angle(DVec3::from(axis).normalize(), angle);
         let turned = synthetic::turned(&cloud, turn);
-        let open = |cloud: &SurfelCloud| Bake::Harmonic(HarmonicBake::all_open(cloud, 16));
+        let open = |cloud: &SurfelCloud| Bake::Harmonic(HarmonicBake::all_open(cloud, 16).into());
         let here = relight(&cloud, &open(&cloud), [&source, &target], &settings);
         let lights = [source.rotated(turn), target.rotated(turn)];
         let there = relight(&turned, &open(&turned), [&lights[0], &lights[1]], &settings);

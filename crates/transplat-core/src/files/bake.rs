@@ -213,7 +213,7 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
         Method::Harmonic => {
             let directions = header.directions as usize;
             let visibility = HarmonicBake::from_open(cloud, directions, bytes);
-            Ok(Bake::Harmonic(visibility))
+            Ok(Bake::Harmonic(visibility.into()))
         }
         Method::Directional => {
             let found = found_in(&bytes, cloud.len());
@@ -274,7 +274,7 @@ mod tests {
         let visibility = bake(&cloud, 32, &no_progress);
         let directional = DirectionalBake::bake(&cloud, &no_progress);
         let bakes = [
-            Bake::Harmonic(visibility.expect("a bake")),
+            Bake::Harmonic(visibility.expect("a bake").into()),
             Bake::Directional(Arc::new(directional.expect("a bake"))),
         ];
         for baked in bakes {

@@ -20,17 +20,30 @@ pub fn load(path: &Path) -> Result<EnvironmentMap> {
     ))
 }
 
+/// Width and height, as the header of the first layer tells them.
+pub fn size(path: &Path) -> Result<[usize; 2]> {
+    super::read::open(path)?;
+    let meta = MetaData::read_from_file(path, false).map_err(invalid(path))?;
+    let size = meta.headers.first().map(|h| h.layer_size);
+    let size = size.ok_or_else(|| Error::invalid(path, "OpenEXR: no layer"))?;
+    Ok([size.width(), size.height()])
+}
+
+fn invalid(path: &Path) -> impl Fn(exr::error::Error) -> Error + '_ {
+    move |error| Error::invalid(path, format!("OpenEXR: {error}"))
+}
+
 /// Reads a picture as it is: linear, premultiplied, opaque where it has no alpha; no depth.
 ///
 /// # Errors
 /// The file cannot be read, is broken or too large, or has no colour.
 pub fn load_picture(path: &Path) -> Result<Raster> {
-    let invalid = |error: exr::error::Error| Error::invalid(path, format!("OpenEXR: {error}"));
+    let invalid = invalid(path);
     let bytes = super::read::open(path)?
         .metadata()
         .map_err(Error::io(path))?
         .len();
-    let meta = MetaData::read_from_file(path, false).map_err(invalid)?;
+    let meta = MetaData::read_from_file(path, false).map_err(&invalid)?;
     // Every layer is checked, because the reader makes room for the first that it can read.
     for header in &meta.headers {
         // The reader divides by it.

@@ -1,16 +1,31 @@
 //! Radiance .hdr (RGBE, XYZE): flat, old and new run lengths, exposure, and all eight orders of scanlines.
 
+use std::io::Read;
 use std::path::Path;
 
-use super::read::{check_map_size, read_all};
+use super::read::{check_map_size, open, read_all};
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 
 /// Four bytes a pixel for the largest map, and room for a header.
 const MAX_BYTES: u64 = super::read::MAX_ENVIRONMENT_PIXELS as u64 * 5;
 
+/// No header is longer.
+const MAX_HEADER: u64 = 1 << 16;
+
 pub fn load(path: &Path) -> Result<EnvironmentMap> {
     parse(path, &read_all(path, MAX_BYTES)?)
+}
+
+/// Width and height, as the header tells them.
+pub fn size(path: &Path) -> Result<[usize; 2]> {
+    let mut head = Vec::new();
+    open(path)?
+        .take(MAX_HEADER)
+        .read_to_end(&mut head)
+        .map_err(Error::io(path))?;
+    let (header, _) = parse_header(&head).map_err(|m| Error::invalid(path, m))?;
+    Ok(header.size())
 }
 
 struct Header {
@@ -26,15 +41,23 @@ struct Header {
     flip_y: bool,
 }
 
+impl Header {
+    /// Width and height.
+    fn size(&self) -> [usize; 2] {
+        let (lines, length) = (self.scanlines, self.length);
+        if self.transposed {
+            [lines, length]
+        } else {
+            [length, lines]
+        }
+    }
+}
+
 fn parse(path: &Path, bytes: &[u8]) -> Result<EnvironmentMap> {
     let invalid = |message: String| Error::invalid(path, message);
     let (header, mut data) = parse_header(bytes).map_err(invalid)?;
     let (lines, length) = (header.scanlines, header.length);
-    let (width, height) = if header.transposed {
-        (lines, length)
-    } else {
-        (length, lines)
-    };
+    let [width, height] = header.size();
     check_map_size(path, width, height)?;
     // The new code packs 16 pixels of one colour into a byte, the old one 64.
     if width * height > data.len().saturating_mul(64) {

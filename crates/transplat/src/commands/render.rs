@@ -57,16 +57,22 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         );
     }
     let assets = assets_of(&args.asset, &scene);
+    if assets.len() > 1 && !relit && args.view.is_none() {
+        summary.warn(
+            "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
+        );
+    }
     let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
     let frames = frames(args, &pipeline, &mut summary)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
+    let photographs = photographs(pipeline.scene.plate.as_deref());
     let inputs = args
         .light
         .inputs(&pipeline.scene, &targets)
         .chain(assets.iter().map(|a| &**a))
         .chain(cameras)
-        .chain(frames.iter().filter_map(|f| f.plate.as_deref()));
+        .chain(photographs.iter().map(|p| &**p));
     let mut outputs = output.pictures(&targets, &frames);
     if args.layers {
         let looks = outputs.iter().map(|path| look_beside(path));
@@ -282,6 +288,17 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     }
     let count = camera.turntable.unwrap_or(1) as usize;
     numbered(turntable(cloud, count, fov_x, size, near))
+}
+
+/// A photograph, or all that lie in a folder of them: those that no frame is drawn over are not to be lost either.
+fn photographs(plate: Option<&Path>) -> Vec<PathBuf> {
+    let Some(plate) = plate else {
+        return Vec::new();
+    };
+    match plate.read_dir() {
+        Ok(files) => files.flatten().map(|file| file.path()).collect(),
+        Err(_) => vec![plate.to_owned()],
+    }
 }
 
 /// The photograph behind a frame: one for all, or out of a folder that of its camera, which calls it `picture`.

@@ -1,9 +1,10 @@
 //! Stage *bake* on either device: from start to end, or as the window wants it: from a file where there is one, else direction by direction,
 //! usable from the first ones on.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use anyhow::Result;
 use transplat_core::bake::Bake;
@@ -104,7 +105,7 @@ fn cached_file(cloud: &SurfelCloud, suffix: &str) -> Option<PathBuf> {
 /// Bytes of the bakes of parts that are kept: every cut that is tried makes two.
 const MOST_OF_PARTS: u64 = 1 << 30;
 
-/// Removes bakes of parts beside the newest one, the oldest first, until there is room.
+/// Removes bakes of parts beside the newest one, those first that nobody has needed for longest, until there is room.
 fn forget_old_parts(newest: &Path) {
     let entries = newest
         .parent()
@@ -170,6 +171,11 @@ pub fn refined(
             && bake.method() == wanted.method
             && bake.directions() == wanted.directions
         {
+            if wanted.part_of.is_some() {
+                // That it was needed keeps it; one that cannot be marked may go.
+                let opened = File::options().append(true).open(file);
+                let _ = opened.and_then(|f| f.set_modified(SystemTime::now()));
+            }
             let bake = match bake {
                 Bake::Directional(bake) => wanted.known(Arc::unwrap_or_clone(bake)),
                 other => other,
@@ -238,13 +244,13 @@ fn harmonic(
     if wanted.skips.has(Skip::OpenObject)
         && let Some(open) = HarmonicBake::of_open_object(cloud, directions)
     {
-        return Ok(Bake::Harmonic(open));
+        return Ok(Bake::Harmonic(open.into()));
     }
     let mut input = BakeInput::new(cloud, directions);
     if let [1] = stages {
         let open = device.bake_harmonic(&input, progress)?;
         let whole = HarmonicBake::from_open(cloud, directions, open);
-        return Ok(Bake::Harmonic(whole));
+        return Ok(Bake::Harmonic(whole.into()));
     }
     let frames = std::mem::take(&mut input.frames);
     let order = refining_order(directions);
@@ -269,11 +275,14 @@ fn harmonic(
             let mut filled = open.clone();
             fill_unfinished(&mut filled, directions, &order[..done]);
             let so_far = HarmonicBake::from_open(cloud, directions, filled);
-            preview(Bake::Harmonic(so_far), done as f32 / directions as f32);
+            preview(
+                Bake::Harmonic(so_far.into()),
+                done as f32 / directions as f32,
+            );
         }
     }
     let whole = HarmonicBake::from_open(cloud, directions, open);
-    Ok(Bake::Harmonic(whole))
+    Ok(Bake::Harmonic(whole.into()))
 }
 
 /// Saves to the first place that takes it.
@@ -366,10 +375,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let made = |name: &str, bytes: u64, age: u64| {
             let path = folder.path().join(name);
-            let file = std::fs::File::create(&path).expect("room");
+            let file = File::create(&path).expect("room");
             // A file with a hole takes no room.
             file.set_len(bytes).expect("room");
-            let then = std::time::SystemTime::now() - std::time::Duration::from_secs(age);
+            let then = SystemTime::now() - std::time::Duration::from_secs(age);
             file.set_modified(then).expect("a time");
             path
         };

@@ -14,7 +14,7 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::files::{AssetFile, load_asset, load_bake};
+use transplat_core::files::{AssetFile, is_same_file, load_asset, load_bake};
 use transplat_core::scene::{Object, Scene, kept};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelCloud, is_faint};
@@ -59,10 +59,9 @@ impl LoadedObject {
             return Self::load(asset, settings, summary);
         }
         // However it is spelled: parts of one capture share it.
-        let file = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let is_it = |o: &Rc<Self>| {
             let read = |o: &Object| (o.up, o.linear, o.outside_from.clone());
-            file(&o.file.path) == file(asset) && read(&o.settings) == read(&settings)
+            is_same_file(&o.file.path, asset) && read(&o.settings) == read(&settings)
         };
         let whole = match wholes.iter().find(|o| is_it(o)) {
             Some(whole) => whole.clone(),

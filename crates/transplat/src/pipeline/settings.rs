@@ -35,11 +35,17 @@ pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> PathBuf {
 /// not all.
 pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<()> {
     let assets = assets_of(args, scene);
-    for asset in &assets {
-        std::fs::metadata(asset).with_context(|| asset.display().to_string())?;
+    let shown = || scene.objects.iter().filter(|o| o.shown);
+    for (object, asset) in shown().zip(&assets) {
+        std::fs::metadata(asset).with_context(|| {
+            let name = name_of(object, asset);
+            match assets.len() {
+                1 => asset.display().to_string(),
+                _ => format!("{}, the splat of {name}", asset.display()),
+            }
+        })?;
     }
-    let shown = scene.objects.iter().filter(|o| o.shown);
-    let (told, untold): (Vec<_>, Vec<_>) = shown
+    let (told, untold): (Vec<_>, Vec<_>) = shown()
         .zip(&assets)
         .partition(|(object, _)| object.source.file.is_some());
     if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), untold.first()) {

@@ -119,7 +119,7 @@ impl Reference {
         };
         let lights = &subject.lights;
         // Which side of a two-sided surfel counts is production's choice.
-        let bake = Bake::Harmonic(visibility);
+        let bake = Bake::Harmonic(visibility.into());
         let prepared = PreparedTransfer::new(&self.cloud, &bake, &lights[0], &settings)?;
         let (PreparedTransfer::Harmonic(prepared), Bake::Harmonic(visibility)) = (prepared, bake)
         else {

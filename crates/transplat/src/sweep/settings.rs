@@ -59,7 +59,9 @@ impl Setting {
     /// A bake as this setting sees it.
     pub fn blurred<'a>(&self, bake: &'a Bake) -> Cow<'a, Bake> {
         match (bake, self.visibility_degree) {
-            (Bake::Harmonic(v), Some(degree)) => Cow::Owned(Bake::Harmonic(v.of_degree(degree))),
+            (Bake::Harmonic(v), Some(degree)) => {
+                Cow::Owned(Bake::Harmonic(v.of_degree(degree).into()))
+            }
             _ => Cow::Borrowed(bake),
         }
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use eframe::egui;
-use transplat_core::files::{FileKind, file_kind, is_camera_file, load_look};
+use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
@@ -313,9 +313,11 @@ impl Viewer {
             Some(e) if may_differ || e.eq_ignore_ascii_case(wanted) => path.to_owned(),
             _ => path.with_added_extension(wanted),
         };
-        let same = |other: &Path| other.canonicalize().ok() == path.canonicalize().ok();
         let open = self.session.open_files();
-        let is_open = open.iter().chain(&self.shelf.paths).any(|p| same(p));
+        let is_open = open
+            .iter()
+            .chain(&self.shelf.paths)
+            .any(|p| is_same_file(p, &path));
         if path.exists() && is_open {
             self.session.error(format!(
                 "{}: is open here and would be lost; choose another name",

@@ -11,7 +11,7 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::files::AssetFile;
+use transplat_core::files::{AssetFile, is_same_file};
 use transplat_core::progress::Progress;
 use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, TransferSettings};
@@ -63,7 +63,9 @@ impl Capture {
     /// Whether it is a splat that was read so: its colour linear or not, its outside seen from there.
     pub fn is_of(&self, path: &Path, is_linear: bool, outside_from: &[Vec3]) -> bool {
         let was_linear = self.cloud.encoding == Encoding::StoredLinear;
-        self.path == path && was_linear == is_linear && self.cloud.outside_from == outside_from
+        is_same_file(&self.path, path)
+            && was_linear == is_linear
+            && self.cloud.outside_from == outside_from
     }
 
     /// Its bake, if it is there.

@@ -135,9 +135,15 @@ impl Session {
 
     /// Takes the selected object out of the scene, unless it is the only one.
     pub fn remove_object(&mut self) {
-        if self.scene.objects.len() > 1 {
-            self.remove(self.selected);
+        if self.scene.objects.len() == 1 {
+            return;
         }
+        if self.object().locked {
+            let called = self.called(self.selected);
+            self.info(format!("{called} is locked; unlock it to remove it"));
+            return;
+        }
+        self.remove(self.selected);
     }
 
     pub(super) fn remove(&mut self, at: usize) {

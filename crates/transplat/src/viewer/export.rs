@@ -20,6 +20,7 @@ use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::adapter::BackgroundDevice;
+use super::asset::reading_of;
 use super::capture::Part;
 use super::environments::Environment;
 use super::jobs::{Handle, Kind};
@@ -149,6 +150,9 @@ impl Task {
                     settings.format = format;
                 }
             }
+            Self::ContactSheet if settings.format == Format::ExrLayers => {
+                bail!("a contact sheet has no layers: choose another format")
+            }
             _ => {}
         }
         Ok(settings)
@@ -217,7 +221,10 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     let listed = session.scene.objects.iter().enumerate();
     let mut awaited = listed.filter(|(at, object)| {
         let is_listed = object.shown && object.asset.is_some();
-        is_listed && session.states[*at].asset.is_none() && !session.is_missing(*at)
+        // One that is to be read in another way is still what it was.
+        let asset = session.states[*at].asset.as_ref();
+        let is_there = asset.is_some_and(|a| a.reading() == reading_of(object));
+        is_listed && !is_there && !session.is_missing(*at)
     });
     if let Some(name) = awaited.next().map(|(at, _)| session.called(at)) {
         session.error(format!(

@@ -22,6 +22,9 @@ pub enum Kind {
     Ground,
     /// What objects see of each other, and all of them relit.
     Surroundings,
+    /// The same for preset paper, and their transfers.
+    Insertion,
+    PrepareTogether,
     RelightTogether,
     Backdrop(usize),
     Export,
@@ -70,6 +73,7 @@ impl Job {
             Kind::Of(_, Work::Load | Work::Bake(_) | Work::Measure)
                 | Kind::Ground
                 | Kind::Surroundings
+                | Kind::Insertion
                 | Kind::Export
                 | Kind::Extremes
         )

@@ -17,6 +17,7 @@ const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../ima
 impl Session {
     /// Opens a camera file and looks through its first camera.
     pub fn open_cameras(&mut self, path: &Path) {
+        self.jobs.cancel(Kind::Cameras);
         let path = path.to_owned();
         let file = path.clone();
         let work = move |_: &_| Ok(load_cameras(&file)?);
@@ -44,6 +45,7 @@ impl Session {
             path: path.to_owned(),
             file,
             at: 0,
+            photograph: None,
         });
         self.look_through(0);
     }
@@ -55,31 +57,31 @@ impl Session {
         let Some(cameras) = &mut self.cameras else {
             return;
         };
-        let Some(frame) = cameras.file.frames.get(at) else {
+        let Some(frame) = cameras.file.frames.get(at).cloned() else {
             return;
         };
         cameras.at = at;
-        let photograph = photograph(&cameras.path, frame);
-        // An angle of view is across the whole photograph.
-        let size_of = |file: &PathBuf| plate_size(file).ok();
-        let size = frame.size.or_else(|| photograph.as_ref().and_then(size_of));
-        let camera = frame.camera(size.unwrap_or([800, 800]), 1e-3);
-        self.pose = CameraPose::of(&camera, up, middle);
-        let missing = frame.picture.clone().filter(|_| photograph.is_none());
-        if let Some(photograph) = photograph {
-            self.set_plate(photograph);
-            return;
-        }
-        // That of another camera would lie.
-        if self.scene.background == Background::Plate {
+        let found = photograph(&cameras.path, &frame);
+        let last = std::mem::replace(&mut cameras.photograph, found.clone());
+        let is_behind = self.scene.background == Background::Plate;
+        if found.is_none() && is_behind && last.is_some() && self.scene.plate == last {
+            // That of another camera would lie; one that the user chose stays.
             self.scene.plate = None;
             self.scene.background = Background::default();
         }
-        if let Some(picture) = missing {
+        if let Some(photograph) = &found {
+            self.set_plate(photograph.clone());
+        } else if let Some(picture) = &frame.picture {
             self.info(format!(
                 "{picture}: the photograph of this camera is not beside its file, nor in images/"
             ));
         }
+        // An angle of view is across the whole photograph.
+        let behind = self.scene.plate.as_ref();
+        let behind = behind.filter(|_| self.scene.background == Background::Plate);
+        let size = frame.size.or_else(|| plate_size(behind?).ok());
+        let camera = frame.camera(size.unwrap_or([800, 800]), 1e-3);
+        self.pose = CameraPose::of(&camera, up, middle);
     }
 
     /// Shows a photograph behind the objects.

@@ -8,18 +8,16 @@ use std::sync::{Arc, Mutex};
 use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
-use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Detail;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
 use transplat_core::present::Doubt;
-use transplat_core::scene::{EnvironmentLight, Light};
+use transplat_core::scene::{EnvironmentLight, Light, Transform};
 use transplat_core::settings::skips::{Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Hide, UpAxis};
-use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
 
 use super::asset::Asset;
@@ -157,18 +155,16 @@ pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
 /// What the objects that are shown see of each other, and how finely.
 pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
 
-/// All that objects put into a scene as preset paper does it depend on: which, by state and version of its bake, captured under what, and
-/// where each stands; and the settings.
-pub type InsertionKey = (Vec<(u64, u64, OrientedLight, Affine3A)>, TransferSettings);
+/// All that is needed to know what objects put into a scene as preset paper does it see: which, by state and version of its bake, and where
+/// each stands; and whether they throw shadows.
+pub type InsertionKey = (Vec<(u64, u64, Transform)>, bool);
 
-/// Those objects, with what they see of themselves.
-pub struct Insertion {
-    pub scene: Arc<HarmonicScene>,
-    pub bake: HarmonicBake,
-}
+/// All that their transfers depend on: what they see, by its version, which they are and what each was captured under, and the settings.
+pub type InsertedKey = (u64, Vec<(u64, OrientedLight)>, TransferSettings);
 
-/// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, and what of the objects is not seen.
-pub type TogetherKey = (Vec<u64>, u64, OrientedLight, Part, Vec<u64>);
+/// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, whether the whole is wanted beside
+/// it, and what of the objects is not seen.
+pub type TogetherKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
 
 /// Directions. The fronts are the asset's: with others, what was baked is dropped.
 pub type BakeKey = usize;

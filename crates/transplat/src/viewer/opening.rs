@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{FileKind, file_kind, is_camera_file, load_look};
+use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
 use transplat_gpu::live::LiveAsset;
 
@@ -263,7 +263,7 @@ impl Session {
             return Some(known);
         }
         let is_of_it = |state: &&ObjectState| {
-            let asset = state.asset.as_ref().filter(|a| a.path == path);
+            let asset = state.asset.as_ref().filter(|a| is_same_file(&a.path, path));
             asset.is_some_and(|a| (a.is_linear(), &a.cloud.outside_from) == (linear, &outside_from))
         };
         let open = self.states.iter().find(is_of_it)?;

@@ -7,6 +7,7 @@ use std::time::Instant;
 use anyhow::Result;
 use eframe::egui;
 use transplat_core::bake::Bake;
+use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
@@ -15,6 +16,7 @@ use transplat_core::ground::Ground;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
+use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Live, Passes};
 
@@ -24,7 +26,7 @@ use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind};
 use super::object::{
-    GroundKey, GroundLitKey, Insertion, InsertionKey, ObjectState, OrientedLight, Surroundings,
+    GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight, Surroundings,
     TogetherKey,
 };
 use crate::pipeline::bake::Baked;
@@ -147,6 +149,8 @@ pub struct OpenCameras {
     pub file: CameraFile,
     /// The one that was chosen last.
     pub at: usize,
+    /// The photograph that was shown with it, if that was found.
+    pub photograph: Option<PathBuf>,
 }
 
 /// Everything that is open, and the settings.
@@ -177,7 +181,8 @@ pub struct Session {
     pub(super) surroundings: Surroundings,
     pub(super) is_tracing_finely: bool,
     /// The objects as preset paper puts them into a scene.
-    pub(super) insertion: Derived<InsertionKey, Insertion>,
+    pub(super) insertion: Derived<InsertionKey, Arc<InsertionBake>>,
+    pub(super) inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
     pub(super) relit_together: Derived<TogetherKey, ()>,
     /// The objects that are shown as they were relit together, by their states.
     pub(super) together: Vec<u64>,
@@ -240,6 +245,7 @@ impl Session {
             surroundings: Surroundings::default(),
             is_tracing_finely: false,
             insertion: Derived::default(),
+            inserted: Derived::default(),
             relit_together: Derived::default(),
             together: Vec::new(),
             ground: Derived::default(),
@@ -489,6 +495,7 @@ impl Session {
         }
         self.start_surroundings();
         self.start_insertion();
+        self.start_inserted();
         self.relight_together();
         self.update_ground();
         for at in 0..self.scene.objects.len() {

@@ -8,6 +8,7 @@ mod doubts;
 mod estimate;
 mod ground;
 mod hidden;
+mod insertion;
 mod lights;
 mod prepare;
 mod relight;

@@ -121,6 +121,22 @@ pub fn choice<T: PartialEq + Copy>(
     *value != before
 }
 
+/// A number that is dragged or typed: what is typed counts once it is whole, and is refused where it is no number of the range.
+pub fn number<T: Numeric>(value: &mut T, range: RangeInclusive<T>) -> egui::DragValue<'_> {
+    let (least, most) = (range.start().to_f64(), range.end().to_f64());
+    egui::DragValue::new(value)
+        .range(range)
+        .update_while_editing(false)
+        .custom_parser(move |text| parse(text).filter(|v| (least..=most).contains(v)))
+}
+
+/// A finite number as people write it, with a point or a comma.
+fn parse(text: &str) -> Option<f64> {
+    let text: String = text.chars().filter(|c| !c.is_whitespace()).collect();
+    let text = text.replace('\u{2212}', "-").replace(',', ".");
+    text.parse().ok().filter(|v: &f64| v.is_finite())
+}
+
 /// A button that says what it does; whether it was clicked.
 pub fn button(ui: &mut Ui, name: &str, tip: &str) -> bool {
     ui.button(name).on_hover_text(tip).clicked()
@@ -173,6 +189,32 @@ pub fn thousands(n: usize) -> String {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn only_finite_numbers_are_taken() {
+        let parsed = [
+            " 0,5",
+            "\u{2212}2",
+            "1e3",
+            "nan",
+            "inf",
+            "0.5+1",
+            "1.0.0",
+            "",
+        ]
+        .map(super::parse);
+        let wanted = [
+            Some(0.5),
+            Some(-2.0),
+            Some(1e3),
+            None,
+            None,
+            None,
+            None,
+            None,
+        ];
+        assert_eq!(parsed, wanted);
+    }
+
     #[test]
     fn large_numbers_are_grouped() {
         assert_eq!(super::thousands(30), "30");

@@ -5,125 +5,76 @@
 
 use std::sync::Arc;
 
-use glam::{Quat, Vec3};
+use glam::{DMat3, Vec3};
 
-use crate::bake::harmonic::{self, HarmonicBake};
+use crate::bake::harmonic::HarmonicBake;
+use crate::bake::insertion::InsertionBake;
 use crate::camera::{Camera, NEAR};
 use crate::color::Display;
 use crate::environment::{Illumination, project_environment};
 use crate::error::Result;
-use crate::numeric::smoothstep;
 use crate::probe::{Beyond, Cube, RadianceToward};
-use crate::progress::Progress;
 use crate::rasterize::{ColorSpace, rasterize, shade};
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skipped;
 use crate::sh::{coefficient_count, evaluate_sh};
-use crate::surfels::{Bounds, SurfelCloud};
+use crate::surfels::SurfelCloud;
 use crate::transfer::harmonic::HarmonicTransfer;
 use crate::transfer::relit::{Part, Relight, Relit};
 
-/// An object's shadow begins to fade at so many of its radii from its centre, and is gone at the second number.
-pub const SHADOW_REACH: [f32; 2] = [3.0, 4.0];
-
 /// Rows of the map in which the light at an object is taken: far more than SH series hold.
 const PROBE_ROWS: usize = 64;
-
-/// An object where it stands in a scene.
-#[derive(Clone, Debug)]
-pub struct Inserted<'a> {
-    /// Its surfels, in the scene's coordinates.
-    pub cloud: Arc<SurfelCloud>,
-    /// What those see of themselves.
-    pub bake: &'a HarmonicBake,
-    /// The light of its capture, as the scene sees it.
-    pub source: Illumination,
-    /// How it is turned.
-    pub turn: Quat,
-}
 
 /// A scene and the objects in it, each under the light of its own capture, ready for any other. Everything is in the scene's coordinates; the
 /// surfels are numbered object after object.
 #[derive(Clone, Debug)]
 pub struct HarmonicScene {
+    /// What they see.
+    pub bake: Arc<InsertionBake>,
     /// The scene, and then what is put into it.
     objects: Vec<Arc<HarmonicTransfer>>,
-    clouds: Vec<Arc<SurfelCloud>>,
-    turns: Vec<Quat>,
-    shadows: Vec<Shadow>,
+    /// The scene's surfels around each object that throws a shadow, without it and with it.
+    shadows: Vec<[HarmonicTransfer; 2]>,
     firsts: Vec<usize>,
 }
 
-/// What an object does to the scene around it.
-#[derive(Clone, Debug)]
-struct Shadow {
-    /// The object.
-    ball: Bounds,
-    /// The scene's surfels that it reaches, and how much of the shadow they get, 0 to 1.
-    near: Vec<(usize, f32)>,
-    /// Those, without it and with it.
-    without: HarmonicTransfer,
-    with: HarmonicTransfer,
-}
-
 impl HarmonicScene {
-    /// Takes objects where they stand, the scene first.
+    /// Takes the light of each object's capture, as the object has it.
     ///
     /// # Errors
-    /// A setting is out of range, or [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    /// A setting is out of range.
     pub fn new(
-        objects: &[Inserted<'_>],
+        bake: Arc<InsertionBake>,
+        sources: &[&Illumination],
         settings: &TransferSettings,
-        progress: Progress<'_>,
     ) -> Result<Self> {
-        let degree = settings.sh_degree;
         let prepare = |cloud: &SurfelCloud, bake: &HarmonicBake, light: &Illumination| {
-            HarmonicTransfer::new(cloud, bake, &light.radiance.truncated(degree), settings)
+            let light = light.radiance.truncated(settings.sh_degree);
+            HarmonicTransfer::new(cloud, bake, &light, settings)
         };
-        let scene = &objects[0].cloud;
-        let mut shadows = Vec::new();
-        for Inserted { cloud, .. } in &objects[1..] {
-            let ball = cloud.bounds();
-            let near: Vec<(usize, f32)> = (0..scene.len())
-                .map(|i| (i, reach(scene.positions[i], &ball)))
-                .filter(|(_, share)| *share > 0.0)
-                .collect();
-            let indices: Vec<usize> = near.iter().map(|(i, _)| *i).collect();
-            let around = scene.selected(&indices);
-            let mut both = around.clone();
-            let blocker = SurfelCloud {
-                sh: vec![[0.0; 3]; cloud.len() * coefficient_count(around.sh_degree)],
-                sh_degree: around.sh_degree,
-                ..(**cloud).clone()
-            };
-            both.add(&blocker, 1.0, Vec3::ZERO);
-            if near.is_empty() {
-                continue;
-            }
-            let directions = objects[0].bake.directions;
-            let [without, with] = [&around, &both].map(|c| harmonic::bake(c, directions, progress));
-            let without = prepare(&around, &without?, &objects[0].source)?;
-            let with = without.shadowed_as(&with?);
-            shadows.push(Shadow {
-                ball,
-                near,
-                without,
-                with,
-            });
-        }
+        let placed = bake.objects.iter().zip(sources);
+        let sources: Vec<Illumination> = placed
+            .map(|(o, source)| source.rotated(DMat3::from_quat(o.turn.as_dquat())))
+            .collect();
+        let each = bake.objects.iter().zip(&sources);
+        let objects = each
+            .map(|(o, source)| Ok(Arc::new(prepare(&o.cloud, &o.bake, source)?)))
+            .collect::<Result<_>>()?;
+        let shadows = bake.shadows.iter().map(|(_, shadow)| {
+            let without = prepare(&shadow.around, &shadow.without, &sources[0])?;
+            let with = without.shadowed_as(&shadow.with);
+            Ok([without, with])
+        });
+        let shadows = shadows.collect::<Result<_>>()?;
         let mut firsts = vec![0];
-        for Inserted { cloud, .. } in objects {
-            firsts.push(firsts[firsts.len() - 1] + cloud.len());
+        for object in &bake.objects {
+            firsts.push(firsts[firsts.len() - 1] + object.cloud.len());
         }
-        let prepared = objects
-            .iter()
-            .map(|o| Ok(Arc::new(prepare(&o.cloud, o.bake, &o.source)?)));
         Ok(Self {
-            objects: prepared.collect::<Result<_>>()?,
-            clouds: objects.iter().map(|o| o.cloud.clone()).collect(),
-            turns: objects.iter().map(|o| o.turn).collect(),
+            objects,
             shadows,
             firsts,
+            bake,
         })
     }
 
@@ -132,13 +83,13 @@ impl HarmonicScene {
         let mut scene = self.objects[0].relight_seen(target, part, &[])?;
         let unshaded = self.objects[0].relight_seen(target, Part::Whole, &[])?;
         let mut all = Vec::new();
-        for (object, cloud) in self.objects.iter().zip(&self.clouds).skip(1) {
-            let light = self.light_at(cloud.bounds().center, &unshaded, target);
+        for (object, placed) in self.objects.iter().zip(&self.bake.objects).skip(1) {
+            let light = self.light_at(placed.cloud.bounds().center, &unshaded, target);
             all.push(object.relight_seen(&light, part, &[])?);
         }
         let k = coefficient_count(scene.degree);
-        for shadow in &self.shadows {
-            let [without, with] = [&shadow.without, &shadow.with].map(|t| t.tau(target));
+        for ((_, shadow), transfers) in self.bake.shadows.iter().zip(&self.shadows) {
+            let [without, with] = transfers.each_ref().map(|t| t.tau(target));
             let (without, with) = (without?, with?);
             for ((i, share), (without, with)) in shadow.near.iter().zip(without.iter().zip(with)) {
                 let kept: [f32; 3] = std::array::from_fn(|c| {
@@ -165,7 +116,7 @@ impl HarmonicScene {
 
     /// The light at a place: the scene as it is relit, and the target where it is open.
     fn light_at(&self, place: Vec3, scene: &Relit, target: &Illumination) -> Illumination {
-        let cloud = &self.clouds[0];
+        let cloud = &self.bake.objects[0].cloud;
         let draw = |camera: &Camera| {
             let space = ColorSpace::Display(Display::default());
             let (sh, degree) = (&scene.sh, scene.degree);
@@ -179,7 +130,7 @@ impl HarmonicScene {
             );
             Ok::<_, std::convert::Infallible>(rasterize(cloud, camera, &colors, &[]))
         };
-        let radii = self.shadows.iter().map(|s| s.ball.radius);
+        let radii = self.bake.shadows.iter().map(|(_, s)| s.ball.radius);
         let near = NEAR * radii.fold(cloud.bounds().radius, f32::min);
         let Ok(cube) = Cube::seen_from(place, near, PROBE_ROWS, draw);
         let (series, degree) = (&target.radiance.coefficients, target.radiance.degree);
@@ -203,18 +154,12 @@ impl HarmonicScene {
     }
 }
 
-/// How much of an object's shadow a place gets, 0 to 1.
-fn reach(place: Vec3, ball: &Bounds) -> f32 {
-    let radii = place.distance(ball.center) / ball.radius;
-    1.0 - smoothstep(SHADOW_REACH[0], SHADOW_REACH[1], radii)
-}
-
 impl Relight for HarmonicScene {
     fn relight_objects(&self, target: &Illumination, part: Part, _: &[bool]) -> Result<Vec<Relit>> {
         let placed = self.relight_placed(target, part)?;
-        let each = placed.into_iter().zip(&self.turns);
+        let each = placed.into_iter().zip(&self.bake.objects);
         Ok(each
-            .map(|(relit, turn)| relit.turned(turn.inverse()))
+            .map(|(relit, o)| relit.turned(o.turn.inverse()))
             .collect())
     }
 

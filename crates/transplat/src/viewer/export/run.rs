@@ -10,8 +10,8 @@ use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::{Display, Encoding};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, folder_of, look_text, save_look, write_exr, write_layers, write_png,
-    write_relit, write_splat,
+    ExrFloats, PngBits, folder_of, is_same_file, look_text, save_look, write_exr, write_layers,
+    write_png, write_relit, write_splat,
 };
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
@@ -86,9 +86,6 @@ impl Snapshot {
                 self.need_shelf()?;
                 let lights = self.shelf.iter();
                 self.each(handle, lights.map(|light| (self.scene.view, light)))
-            }
-            Task::ContactSheet if self.settings.format == Format::ExrLayers => {
-                bail!("a contact sheet has no layers: choose another format")
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
@@ -480,8 +477,7 @@ impl Snapshot {
     }
 
     fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
-        let written = path.canonicalize().ok();
-        let is_it = |capture: &PathBuf| capture.canonicalize().ok() == written;
+        let is_it = |capture: &PathBuf| is_same_file(capture, path);
         if path.exists() && self.captures.iter().any(is_it) {
             bail!(
                 "{}: is the capture itself and would be lost; choose another name",

@@ -13,7 +13,7 @@ use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
-use crate::viewer::widgets::{Control, button, fact, file, named, thousands};
+use crate::viewer::widgets::{Control, button, fact, file, named, number, thousands};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
@@ -55,10 +55,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.checkbox(&mut session.object_mut().linear, "Colour is linear").on_hover_text("The splat was trained on linear pictures: its colour is not decoded before it is relit.");
     front(ui, viewer);
     let mut turned = 0.0;
-    let turn = egui::DragValue::new(&mut turned)
-        .suffix("°")
-        .speed(0.5)
-        .update_while_editing(false);
+    let turn = number(&mut turned, -360.0..=360.0).suffix("°").speed(0.5);
     let drag = ui
         .horizontal(|ui| {
             ui.label("Turn the object");
@@ -153,9 +150,8 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
                 ui.label(name);
                 let (mut low, mut high) = (hide.crop_min[axis], hide.crop_max[axis]);
                 for (value, side) in [(&mut low, "from"), (&mut high, "to")] {
-                    let drag = egui::DragValue::new(value)
+                    let drag = number(value, -3.0..=3.0)
                         .speed(0.01)
-                        .range(-3.0..=3.0)
                         .prefix(format!("{side} "))
                         .suffix(" radii");
                     let response = ui.add(drag).on_hover_text(

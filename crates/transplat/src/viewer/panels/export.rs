@@ -6,7 +6,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
-use crate::viewer::widgets::{button, choice, named};
+use crate::viewer::widgets::{button, choice, named, number};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);
@@ -29,9 +29,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
         for (i, name) in ["Width", "Height"].into_iter().enumerate() {
-            let drag = egui::DragValue::new(&mut settings.size[i])
-                .range(1..=16384)
-                .suffix(" px");
+            let drag = number(&mut settings.size[i], 1..=16384).suffix(" px");
             let response = ui.add(drag).on_hover_text(format!(
                 "{name} of saved pictures; beyond the largest texture they are drawn in tiles."
             ));
@@ -119,9 +117,7 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
 fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
-        let drag = egui::DragValue::new(&mut settings.frames)
-            .range(2..=10_000)
-            .suffix(" frames");
+        let drag = number(&mut settings.frames, 2..=10_000).suffix(" frames");
         let response = ui.add(drag).on_hover_text("Frames of a whole turn.");
         named(&response, egui::Role::SpinButton, "Turntable frames");
         ui.selectable_value(&mut settings.turn, Turn::Camera, "camera")

@@ -8,7 +8,7 @@ use transplat_core::scene::{FARTHEST, SCALES, Transform};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
-use crate::viewer::widgets::{button, name, named};
+use crate::viewer::widgets::{button, name, named, number};
 
 /// Characters of a name.
 const LONGEST_NAME: usize = 64;
@@ -35,14 +35,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             session.duplicate_object();
         }
         let several = session.scene.objects.len() > 1;
-        ui.add_enabled_ui(several, |ui| {
-            if button(
-                ui,
-                "Remove",
-                "Takes the selected object out of the scene. (Undo brings it back.)",
-            ) {
+        ui.add_enabled_ui(several && !session.object().locked, |ui| {
+            let tip = "Takes the selected object out of the scene. (Undo brings it back.)";
+            if button(ui, "Remove", tip) {
                 session.remove_object();
             }
+        });
+        ui.add_enabled_ui(several, |ui| {
             let tip = "Saves the light that the others show at the selected object, as they were captured, into the folder of the panel Export, and puts it on the shelf.";
             if button(ui, "Save the light here", tip) {
                 session.save_light_here(&viewer.preferences.export.folder);
@@ -65,7 +64,7 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         named(&shown, egui::Role::CheckBox, format!("Show {called}"));
         let lock = ui
             .selectable_label(object.locked, "Lock")
-            .on_hover_text("A locked object stays where it stands.");
+            .on_hover_text("A locked object stays where it stands, and is not removed.");
         if lock.clicked() {
             object.locked = !object.locked;
         }
@@ -119,9 +118,8 @@ fn stand(ui: &mut Ui, session: &mut Session) {
             .into_iter()
             .zip(transform.translation.as_mut())
         {
-            let drag = egui::DragValue::new(value)
+            let drag = number(value, -FARTHEST..=FARTHEST)
                 .speed(step)
-                .range(-FARTHEST..=FARTHEST)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
             let drag = ui.add(drag).on_hover_text(
@@ -137,7 +135,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     ui.horizontal(|ui| {
         name(ui, "Turn");
         for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut degrees) {
-            let drag = egui::DragValue::new(value)
+            let drag = number(value, -360.0..=360.0)
                 .speed(0.5)
                 .max_decimals(1)
                 .prefix(format!("{axis} "))
@@ -157,8 +155,8 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     ui.horizontal(|ui| {
         name(ui, "Scale");
         let speed = 0.005 * transform.scale;
-        let scale = egui::DragValue::new(&mut transform.scale);
-        let drag = ui.add(scale.speed(speed).range(SCALES).max_decimals(4));
+        let scale = number(&mut transform.scale, SCALES);
+        let drag = ui.add(scale.speed(speed).max_decimals(4));
         named(
             &drag.on_hover_text("Of all lengths."),
             egui::Role::SpinButton,
@@ -167,6 +165,9 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         if button(ui, "Reset", "Where it was captured.") {
             transform = Transform::default();
         }
+    });
+    ui.horizontal(|ui| {
+        name(ui, "");
         let tip = "Stands it on what is below it: another object, or the scene's ground.";
         drops = button(ui, "Drop to ground", tip);
     });

@@ -10,7 +10,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::navigation;
 use crate::viewer::session::{Dialog, SaveKind, Session};
-use crate::viewer::widgets::{Control, button, choice, name, named};
+use crate::viewer::widgets::{Control, button, choice, name, named, number};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
@@ -131,9 +131,7 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
     let mut chosen = false;
     ui.horizontal(|ui| {
         name(ui, "Camera");
-        let drag = egui::DragValue::new(&mut at)
-            .range(1..=count)
-            .suffix(format!(" of {count}"));
+        let drag = number(&mut at, 1..=count).suffix(format!(" of {count}"));
         let response = ui.add(drag).on_hover_text(
             "Looks through a camera of the file, its photograph behind the objects.",
         );

@@ -28,6 +28,7 @@ impl Session {
         let Some(bake) = self.baked_of(at).map(|b| b.bake.clone()) else {
             return;
         };
+        let shows = self.shows_doubts();
         let state = &mut self.states[at];
         let (Some(asset), Some(prepared), Some(relit)) =
             (&state.asset, state.prepared.get(), state.relit.made_from())
@@ -39,10 +40,8 @@ impl Session {
         if key.0 != state.prepared.version() || self.jobs.is_running(kind) {
             return;
         }
-        let overlays = &self.overlays;
-        let shows = overlays.wants_doubts || overlays.marks || self.scene.view == View::Doubts;
         let wants_doubts = shows && !state.doubts.is_asked(&key);
-        let wants_readout = overlays.wants_readout && state.readout.of(&key).is_none();
+        let wants_readout = self.overlays.wants_readout && state.readout.of(&key).is_none();
         if !wants_doubts && !wants_readout {
             return;
         }
@@ -71,6 +70,12 @@ impl Session {
         self.start(kind, label, work, move |session, made| {
             session.show_doubts(id, key, made);
         });
+    }
+
+    /// Whether anything shows what is doubtful.
+    pub(super) fn shows_doubts(&self) -> bool {
+        let overlays = &self.overlays;
+        overlays.wants_doubts || overlays.marks || self.scene.view == View::Doubts
     }
 
     fn show_doubts(

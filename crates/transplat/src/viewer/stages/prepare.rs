@@ -77,7 +77,8 @@ impl Session {
             };
             if session.states[at].prepared.accept(key, made) {
                 session.stages.prepare += 1;
-                if let Some(live) = live {
+                // What is relit together is not drawn from there.
+                if let Some(live) = live.filter(|_| !session.together.contains(&id)) {
                     session.live().set_transfer(at, live);
                 }
             }

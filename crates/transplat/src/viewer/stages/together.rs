@@ -3,38 +3,27 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Result, bail};
-use glam::{DMat3, Quat};
+use glam::DMat3;
 use transplat_core::bake::Bake;
-use transplat_core::bake::harmonic::HarmonicBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::{Detail, Placed};
-use transplat_core::environment::Illumination;
 use transplat_core::present;
 use transplat_core::scene::Transform;
 use transplat_core::settings::Method;
-use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::scene::SceneTransfer;
-use transplat_core::transfer::scene::harmonic::{HarmonicScene, Inserted};
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
-use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::object::{
-    Insertion, InsertionKey, OrientedLight, RelitKey, SurroundingsKey, TogetherKey,
-};
+use crate::viewer::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
 use crate::viewer::session::{Outcome, Session};
 
 /// Scenes of fewer surfels are traced finely at once.
 const SOON_TRACED: usize = 20_000;
 
-/// An object as it is: its surfels, its own bake, what it was captured under, and where it stands.
-type ToInsert = (Arc<SurfelCloud>, Arc<Bake>, Arc<Illumination>, Transform);
-
 impl Session {
     /// The objects that are shown, where they are several and relit together.
-    fn members(&self) -> Vec<usize> {
+    pub(super) fn members(&self) -> Vec<usize> {
         if self.is_composed() {
             self.shown().map(|(at, ..)| at).collect()
         } else {
@@ -75,6 +64,11 @@ impl Session {
 
     /// Traces what the objects see of each other where they stand now, first coarsely; the last answer serves until then.
     pub(in crate::viewer) fn start_surroundings(&mut self) {
+        let kind = Kind::Surroundings;
+        if self.scene.transfer.method != Method::Directional && self.jobs.is_awaited(kind) {
+            self.jobs.cancel(kind);
+            self.surroundings.ask_again();
+        }
         let Some((of, placed)) = self.placed() else {
             return;
         };
@@ -86,7 +80,6 @@ impl Session {
         if self.surroundings.is_asked(&fine) || self.surroundings.is_asked(next) {
             return;
         }
-        let kind = Kind::Surroundings;
         if self.jobs.is_awaited(kind) {
             // A coarse one, or one of a few surfels, is soon done, and shown while things move; nobody waits for a fine one of where they
             // were.
@@ -112,97 +105,11 @@ impl Session {
         });
     }
 
-    /// All that preset paper's scene depends on as it stands now, once its objects are baked.
-    fn insertion_key(&self) -> Option<InsertionKey> {
-        let settings = self.scene.transfer.clone();
-        if settings.method != Method::Harmonic {
-            return None;
-        }
-        let each = self.members().into_iter().map(|at| {
-            let state = &self.states[at];
-            let made = state.bakes.get(&Method::Harmonic)?;
-            made.current().filter(|b| b.share == 1.0)?;
-            let [source, _] = self.oriented_of(at);
-            let scene_from_object = self.scene.objects[at].transform.scene_from_object();
-            Some((state.id, made.version(), source, scene_from_object))
-        });
-        let each = each.collect::<Option<Vec<_>>>()?;
-        (!each.is_empty()).then_some((each, settings))
-    }
-
-    /// Puts the objects into the scene as preset paper does it, where they stand now; the last answer serves until then.
-    pub(in crate::viewer) fn start_insertion(&mut self) {
-        let kind = Kind::Surroundings;
-        let Some(key) = self.insertion_key() else {
-            return;
-        };
-        if self.jobs.is_awaited(kind) || !self.insertion.ask(&key) {
-            return;
-        }
-        let (directions, background) = (self.scene.directions, self.background.clone());
-        let each = key.0.iter().filter_map(|(id, _, source, _)| {
-            let at = self.at(*id)?;
-            let cloud = self.states[at].asset.as_ref()?.cloud.clone();
-            let bake = self.states[at].bakes.get(&Method::Harmonic)?.get()?;
-            let transform = self.scene.objects[at].transform;
-            Some((cloud, bake.bake.clone(), source.light.clone(), transform))
-        });
-        let each: Vec<ToInsert> = each.collect();
-        let (count, settings) = (each.len() as f64, key.1.clone());
-        let work = move |handle: &Handle<Outcome>| {
-            let mut baked = Vec::new();
-            for (i, (cloud, own, _, transform)) in each.iter().enumerate() {
-                let cloud = Arc::new(transform.place(cloud));
-                // Its directions do not turn with it.
-                let bake = if transform.rotation == Quat::IDENTITY {
-                    own.clone()
-                } else {
-                    let wanted = Wanted {
-                        cloud: cloud.clone(),
-                        method: Method::Harmonic,
-                        directions,
-                        skips: settings.skips,
-                        part_of: None,
-                        beside: None,
-                    };
-                    let progress = |done: f64| handle.progress((i as f64 + done) / count);
-                    Arc::new(bake::bake(&background.fastest(), &wanted, &progress)?)
-                };
-                baked.push((cloud, bake));
-            }
-            let placed = baked.iter().zip(&each);
-            let placed = placed.map(|((cloud, bake), (.., source, transform))| {
-                let Bake::Harmonic(bake) = &**bake else {
-                    bail!("the bake is for the other preset");
-                };
-                let turn = transform.rotation;
-                Ok(Inserted {
-                    cloud: cloud.clone(),
-                    bake,
-                    source: source.rotated(DMat3::from_quat(turn.as_dquat())),
-                    turn,
-                })
-            });
-            let placed = placed.collect::<Result<Vec<_>>>()?;
-            let progress = |done| handle.progress(done);
-            let scene = HarmonicScene::new(&placed, &settings, &progress)?;
-            let bakes: Vec<&HarmonicBake> = placed.iter().map(|o| o.bake).collect();
-            Ok(Insertion {
-                scene: Arc::new(scene),
-                bake: HarmonicBake::together(&bakes),
-            })
-        };
-        let label = "tracing between the objects";
-        self.start(kind, label, work, move |session, made| {
-            session.insertion.accept(key, made);
-        });
-    }
-
     /// Version of what is known of the objects among each other.
     fn scene_version(&self) -> u64 {
         match self.scene.transfer.method {
             Method::Directional => self.surroundings.version(),
-            Method::Harmonic => self.insertion.version(),
+            Method::Harmonic => self.inserted.version(),
         }
     }
 
@@ -216,8 +123,7 @@ impl Session {
     /// Whether it is known, finely, what the objects that are shown see of each other where they stand now.
     pub(in crate::viewer) fn is_traced(&self) -> bool {
         if self.scene.transfer.method == Method::Harmonic {
-            let now = self.insertion_key();
-            return now.is_some() && self.insertion.made_from() == now.as_ref();
+            return self.is_inserted();
         }
         let made_from = self.surroundings.made_from();
         self.placed()
@@ -233,7 +139,7 @@ impl Session {
                 known.iter().map(|(id, ..)| *id).collect()
             }
             Method::Harmonic => {
-                let (known, _) = self.insertion.made_from()?;
+                let (_, known, _) = self.inserted.made_from()?;
                 known.iter().map(|(id, ..)| *id).collect()
             }
         };
@@ -243,9 +149,13 @@ impl Session {
         });
         let members = members.collect::<Option<Vec<_>>>()?;
         if self.scene.transfer.method == Method::Harmonic {
-            let made = self.insertion.get()?;
-            let scene = PreparedTransfer::HarmonicScene(made.scene.clone());
-            return Some((members, scene, Bake::Harmonic(made.bake.clone())));
+            let scene = self.inserted.get()?;
+            let bake = Bake::Harmonic(scene.bake.together.clone());
+            return Some((
+                members,
+                PreparedTransfer::HarmonicScene(scene.clone()),
+                bake,
+            ));
         }
         let bake = self.surroundings.get()?.clone();
         let transfers = members.iter().map(|at| {
@@ -271,7 +181,8 @@ impl Session {
         let shown = self.members();
         let Some((members, scene, _)) = self.scene_transfer() else {
             // What is taken away leaves its shadow until the rest is traced anew.
-            let waits = self.jobs.is_awaited(Kind::Surroundings);
+            let mut traces = [Kind::Surroundings, Kind::Insertion].into_iter();
+            let waits = traces.any(|kind| self.jobs.is_awaited(kind));
             let stays = |at: &usize| waits && self.together.contains(&self.states[*at].id);
             let stay = shown.into_iter().filter(stays).collect::<Vec<_>>();
             self.keep_together(&stay);
@@ -281,11 +192,14 @@ impl Session {
         let each = || members.iter().map(|at| &self.states[*at]);
         let [_, target] = self.oriented_of(members[0]);
         let part = self.scene.view.part();
+        // Readout and doubts are of the whole.
+        let overlays = &self.overlays;
+        let wants_whole = part != Part::Whole && (overlays.wants_readout || self.shows_doubts());
         let key: TogetherKey = (
             each().map(|s| s.prepared.version()).collect(),
             self.scene_version(),
             target,
-            part,
+            (part, wants_whole),
             each().map(|s| s.hidden.version()).collect(),
         );
         if self.jobs.is_running(Kind::RelightTogether) || !self.relit_together.ask(&key) {
@@ -293,27 +207,48 @@ impl Session {
         }
         let (target, turn) = self.scene_target(members[0]);
         let context = self.context.clone();
-        let ids: Vec<u64> = each().map(|s| s.id).collect();
+        let relit_key = |at: &usize| {
+            let [_, target] = self.oriented_of(*at);
+            let state = &self.states[*at];
+            let key = RelitKey {
+                prepared: state.prepared.version(),
+                target,
+                part,
+                unseen: state.unseen.version,
+                surroundings: key.1,
+            };
+            (state.id, key)
+        };
+        let of: Vec<(u64, RelitKey)> = members.iter().map(relit_key).collect();
         let work = move |_: &_| {
             let start = Instant::now();
             let light = target.light.rotated(turn);
-            let relit = scene.relight_objects(&light, part, &[])?;
+            let shown = scene.relight_objects(&light, part, &[])?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
-            let uploaded = relit.into_iter().map(|relit| {
+            let uploaded = shown.iter().map(|relit| {
                 let upload = ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding);
-                (upload, Arc::new(relit))
+                (upload, present::tau_colors(&relit.tau))
             });
-            Ok((uploaded.collect::<Vec<_>>(), ms))
+            let uploaded = uploaded.collect::<Vec<_>>();
+            let whole = if part == Part::Whole {
+                shown
+            } else if wants_whole {
+                scene.relight_objects(&light, Part::Whole, &[])?
+            } else {
+                Vec::new()
+            };
+            Ok((uploaded, whole, ms))
         };
         let label = "relighting the scene";
         self.start(
             Kind::RelightTogether,
             label,
             work,
-            move |session, (relit, ms)| {
+            move |session, (shown, whole, ms)| {
                 if session.relit_together.accept(key, ()) {
-                    for (id, relit) in ids.into_iter().zip(relit) {
-                        session.show_member(id, part, relit, ms);
+                    let mut whole = whole.into_iter().map(Arc::new);
+                    for (of, shown) in of.into_iter().zip(shown) {
+                        session.show_member(of, shown, whole.next(), ms);
                     }
                 }
             },
@@ -341,32 +276,23 @@ impl Session {
         (target, DMat3::from_quat(turn.as_dquat()))
     }
 
+    /// Takes in what was relit of an object: its colour and that of the channel *tau*, and the whole where it is there.
     fn show_member(
         &mut self,
-        id: u64,
-        part: Part,
-        (resident, relit): (ResidentSh, Arc<Relit>),
+        (id, key): (u64, RelitKey),
+        (resident, tau): (ResidentSh, Vec<[f32; 3]>),
+        whole: Option<Arc<Relit>>,
         ms: f64,
     ) {
         let Some(at) = self.at(id) else {
             return;
         };
-        let [_, target] = self.oriented_of(at);
-        let state = &self.states[at];
-        let key = RelitKey {
-            prepared: state.prepared.version(),
-            target,
-            part,
-            unseen: state.unseen.version,
-            surroundings: self.relit_together.made_from().map_or(0, |key| key.1),
-        };
         let relighting = self.relighting(at, &key, Some(ms));
         let state = &mut self.states[at];
         let shown = key.shown();
         state.relit.set(key, relighting);
-        let tau = present::tau_colors(&relit.tau);
-        if part == Part::Whole {
-            state.readout.set(shown, relit);
+        if let Some(whole) = whole {
+            state.readout.set(shown, whole);
         }
         self.live().set_relit(at, resident, tau);
     }
