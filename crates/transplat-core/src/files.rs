@@ -32,8 +32,8 @@ pub use look::{load_look, look_text, save_look};
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};
 pub use write::{
-    Channel, ExrFloats, PngBits, check_output, folder_of, write_atomically, write_environment,
-    write_exr, write_layers, write_png,
+    Channel, ExrFloats, PngBits, check_folder, check_output, folder_of, write_atomically,
+    write_environment, write_exr, write_layers, write_png,
 };
 
 /// Whether two paths are of one file, however they are spelled.

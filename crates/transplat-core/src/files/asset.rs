@@ -71,7 +71,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
             let message = match other {
                 _ if metadata.len() == 0 => "the file is empty; a splat in PLY is expected",
                 Ok(FileKind::Look) => {
-                    "a look, where a splat is expected: what it lists can be listed here, too"
+                    "a look, where one splat is expected; render, relight and the window open looks"
                 }
                 Ok(FileKind::Bake) => "a bake, where a splat is expected",
                 Ok(_) => "a picture, where a splat is expected",

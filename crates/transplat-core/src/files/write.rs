@@ -38,7 +38,35 @@ pub fn check_output(path: &Path) -> Result<()> {
             format!("the folder {} does not exist", folder.display()),
         ));
     }
-    Ok(())
+    check_folder(folder)
+}
+
+/// Whether files can be written into a folder, or it can be made: to be asked before long work.
+///
+/// # Errors
+/// It, or what there is of the way to it, is no folder or may not be written.
+pub fn check_folder(path: &Path) -> Result<()> {
+    let whole = std::path::absolute(path).map_err(Error::io(path))?;
+    let there = whole.ancestors().find(|folder| folder.exists());
+    let there = there.unwrap_or(&whole);
+    if !there.is_dir() {
+        let what = format!("{} is no folder", there.display());
+        return Err(Error::invalid(path, what));
+    }
+    let tried = temporary().tempfile_in(there);
+    tried.map(drop).map_err(|e| Error::io(path)(plain(e)))
+}
+
+/// A file that is there until it is whole.
+fn temporary() -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".transplat-").suffix(".part");
+    builder
+}
+
+/// Without the name of a temporary file, which nobody asked for.
+fn plain(error: std::io::Error) -> std::io::Error {
+    error.kind().into()
 }
 
 /// The folder that a file is in.
@@ -58,8 +86,6 @@ pub fn write_atomically(
     write: impl FnOnce(&mut BufWriter<&mut File>) -> std::io::Result<()>,
 ) -> Result<()> {
     let fail = Error::io;
-    // An error of the temporary file names that file, which nobody asked for.
-    let plain = |e: std::io::Error| std::io::Error::from(e.kind());
     check_output(path)?;
     let target: PathBuf = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let through = |file: &mut File| {
@@ -75,8 +101,7 @@ pub fn write_atomically(
         return through(&mut file).map_err(fail(path));
     }
     let folder = folder_of(&target);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".transplat-").suffix(".part");
+    let mut builder = temporary();
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

@@ -73,8 +73,33 @@ fn rotate_z<T: Real>(l: usize, cos: &[T], sin: &[T], f: &mut [T]) {
     }
 }
 
+/// Exchanges y and z in one band: those of colour in closed form, the others by the table.
 #[inline(always)]
 fn exchange<T: Real>(l: usize, f: &mut [T]) {
+    let of = |root: f64, over: f64| T::of(root.sqrt() / over);
+    match (l, &mut *f) {
+        (1, [a, b, _]) => (*a, *b) = (-*b, -*a),
+        (2, [a, _, c, d, e]) => {
+            (*a, *d) = (-*d, -*a);
+            let (half, root) = (T::of(0.5), of(3.0, 2.0));
+            (*c, *e) = (-(*c * half + *e * root), *e * half - *c * root);
+        }
+        (3, [a, _, c, d, e, g, h]) => {
+            let (ten, six) = (of(10.0, 4.0), of(6.0, 4.0));
+            let (quarter, fifteen) = (T::of(0.25), of(15.0, 4.0));
+            let (a0, c0, d0, g0) = (*a, *c, *d, *g);
+            *a = d0 * ten - g0 * six;
+            *c = d0 * six + g0 * ten;
+            *d = a0 * ten + c0 * six;
+            *g = c0 * ten - a0 * six;
+            (*e, *h) = (-(*e * quarter + *h * fifteen), *h * quarter - *e * fifteen);
+        }
+        _ => exchange_by_table(l, f),
+    }
+}
+
+#[inline(always)]
+fn exchange_by_table<T: Real>(l: usize, f: &mut [T]) {
     let mut out = [T::of(0.0); 2 * MAX_DEGREE + 1];
     let out = &mut out[..2 * l + 1];
     for e in exchange_yz(l) {
@@ -83,12 +108,12 @@ fn exchange<T: Real>(l: usize, f: &mut [T]) {
     f.copy_from_slice(out);
 }
 
-/// Cosines and sines of `m a` for `m` up to [`MAX_DEGREE`], from those of `a`.
+/// Cosines and sines of `m a` for `m` up to a degree, from those of `a`.
 #[inline(always)]
-fn multiples<T: Real>(cos: T, sin: T) -> ([T; MAX_DEGREE + 1], [T; MAX_DEGREE + 1]) {
+fn multiples<T: Real>(degree: usize, cos: T, sin: T) -> ([T; MAX_DEGREE + 1], [T; MAX_DEGREE + 1]) {
     let mut c = [T::of(1.0); MAX_DEGREE + 1];
     let mut s = [T::of(0.0); MAX_DEGREE + 1];
-    for m in 1..=MAX_DEGREE {
+    for m in 1..=degree {
         c[m] = c[m - 1] * cos - s[m - 1] * sin;
         s[m] = c[m - 1] * sin + s[m - 1] * cos;
     }
@@ -105,11 +130,12 @@ pub struct Mirror<T> {
 }
 
 impl<T: Real> Mirror<T> {
-    /// From `(cos phi, sin phi)` and `(cos theta, sin theta)` of the unit normal; at the pole any azimuth will do.
+    /// From `(cos phi, sin phi)` and `(cos theta, sin theta)` of the unit normal, for bands up to a degree; at the pole any azimuth will do.
     #[inline(always)]
-    pub fn new(azimuth: (T, T), polar: (T, T)) -> Self {
-        let (cos, sin) = multiples(azimuth.0, azimuth.1);
+    pub fn new(degree: usize, azimuth: (T, T), polar: (T, T)) -> Self {
+        let (cos, sin) = multiples(degree, azimuth.0, azimuth.1);
         let (cos_2, sin_2) = multiples(
+            degree,
             polar.0 * polar.0 - polar.1 * polar.1,
             polar.0 * polar.1 + polar.0 * polar.1,
         );
@@ -154,7 +180,7 @@ pub fn rotate_coefficients<const C: usize>(
         (x.y.atan2(x.x), 0.0)
     };
     let b = sin_b.atan2(z.z);
-    let turn = |angle: f64| multiples(angle.cos(), angle.sin());
+    let turn = |angle: f64| multiples(degree, angle.cos(), angle.sin());
     let ((cos_a, sin_a), (cos_b, sin_b), (cos_c, sin_c)) = (turn(a), turn(-b), turn(c));
     let mut out = vec![[0f32; C]; coefficient_count(degree)];
     for l in 0..=degree {
@@ -189,6 +215,19 @@ mod tests {
     use super::*;
     use glam::{DQuat, DVec3};
     use proptest::prelude::*;
+
+    #[test]
+    fn closed_forms_are_what_the_table_says() {
+        for l in 0..=4 {
+            let f: Vec<f64> = (0..2 * l + 1).map(|i| 1.0 / (1 + i) as f64).collect();
+            let (mut fast, mut slow) = (f.clone(), f);
+            exchange(l, &mut fast);
+            exchange_by_table(l, &mut slow);
+            for (a, b) in fast.iter().zip(&slow) {
+                assert!((a - b).abs() < 1e-12, "{l}: {fast:?} {slow:?}");
+            }
+        }
+    }
 
     fn some_function() -> Vec<[f32; 1]> {
         (0..MAX_COEFFICIENTS)
@@ -256,7 +295,7 @@ mod tests {
             let r = n.x.hypot(n.y);
             let azimuth = if r > 0.0 { (n.x / r, n.y / r) } else { (1.0, 0.0) };
             let mut mirrored: Vec<f64> = f.iter().map(|f| f64::from(f[0])).collect();
-            let mirror = Mirror::new(azimuth, (n.z, r));
+            let mirror = Mirror::new(MAX_DEGREE, azimuth, (n.z, r));
             for l in 0..=MAX_DEGREE {
                 mirror.reflect_band(l, &mut mirrored[band(l)]);
             }

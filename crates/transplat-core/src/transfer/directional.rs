@@ -28,7 +28,7 @@ use crate::surfels::SurfelCloud;
 pub(crate) use asset::mean_radiance;
 use asset::rows_of;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
-pub(super) use incident::Incident;
+pub(super) use incident::{Incident, Others};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
 pub(crate) use lobe::{
@@ -393,28 +393,31 @@ impl DirectionalTransfer {
     fn bounce(&self, light: &Incident<'_>, start: [f32; 3]) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
         let mut tau = vec![[start; 2]; asset.bake.len()];
+        let mut radiance = Vec::new();
         for _ in 0..self.turns() {
-            let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
-            tau = self.turn(light, &radiance);
+            asset.radiance(&tau).collect_into_vec(&mut radiance);
+            self.turn(light, &radiance, &mut tau);
         }
         self.trusted(&mut tau);
         tau
     }
 
-    /// A turn of the fixed point: how much the matte light changes where the surfels radiate that. `[n]`
-    pub(super) fn turn(&self, light: &Incident<'_>, radiance: &[Radiance]) -> Vec<FrontAndBack> {
+    /// A turn of the fixed point: how much the matte light changes where the surfels radiate that, into `tau`, `[n]`.
+    pub(super) fn turn(
+        &self,
+        light: &Incident<'_>,
+        radiance: &[Radiance],
+        tau: &mut [FrontAndBack],
+    ) {
         let asset = &*self.asset;
-        (0..asset.bake.len())
-            .into_par_iter()
-            .map(|i| {
-                let e = added(light.irradiance[i], asset.bounced(i, light, radiance));
-                let [front, back]: FrontAndBack = std::array::from_fn(|s| {
-                    std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
-                });
-                let two_sided = self.settings.terms.two_sided;
-                [front, if two_sided { back } else { front }]
-            })
-            .collect()
+        tau.par_iter_mut().enumerate().for_each(|(i, tau)| {
+            let e = added(light.irradiance[i], asset.bounced(i, light, radiance));
+            let [front, back]: FrontAndBack = std::array::from_fn(|s| {
+                std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
+            });
+            let two_sided = self.settings.terms.two_sided;
+            *tau = [front, if two_sided { back } else { front }];
+        });
     }
 
     /// Believes a change only as far as its source.

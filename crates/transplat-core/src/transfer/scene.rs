@@ -2,13 +2,12 @@
 
 pub mod harmonic;
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::DMat3;
 use rayon::prelude::*;
 
-use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Radiance, TURNS};
+use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Others, Radiance, TURNS};
 use super::relit::{Part, Relight, Relit};
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
@@ -28,6 +27,16 @@ pub struct SceneTransfer {
     pub bake: Arc<SceneBake>,
 }
 
+/// A light on all objects.
+struct Bounced<'a> {
+    /// As each of them meets it.
+    lights: Vec<Incident<'a>>,
+    /// How much the matte light changes on each object's surfels.
+    taus: Vec<Vec<FrontAndBack>>,
+    /// What all surfels of the scene radiate. `[n]`
+    radiance: Vec<Radiance>,
+}
+
 impl SceneTransfer {
     /// What one of them radiates shines on those of other captures as strongly as it shows in its own picture: pictures and lights share a unit,
     /// as those of a renderer do.
@@ -45,7 +54,7 @@ impl SceneTransfer {
     }
 
     /// How much the matte light changes on each surfel: one fixed point over all objects, since what one gains lights others.
-    fn bounce(&self, target: &Illumination) -> Result<(Vec<Incident<'_>>, Vec<Vec<FrontAndBack>>)> {
+    fn bounce(&self, target: &Illumination) -> Result<Bounced<'_>> {
         let (lights, mut taus): (Vec<_>, Vec<_>) = (0..self.objects.len())
             .into_par_iter()
             .map(|i| {
@@ -54,51 +63,52 @@ impl SceneTransfer {
                 let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
                 let light = transfer.light(target.for_directional()?);
                 let start = transfer.mean_ratio(&light);
-                let light = (transfer.asset).incident(light, &transfer.settings, Some(around));
+                let mut light = (transfer.asset).incident(light, &transfer.settings, Some(around));
+                light.others = self.others_of(i);
                 Ok((light, vec![[start; 2]; transfer.asset.bake.len()]))
             })
             .collect::<Result<Vec<_>>>()?
             .into_iter()
             .unzip();
+        let mut radiance = Vec::new();
         for _ in 0..TURNS {
-            let radiance = self.radiance(&taus);
-            let each = self.objects.iter().zip(&lights).enumerate();
-            taus = each
-                .map(|(i, (o, light))| o.turn(light, &self.as_seen_by(i, &radiance)))
-                .collect();
+            self.radiate(&taus, &mut radiance);
+            let each = self.objects.iter().zip(&lights).zip(&mut taus);
+            for ((object, light), tau) in each {
+                object.turn(light, &radiance, tau);
+            }
         }
         for (object, tau) in self.objects.iter().zip(&mut taus) {
             object.trusted(tau);
         }
-        Ok((lights, taus))
+        self.radiate(&taus, &mut radiance);
+        Ok(Bounced {
+            lights,
+            taus,
+            radiance,
+        })
     }
 
-    /// What all surfels of the scene radiate. `[n]`
-    fn radiance(&self, taus: &[Vec<FrontAndBack>]) -> Vec<Radiance> {
-        let mut all = Vec::with_capacity(self.bake.normals.len());
+    /// What all surfels of the scene radiate, `[n]`, into `all`.
+    fn radiate(&self, taus: &[Vec<FrontAndBack>], all: &mut Vec<Radiance>) {
+        all.clear();
+        all.reserve(self.bake.normals.len());
         for (object, tau) in self.objects.iter().zip(taus) {
             all.par_extend(object.asset.radiance(tau));
         }
-        all
     }
 
-    /// That as it shines on one of the objects, in the unit of its captured colour.
-    fn as_seen_by<'a>(&self, which: usize, radiance: &'a [Radiance]) -> Cow<'a, [Radiance]> {
-        let seer = &self.objects[which];
+    /// How the others shine on one of the objects, in the unit of its captured colour.
+    fn others_of(&self, which: usize) -> Option<Others> {
         let placed = &self.bake.objects;
         let is_of_its_capture =
-            |other: usize| other == which || placed[which].is_of_capture_of(&placed[other]);
-        let objects = 0..self.objects.len();
-        let others: Vec<usize> = objects.filter(|o| !is_of_its_capture(*o)).collect();
-        if others.is_empty() || seer.light_gain == 1.0 {
-            return Cow::Borrowed(radiance);
-        }
-        let mut seen = radiance.to_vec();
-        for other in others {
-            let of_other = seen[self.bake.surfels_of(other)].par_iter_mut();
-            of_other.for_each(|r| *r = r.map(|side| side * seer.light_gain));
-        }
-        Cow::Owned(seen)
+            |other: &usize| *other == which || placed[which].is_of_capture_of(&placed[*other]);
+        let own: Vec<usize> = (0..placed.len()).filter(is_of_its_capture).collect();
+        let gain = self.objects[which].light_gain;
+        (own.len() < placed.len() && gain != 1.0).then(|| Others {
+            own: own.into_iter().map(|o| self.bake.surfels_of(o)).collect(),
+            gain,
+        })
     }
 
     /// What the objects' results are as one asset's.
@@ -136,14 +146,13 @@ impl Relight for SceneTransfer {
         part: Part,
         unseen: &[bool],
     ) -> Result<Vec<Relit>> {
-        let (lights, taus) = self.bounce(target)?;
-        let radiance = self.radiance(&taus);
-        let each = taus.into_iter().enumerate();
+        let bounced = self.bounce(target)?;
+        let each = bounced.taus.into_iter().enumerate();
         Ok(each
             .map(|(i, tau)| {
-                let radiance = self.as_seen_by(i, &radiance);
                 let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
-                self.objects[i].shown((&lights[i], part), tau, &radiance, unseen)
+                let light = (&bounced.lights[i], part);
+                self.objects[i].shown(light, tau, &bounced.radiance, unseen)
             })
             .collect())
     }
@@ -159,7 +168,7 @@ impl Relight for SceneTransfer {
     }
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
-        let (_, taus) = self.bounce(target)?;
+        let taus = self.bounce(target)?.taus;
         Ok(taus.into_iter().flatten().map(|t| t[0]).collect())
     }
 

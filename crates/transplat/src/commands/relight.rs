@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::files::{check_output, write_relit, write_splat};
+use transplat_core::files::{check_folder, check_output, write_relit, write_splat};
 use transplat_core::scene::Scene;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
@@ -43,6 +43,8 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     output.check_name()?;
     if output.is_file {
         check_output(&args.output)?;
+    } else {
+        check_folder(&args.output)?;
     }
     let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
     let lights = pipeline.lights(&light, &mut summary)?;

@@ -10,8 +10,8 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, load_cameras, load_plate, look_text, plate_size, save_look, write_exr,
-    write_layers, write_png,
+    ExrFloats, PngBits, check_folder, check_output, load_cameras, load_plate, look_text,
+    plate_size, save_look, write_exr, write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::scene::Scene;
@@ -79,6 +79,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         outputs.extend(looks.collect::<Vec<_>>());
     }
     refuse_overwriting(inputs, &outputs)?;
+    if output.is_file {
+        check_output(&args.output)?;
+    } else {
+        check_folder(&args.output)?;
+    }
     let linear = output.format == PictureFormat::Exr;
     if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
         summary.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
@@ -279,6 +284,9 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let up = cloud.up.direction();
     if let Some(eye) = camera.eye {
         let target = camera.look_at.map_or(bounds.center, Vec3::from_array);
+        if eye == target.to_array() {
+            bail!("--eye is where it looks at: the two need to be apart");
+        }
         let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
         return numbered(vec![camera]);
     }

@@ -305,7 +305,12 @@ pub fn as_file_name(name: &str) -> String {
             '_'
         }
     };
-    name.chars().take(LONGEST_FILE_NAME).map(as_file).collect()
+    let file: String = name.chars().take(LONGEST_FILE_NAME).map(as_file).collect();
+    // Hidden, it would not be found.
+    match file.strip_prefix('.') {
+        Some(rest) => format!("_{rest}"),
+        None => file,
+    }
 }
 
 /// Names, those that were there before with a number.

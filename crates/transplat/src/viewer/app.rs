@@ -377,6 +377,7 @@ impl Viewer {
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),
             Event::NoLight(path) => self.shelf.forget(&path),
+            Event::PictureSize(size) => self.preferences.export.size = size,
             Event::Light(path) => self.shelf.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
                 let folder = match dialog {

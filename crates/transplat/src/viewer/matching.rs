@@ -8,7 +8,7 @@ use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, pl
 use transplat_core::present::Background;
 
 use super::jobs::Kind;
-use super::session::{OpenCameras, Session};
+use super::session::{Event, OpenCameras, Session};
 use crate::picture::photographs_named;
 
 /// Folders, seen from that of a camera file, in which photographs lie.
@@ -80,6 +80,9 @@ impl Session {
         let behind = self.scene.plate.as_ref();
         let behind = behind.filter(|_| self.scene.background == Background::Plate);
         let size = frame.size.or_else(|| plate_size(behind?).ok());
+        if let Some(size) = size.filter(|_| found.is_some()) {
+            self.events.push(Event::PictureSize(size));
+        }
         let camera = frame.camera(size.unwrap_or([800, 800]), 1e-3);
         self.pose = CameraPose::of(&camera, up, middle);
     }

@@ -339,6 +339,7 @@ impl Session {
         let mut others = self.states.iter();
         let twin = others.find(|s| s.asset.as_ref().is_some_and(is_twin));
         let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
+        self.tell_replaced(at, &asset.path);
         let last = &mut self.states[at];
         let is_added = last.is_added;
         let mut source = last.source.clone();
@@ -360,6 +361,18 @@ impl Session {
             self.selected = at;
         }
         self.look_at_opened(&opened_with);
+    }
+
+    /// Says what a splat takes the place of, where others stay.
+    fn tell_replaced(&mut self, at: usize, path: &Path) {
+        let last = self.states[at].asset.as_ref().map(|a| a.path.clone());
+        let Some(last) = last.filter(|last| self.scene.objects.len() > 1 && last != path) else {
+            return;
+        };
+        let [new, last] = [path, &last].map(|p| p.file_name().unwrap_or_default().display());
+        self.info(format!(
+            "{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (Objects) puts splats beside the others"
+        ));
     }
 
     /// Points the camera at what was opened, where nobody has pointed it elsewhere.

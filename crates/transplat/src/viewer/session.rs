@@ -55,6 +55,8 @@ pub enum Event {
     NoLight(PathBuf),
     /// A light for the shelf.
     Light(PathBuf),
+    /// The size of what pictures are drawn over.
+    PictureSize([usize; 2]),
 }
 
 /// What a path that was chosen in a dialog is for.

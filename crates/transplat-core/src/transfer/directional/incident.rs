@@ -1,6 +1,7 @@
 //! The light that shines on a surfel: from the open sky and the suns, and from the surfels that block them.
 
 use std::f32::consts::PI;
+use std::ops::Range;
 
 use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
@@ -41,6 +42,24 @@ pub(in crate::transfer) struct Incident<'a> {
     pub least: [f32; 3],
     terms: Terms,
     pub skips: Skips,
+    /// In what unit others shine on them; none where all of them share one.
+    pub others: Option<Others>,
+}
+
+/// How the radiance of surfels of other captures is brought to the unit of an object's captured colour.
+pub(in crate::transfer) struct Others {
+    /// Which surfels are of the object's own capture.
+    pub own: Vec<Range<usize>>,
+    /// What that of the rest is multiplied by.
+    pub gain: f32,
+}
+
+impl Others {
+    #[inline(always)]
+    fn factor(&self, surfel: usize) -> f32 {
+        let is_own = self.own.iter().any(|own| own.contains(&surfel));
+        if is_own { 1.0 } else { self.gain }
+    }
 }
 
 struct Sky {
@@ -120,6 +139,7 @@ impl DirectionalAsset {
             least: light.least,
             terms,
             skips: settings.skips,
+            others: None,
         };
 
         light.irradiance = (0..self.bake.len())
@@ -182,11 +202,27 @@ impl DirectionalAsset {
         light: &Incident<'_>,
         radiance: &[Radiance],
     ) -> FrontAndBack {
+        match &light.others {
+            None => self.sum_of_hits(i, light.hits(i), radiance, |_| 1.0),
+            Some(others) => {
+                self.sum_of_hits(i, light.hits(i), radiance, |surfel| others.factor(surfel))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn sum_of_hits(
+        &self,
+        i: usize,
+        hits: &[Hit],
+        radiance: &[Radiance],
+        factor: impl Fn(usize) -> f32,
+    ) -> FrontAndBack {
         let scale = 4.0 * PI / PATCHES as f32;
         let n = self.bake.normals[i];
         let [mut front, mut back] = [Vec3A::ZERO; 2];
-        for hit in light.hits(i) {
-            let cosine = scale * n.dot(self.directions[hit.patch()]);
+        for hit in hits {
+            let cosine = scale * factor(hit.surfel()) * n.dot(self.directions[hit.patch()]);
             let b = radiance_of(radiance, *hit);
             // Without a branch: it could not be foretold.
             front += cosine.max(0.0) * b;
@@ -211,6 +247,8 @@ impl DirectionalAsset {
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
         for hit in light.hits(i) {
             let b = radiance_of(radiance, *hit);
+            let others = light.others.as_ref();
+            let scale = scale * others.map_or(1.0, |others| others.factor(hit.surfel()));
             for c in 0..3 {
                 met[c][hit.patch()] = b[c] * scale;
             }

@@ -322,7 +322,7 @@ impl SurfelFrame {
             (1.0, 0.0)
         };
         let [cos, sin, z, r] = [azimuth.0, azimuth.1, m.z, r].map(Vec3A::splat);
-        let mirror = Mirror::new((cos, sin), (z, r));
+        let mirror = Mirror::new(degree, (cos, sin), (z, r));
         // The three channels at once.
         let mut band = [Vec3A::ZERO; 2 * crate::sh::MAX_DEGREE + 1];
         for l in 1..=degree {

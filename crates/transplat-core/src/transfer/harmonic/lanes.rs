@@ -6,8 +6,8 @@ use glam::Vec3;
 use multiversion::multiversion;
 
 use crate::sh::{
-    LightOperator, MAX_COEFFICIENTS, Mirror, Real, SQRT_4PI, band, band_of, coefficient_count,
-    cosine_kernel, evaluate_basis,
+    LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, Mirror, Real, SQRT_4PI, band, band_of,
+    coefficient_count, cosine_kernel, evaluate_basis,
 };
 
 /// Radiance beyond this is held to it.
@@ -206,5 +206,5 @@ fn mirror_of(x: Lanes, y: Lanes, z: Lanes) -> Mirror<Lanes> {
             sin.0[i] = y.0[i] / r;
         }
     }
-    Mirror::new((cos, sin), (z, sin_theta))
+    Mirror::new(MAX_DEGREE, (cos, sin), (z, sin_theta))
 }

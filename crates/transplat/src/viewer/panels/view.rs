@@ -137,7 +137,11 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
         );
         chosen = response.changed();
         named(&response, egui::Role::SpinButton, "Camera of the file");
-        chosen |= button(ui, "look through", "The same once more.");
+        chosen |= button(
+            ui,
+            "look through",
+            "Back to this camera, once the view was moved.",
+        );
         ui.weak(picture.unwrap_or_default());
     });
     if chosen {
