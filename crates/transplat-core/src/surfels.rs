@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Affine3A, DMat3, Vec2, Vec3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::color::{Encoding, decode_sh};
@@ -163,6 +164,22 @@ impl SurfelCloud {
             up: self.up,
             outside_from: self.outside_from.clone(),
         }
+    }
+
+    /// Takes the surfels in another order, each once.
+    pub(crate) fn rearrange(&mut self, order: &[u32]) {
+        fn taken<T: Copy + Send + Sync>(all: &[T], order: &[u32]) -> Vec<T> {
+            order.par_iter().map(|i| all[*i as usize]).collect()
+        }
+        self.positions = taken(&self.positions, order);
+        self.tangents = taken(&self.tangents, order);
+        self.scales = taken(&self.scales, order);
+        self.opacities = taken(&self.opacities, order);
+        let k = coefficient_count(self.sh_degree);
+        let mut sh: Vec<[f32; 3]> = bytemuck::zeroed_vec(self.sh.len());
+        let rows = sh.par_chunks_exact_mut(k).zip(order);
+        rows.for_each(|(row, i)| row.copy_from_slice(&self.sh[*i as usize * k..][..k]));
+        self.sh = sh;
     }
 
     /// Whether colour depends on the view at all.

@@ -241,22 +241,3 @@ fn meets(node: &Node, origin: &[Lanes; 3], inverse: &[f32; 3], farthest: &Lanes)
     }
     any != 0
 }
-
-/// Indices of points in the unit ball so that neighbours follow each other.
-pub(super) fn neighborhood_order(points: impl Iterator<Item = Vec3>) -> Vec<u32> {
-    let mut keyed: Vec<(u32, u32)> = points.map(morton).zip(0..).collect();
-    keyed.sort_unstable();
-    keyed.into_iter().map(|k| k.1).collect()
-}
-
-/// The position's bits interleaved, ten an axis; the object lies in the unit ball.
-fn morton(p: Vec3) -> u32 {
-    let spread = |v: f32| {
-        let mut x = ((v * 0.5 + 0.5).clamp(0.0, 1.0) * 1023.0) as u32;
-        x = (x | (x << 16)) & 0x0300_00ff;
-        x = (x | (x << 8)) & 0x0300_f00f;
-        x = (x | (x << 4)) & 0x030c_30c3;
-        (x | (x << 2)) & 0x0924_9249
-    };
-    spread(p.x) | (spread(p.y) << 1) | (spread(p.z) << 2)
-}

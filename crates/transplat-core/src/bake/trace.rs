@@ -12,11 +12,10 @@ use rayon::prelude::*;
 
 use super::front::Fronts;
 pub use super::hierarchy::{BoxInOrder, PACKET};
-use super::hierarchy::{
-    Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane, neighborhood_order,
-};
+use super::hierarchy::{Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane};
 use super::scaled::ScaledObject;
 use crate::error::{Error, Result};
+use crate::morton::neighborhood_order;
 use crate::progress::Progress;
 use crate::surfels::SurfelCloud;
 
@@ -198,7 +197,7 @@ impl Tracer {
                 .iter()
                 .map(|i| disc(casting[*i as usize], &surfels))
                 .collect(),
-            order: neighborhood_order(surfels.iter().map(|s| s.position)),
+            order: neighborhood_order(&surfels.iter().map(|s| s.position).collect::<Vec<_>>()),
             surfels,
             fronts,
         }

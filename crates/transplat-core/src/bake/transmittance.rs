@@ -4,10 +4,9 @@ use glam::Vec3;
 use multiversion::multiversion;
 use obvhs::aabb::Aabb;
 
-use super::hierarchy::{
-    Hierarchy, LEAST_FACING, Lanes, PACKET, Toward, ellipse_box, meet_plane, neighborhood_order,
-};
+use super::hierarchy::{Hierarchy, LEAST_FACING, Lanes, PACKET, Toward, ellipse_box, meet_plane};
 use super::scaled::ScaledObject;
+use crate::morton::neighborhood_order;
 use crate::surfels::SurfelCloud;
 
 /// A surfel ends where its opacity falls below this: many that are fainter make a surface together, and each costs time.
@@ -78,7 +77,7 @@ impl Veils {
         Self {
             hierarchy,
             veils: order.iter().map(|i| all[*i as usize]).collect(),
-            order: neighborhood_order(positions.iter().copied()),
+            order: neighborhood_order(&positions),
             radius: object.radius,
             positions,
         }

@@ -22,17 +22,38 @@ pub struct AssetFile {
     pub report: AssetReport,
     format: AssetFormat,
     stamp: Stamp,
-    /// Those of its surfels that are written, in their order; all where nothing is said.
-    part: Option<Arc<[usize]>>,
+    /// Which surfel each row of the file is, [`NOT_WRITTEN`] where the row is not written. `[vertices]`
+    surfel_of_row: Arc<[u32]>,
 }
 
+/// In the place of a surfel: the row is of none that is written.
+pub(super) const NOT_WRITTEN: u32 = u32::MAX;
+
 impl AssetFile {
-    /// The same for some of its surfels, which grow.
-    pub fn part(&self, surfels: Arc<[usize]>) -> Self {
+    /// The same for some of its surfels, numbered anew in that order.
+    pub fn part(&self, surfels: &[usize]) -> Self {
+        let mut anew = vec![NOT_WRITTEN; self.surfel_of_row.len()];
+        for (new, surfel) in surfels.iter().enumerate() {
+            anew[*surfel] = new as u32;
+        }
+        let rows = self.surfel_of_row.iter();
+        let rows = rows.map(|surfel| anew.get(*surfel as usize).copied());
         Self {
-            part: Some(surfels),
+            surfel_of_row: rows.map(|new| new.unwrap_or(NOT_WRITTEN)).collect(),
             ..self.clone()
         }
+    }
+
+    /// The surfel that a row of the file is, the first row is 0.
+    pub fn surfel_of(&self, row: usize) -> Option<usize> {
+        let surfel = *self.surfel_of_row.get(row)?;
+        (surfel != NOT_WRITTEN).then_some(surfel as usize)
+    }
+
+    /// The row of the file that a surfel is, the first is 0.
+    pub fn row_of(&self, surfel: usize) -> Option<usize> {
+        let mut rows = self.surfel_of_row.iter();
+        rows.position(|s| *s as usize == surfel)
     }
 }
 
@@ -61,10 +82,10 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     let file = read::open(path)?;
     let metadata = file.metadata().map_err(Error::io(path))?;
     let mut reader = BufReader::with_capacity(1 << 20, file);
-    let (cloud, report, format) = match kind {
+    let ((cloud, report, surfel_of_row), format) = match kind {
         Ok(FileKind::Ply) => {
-            let (cloud, report, header) = ply::read(path, &mut reader, metadata.len())?;
-            (cloud, report, AssetFormat::Ply(header))
+            let (finished, header) = ply::read(path, &mut reader, metadata.len())?;
+            (finished, AssetFormat::Ply(header))
         }
         Err(error @ Error::Io { .. }) => return Err(error),
         other => {
@@ -85,7 +106,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
         report,
         format,
         stamp: stamp(&metadata),
-        part: None,
+        surfel_of_row: surfel_of_row.into(),
     };
     Ok((cloud, asset))
 }
@@ -116,7 +137,7 @@ pub fn write_relit(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Resul
     match &asset.format {
         AssetFormat::Ply(header) => {
             let columns =
-                ply::ColorColumns::new(header, &asset.report, asset.part.as_deref(), stored)?;
+                ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
             write_atomically(path, |out| columns.write(&mut reader, out))
         }
     }

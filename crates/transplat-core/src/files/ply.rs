@@ -7,10 +7,10 @@ mod write;
 use std::io::{BufRead, Seek, SeekFrom};
 use std::path::Path;
 
-use super::rows::{AssetKind, AssetReport, Builder, StoredRow};
+use super::rows::{AssetKind, Builder, Finished, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::UpAxis;
 
 pub(super) use header::Header;
 use header::{Format, ScalarType};
@@ -25,7 +25,7 @@ pub(super) fn read(
     path: &Path,
     reader: &mut (impl BufRead + Seek),
     file_bytes: u64,
-) -> Result<(SurfelCloud, AssetReport, Header)> {
+) -> Result<(Finished, Header)> {
     let invalid = |message: String| Error::invalid(path, message);
     let header = Header::parse(reader).map_err(|m| invalid(format!("not a PLY splat: {m}")))?;
     let layout = Layout::find(&header).map_err(invalid)?;
@@ -59,13 +59,13 @@ pub(super) fn read(
     }
     let names = header.properties.iter().map(|p| p.name.clone()).collect();
     let finished = rows.finish(names, header.comments.clone());
-    let (mut cloud, report) = finished.map_err(invalid)?;
+    let (mut cloud, report, surfel_of_row) = finished.map_err(invalid)?;
     let up = header
         .comments
         .iter()
         .find_map(|comment| up_axis_of(comment));
     cloud.up = up.unwrap_or_default();
-    Ok((cloud, report, header))
+    Ok(((cloud, report, surfel_of_row), header))
 }
 
 fn read_binary(

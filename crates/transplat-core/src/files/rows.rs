@@ -4,6 +4,7 @@ use glam::{Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::color::Encoding;
+use crate::morton::neighborhood_order;
 use crate::sh::coefficient_count;
 use crate::surfels::{SurfelCloud, UpAxis};
 
@@ -120,6 +121,9 @@ pub(super) struct Builder {
     left_out: Vec<usize>,
 }
 
+/// Surfels, so that neighbours follow each other; what was noticed; and which of them each row of the file is.
+pub(super) type Finished = (SurfelCloud, AssetReport, Vec<u32>);
+
 impl Builder {
     pub(super) fn new(kind: AssetKind, sh_degree: usize, rows: usize) -> Self {
         let cloud = SurfelCloud {
@@ -190,8 +194,8 @@ impl Builder {
         self,
         properties: Vec<String>,
         comments: Vec<String>,
-    ) -> Result<(SurfelCloud, AssetReport), String> {
-        let (kind, cloud, left_out) = (self.kind, self.cloud, self.left_out);
+    ) -> Result<Finished, String> {
+        let (kind, mut cloud, left_out) = (self.kind, self.cloud, self.left_out);
         let mut flatness = self.flatness;
         if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
@@ -214,6 +218,12 @@ impl Builder {
             left_out,
             median_flatness,
         };
-        Ok((cloud, report))
+        let order = neighborhood_order(&cloud.positions);
+        cloud.rearrange(&order);
+        let mut surfel_of_row = vec![0; order.len()];
+        for (surfel, row) in order.into_iter().enumerate() {
+            surfel_of_row[row as usize] = surfel as u32;
+        }
+        Ok((cloud, report, surfel_of_row))
     }
 }

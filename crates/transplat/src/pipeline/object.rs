@@ -78,7 +78,7 @@ impl LoadedObject {
         let surfels = part_of(asset, &settings, &whole.cloud)?;
         Ok(Self {
             cloud: Arc::new(whole.cloud.selected(&surfels)),
-            file: whole.file.part(surfels.clone()),
+            file: whole.file.part(&surfels),
             settings,
             whole: Some((whole, surfels)),
             directional_bake: OnceCell::new(),

@@ -73,7 +73,7 @@ impl Asset {
             None => (capture.cloud.clone(), capture.file.clone()),
             Some(Part { surfels, .. }) => (
                 Arc::new(capture.cloud.selected(surfels)),
-                Arc::new(capture.file.part(surfels.clone())),
+                Arc::new(capture.file.part(surfels)),
             ),
         };
         let file_up = cloud.up;

@@ -36,8 +36,8 @@ pub struct Viewport {
     dragging_wipe: bool,
     /// Where the pointer was in the last frame of a drag.
     dragged_to: Option<Pos2>,
-    /// The surfel that was clicked.
-    pub inspected: Option<usize>,
+    /// The surfel that was clicked, and the state of its object.
+    pub clicked: Option<(u64, usize)>,
     /// The light turns with the camera.
     pub light_locked_to_camera: bool,
     gizmo: Gizmo,
@@ -53,7 +53,7 @@ impl Default for Viewport {
             step: 1,
             dragging_wipe: false,
             dragged_to: None,
-            inspected: None,
+            clicked: None,
             light_locked_to_camera: false,
             gizmo: Gizmo::default(),
             judged: 0,
@@ -131,7 +131,7 @@ impl Viewport {
             parts.dedup();
             for part in parts {
                 draw_crop_box(ui, part, session, &camera);
-                mark_surfel(ui, part, session, &camera, self.inspected);
+                mark_surfel(ui, part, session, &camera, self.inspected(session));
             }
         }
         annotate(ui, self.rect, session, view);
@@ -270,8 +270,14 @@ impl Viewport {
             if let Some((object, _)) = picked {
                 session.selected = object;
             }
-            self.inspected = picked.map(|(_, pick)| pick.surfel);
+            self.clicked = picked.map(|(_, pick)| (session.state().id, pick.surfel));
         }
+    }
+
+    /// The surfel that was clicked, where it is of the selected object.
+    pub fn inspected(&self, session: &Session) -> Option<usize> {
+        let (of, surfel) = self.clicked?;
+        (of == session.state().id).then_some(surfel)
     }
 
     /// The picture that the pointer is in, or was when it went down, and its camera.

@@ -3,6 +3,7 @@ use glam::Vec3;
 use super::*;
 use crate::error::Result;
 use crate::files::{AssetFile, load_asset};
+use crate::surfels::SurfelCloud;
 use std::io::Write;
 
 /// A splat of `n` surfels as rows of (name, value).
@@ -87,7 +88,7 @@ fn every_format_type_degree_and_order_loads_alike() {
             if k > 1 {
                 // Channel-major: coefficient 1 of green is the first of the second third.
                 assert_eq!(
-                    expected.sh_of(2)[1],
+                    expected.sh_of(asset.surfel_of(2).expect("a row"))[1],
                     [
                         2000.0,
                         2000.0 + (k - 1) as f32,
@@ -185,7 +186,9 @@ fn a_few_broken_rows_are_left_out_and_many_refused() {
     let (cloud, asset) =
         load_bytes(&write(&table, Format::LittleEndian, false)).expect("mostly good");
     assert_eq!(asset.report.left_out, [3, 5]);
-    assert_eq!((cloud.opacities[3], cloud.len()), (0.0, 100));
+    let broken = asset.surfel_of(3).expect("a row");
+    assert_eq!((cloud.opacities[broken], cloud.len()), (0.0, 100));
+    assert_eq!(asset.row_of(broken), Some(3));
     assert!(cloud.positions.iter().all(|p| p.is_finite()));
     for row in &mut table[..20] {
         row[4].1 = f32::NAN;

@@ -4,14 +4,17 @@ use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 
 use super::header::{Format, Header};
 use crate::error::{Error, Result};
+use crate::files::asset::NOT_WRITTEN;
 use crate::files::rows::AssetReport;
 
 /// For each property of a row the index of the colour that replaces it.
 pub(in crate::files) struct ColorColumns<'a> {
     header: &'a Header,
     report: &'a AssetReport,
-    /// The rows that are written, where not all are.
-    part: Option<&'a [usize]>,
+    /// The surfel that each row is, if it is written.
+    surfel_of_row: &'a [u32],
+    /// How many rows are.
+    written: usize,
     /// `[n][K][3]`
     stored: &'a [[f32; 3]],
     coefficients: usize,
@@ -23,7 +26,7 @@ impl<'a> ColorColumns<'a> {
     pub fn new(
         header: &'a Header,
         report: &'a AssetReport,
-        part: Option<&'a [usize]>,
+        surfel_of_row: &'a [u32],
         stored: &'a [[f32; 3]],
     ) -> Result<Self> {
         let properties = &header.properties;
@@ -32,10 +35,10 @@ impl<'a> ColorColumns<'a> {
             .filter(|p| p.name.starts_with("f_rest_"))
             .count();
         let coefficients = rest / 3 + 1;
-        let rows = part.map_or(report.vertices, <[usize]>::len);
-        if stored.len() != rows * coefficients {
+        let written = surfel_of_row.iter().filter(|s| **s != NOT_WRITTEN).count();
+        if stored.len() != written * coefficients {
             return Err(Error::Mismatch(format!(
-                "{} colour coefficients do not fit {rows} surfels of {coefficients}",
+                "{} colour coefficients do not fit {written} surfels of {coefficients}",
                 stored.len()
             )));
         }
@@ -53,7 +56,8 @@ impl<'a> ColorColumns<'a> {
         Ok(Self {
             header,
             report,
-            part,
+            surfel_of_row,
+            written,
             stored,
             coefficients,
             replaced,
@@ -70,9 +74,10 @@ impl<'a> ColorColumns<'a> {
         let prefix = self.header.bytes + if ascii { 0 } else { self.header.skip };
         let mut head = vec![0; self.header.bytes as usize];
         reader.read_exact(&mut head)?;
-        match self.part {
-            Some(part) => out.write_all(counting(&head, part.len()).as_bytes())?,
-            None => out.write_all(&head)?,
+        if self.written < self.report.vertices {
+            out.write_all(counting(&head, self.written).as_bytes())?;
+        } else {
+            out.write_all(&head)?;
         }
         std::io::copy(&mut reader.take(prefix - self.header.bytes), out)?;
         if ascii {
@@ -85,26 +90,21 @@ impl<'a> ColorColumns<'a> {
         Ok(())
     }
 
-    /// Which rows of the file are written, and as which.
-    fn written(&self) -> impl Iterator<Item = Option<usize>> {
-        let mut next = 0;
-        (0..self.report.vertices).map(move |row| {
-            let is_taken = self.part.is_none_or(|part| part.get(next) == Some(&row));
-            let at = is_taken.then_some(next);
-            next += usize::from(is_taken);
-            at
-        })
+    /// The surfel that each row of the file is, if it is written.
+    fn surfels(&self) -> impl Iterator<Item = Option<usize>> {
+        let rows = self.surfel_of_row.iter();
+        rows.map(|surfel| (*surfel != NOT_WRITTEN).then_some(*surfel as usize))
     }
 
-    /// The value that replaces property `column` of `row`, written as row `at`, if any does; `old` is what was there.
+    /// The value that replaces property `column` of a row, which is that surfel, if any does; `old` is what was there.
     fn value(
         &self,
-        (row, at): (usize, usize),
+        (row, surfel): (usize, usize),
         column: usize,
         old: impl FnOnce() -> f32,
     ) -> Option<f32> {
         if let Some((coefficient, channel)) = self.replaced[column] {
-            return Some(self.stored[at * self.coefficients + coefficient][channel]);
+            return Some(self.stored[surfel * self.coefficients + coefficient][channel]);
         }
         let property = &self.header.properties[column];
         if property.scalar.is_float() && self.report.left_out.binary_search(&row).is_ok() {
@@ -122,15 +122,15 @@ impl<'a> ColorColumns<'a> {
         let header = &self.header;
         let big_endian = header.big_endian();
         let mut row_bytes = vec![0u8; header.stride];
-        for (row, at) in self.written().enumerate() {
+        for (row, surfel) in self.surfels().enumerate() {
             reader.read_exact(&mut row_bytes)?;
-            let Some(written) = at else {
+            let Some(surfel) = surfel else {
                 continue;
             };
             for (column, p) in header.properties.iter().enumerate() {
                 let at = &mut row_bytes[p.offset..];
                 let old = || p.scalar.read(at, big_endian);
-                if let Some(value) = self.value((row, written), column, old) {
+                if let Some(value) = self.value((row, surfel), column, old) {
                     p.scalar.write_float(value, at, big_endian);
                 }
             }
@@ -142,7 +142,7 @@ impl<'a> ColorColumns<'a> {
     fn write_ascii(&self, reader: &mut impl BufRead, out: &mut impl Write) -> std::io::Result<()> {
         let mut line = String::new();
         let (mut skipped, mut row) = (0, 0);
-        let mut written = self.written();
+        let mut surfels = self.surfels();
         while row < self.report.vertices {
             line.clear();
             if reader.read_line(&mut line)? == 0 {
@@ -154,13 +154,13 @@ impl<'a> ColorColumns<'a> {
                 continue;
             }
             row += 1;
-            let Some(at) = written.next().flatten() else {
+            let Some(surfel) = surfels.next().flatten() else {
                 continue;
             };
             for (column, word) in line.split_ascii_whitespace().enumerate() {
                 let separator = if column == 0 { "" } else { " " };
                 let old = || word.parse().unwrap_or(f32::NAN);
-                match self.value((row - 1, at), column, old) {
+                match self.value((row - 1, surfel), column, old) {
                     Some(value) => write!(out, "{separator}{value}")?,
                     None => write!(out, "{separator}{word}")?,
                 }

@@ -192,9 +192,10 @@ fn cut(ui: &mut Ui, session: &mut Session) {
 fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let mut close = false;
     let dragging = ui.input(|i| i.pointer.any_down());
-    viewer.session.overlays.wants_readout = viewer.viewport.inspected.is_some() && !dragging;
+    let inspected = viewer.viewport.inspected(&viewer.session);
+    viewer.session.overlays.wants_readout = inspected.is_some() && !dragging;
     let session = &viewer.session;
-    let (Some(i), Some(asset)) = (viewer.viewport.inspected, session.asset()) else {
+    let (Some(i), Some(asset)) = (inspected, session.asset()) else {
         ui.weak("Click the object to inspect a surfel.");
         return;
     };
@@ -204,7 +205,9 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let cloud = &asset.cloud;
     let vector = |v: Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
     ui.horizontal(|ui| {
-        ui.label(format!("Surfel {}", thousands(i)));
+        let row = asset.file.row_of(i).unwrap_or(i);
+        ui.label(format!("Surfel {}", thousands(row)))
+            .on_hover_text("The row of its file, the first is 0.");
         close = ui.small_button("close").clicked();
     });
     fact(ui, "position", vector(cloud.positions[i]));
@@ -258,7 +261,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
         ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
     }
     if close {
-        viewer.viewport.inspected = None;
+        viewer.viewport.clicked = None;
     }
 }
 

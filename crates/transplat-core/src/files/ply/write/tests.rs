@@ -88,13 +88,18 @@ fn a_changed_source_is_noticed() {
     assert!(!to.exists());
 }
 
+/// The surfels that some rows are.
+fn surfels<const N: usize>(asset: &AssetFile, rows: [usize; N]) -> [usize; N] {
+    rows.map(|row| asset.surfel_of(row).expect("a row"))
+}
+
 #[test]
 fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
     std::fs::write(&from, ascii()).expect("room for it");
     let (_, asset) = load_asset(&from).expect("mostly good");
-    let part = asset.part(vec![1, 3].into());
+    let part = asset.part(&surfels(&asset, [1, 3]));
     write_relit(&part, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
     assert!(text.contains("\nelement vertex 2\n") && text.contains("\nelement camera 1\n"));
@@ -112,7 +117,7 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     for big_endian in [false, true] {
         std::fs::write(&from, binary(big_endian)).expect("room for it");
         let (cloud, asset) = load_asset(&from).expect("a good file");
-        let part = asset.part(vec![1].into());
+        let part = asset.part(&surfels(&asset, [1]));
         write_relit(&part, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
         let (back, _) = load_asset(&to).expect("a good file");
         assert_eq!(back.positions, cloud.positions[1..]);
