@@ -5,6 +5,7 @@
 
 pub mod directional;
 pub mod harmonic;
+mod lanes;
 mod relit;
 pub mod scene;
 

@@ -6,13 +6,13 @@
 mod asset;
 mod incident;
 mod lobe;
+mod matte;
 mod neighbors;
 mod nodes;
 mod rays;
 
 use std::sync::Arc;
 
-use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
@@ -22,7 +22,7 @@ use crate::error::Result;
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
-use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count};
+use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 
 pub(crate) use asset::mean_radiance;
@@ -35,11 +35,15 @@ pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
 use lobe::{find_gloss, mirrored, pooled};
+use matte::BackLanes;
 pub(crate) use neighbors::NEIGHBORS;
 pub use nodes::Nodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use rays::Rays;
+
+/// Surfels that are relit one after the other.
+const PIECE: usize = 512;
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -355,14 +359,20 @@ impl DirectionalTransfer {
         let asset = &*self.asset;
         let k = coefficient_count(asset.nodes.degree);
         let mut sh = vec![[0f32; 3]; asset.bake.len() * k];
-        sh.par_chunks_exact_mut(k).enumerate().for_each_init(
+        sh.par_chunks_mut(PIECE * k).enumerate().for_each_init(
             Scratch::default,
-            |scratch, (i, out)| {
-                if unseen.get(i).is_some_and(|u| *u) {
-                    out.copy_from_slice(&asset.sh[i * k..][..k]);
-                } else {
-                    self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
+            |scratch, (piece, out)| {
+                let first = piece * PIECE;
+                scratch.backs.clear();
+                for (at, out) in out.chunks_exact_mut(k).enumerate() {
+                    let i = first + at;
+                    if unseen.get(i).is_some_and(|u| *u) {
+                        out.copy_from_slice(&asset.sh[i * k..][..k]);
+                    } else {
+                        self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
+                    }
                 }
+                self.add_matte_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
             },
         );
         Relit {
@@ -429,6 +439,15 @@ impl DirectionalTransfer {
         }
     }
 
+    /// How much of a surfel's back is seen, where backs count.
+    fn two_sided(&self, i: usize) -> f32 {
+        if self.settings.terms.two_sided {
+            self.asset.bake.two_sided[i]
+        } else {
+            0.0
+        }
+    }
+
     fn relight_surfel(
         &self,
         i: usize,
@@ -449,12 +468,8 @@ impl DirectionalTransfer {
         } else {
             tau
         };
-        let has_two_sides = asset.bake.two_sided[i] > 0.0 && self.settings.terms.two_sided;
-        let two_sided = if has_two_sides {
-            asset.bake.two_sided[i]
-        } else {
-            0.0
-        };
+        let two_sided = self.two_sided(i);
+        let has_two_sides = two_sided > 0.0;
         let is_matte =
             self.gloss[i].is_matte() && scratch.glossy.is_empty() && part != Part::Specular;
         if is_matte && self.multiply(i, (tau, two_sided), part, scratch, out) {
@@ -478,89 +493,6 @@ impl DirectionalTransfer {
                 o[c] += r[c] * scale[c];
             }
         }
-    }
-
-    /// Relights a surfel that is matte where its stored colour is a power of its light: that is multiplied, without a look at the nodes.
-    /// Tells whether it did.
-    fn multiply(
-        &self,
-        i: usize,
-        (tau, two_sided): (FrontAndBack, f32),
-        part: Part,
-        scratch: &mut Scratch,
-        out: &mut [[f32; 3]],
-    ) -> bool {
-        let (asset, k) = (&*self.asset, out.len());
-        let encoding = asset.encoding;
-        let back = if two_sided > 0.0 {
-            within_range(tau)
-        } else {
-            tau[0]
-        };
-        let is_power = |c: usize| {
-            let [front, back] = [tau[0][c], back[c]];
-            encoding.is_power(self.darkest[i][c], [front.min(back), front.max(back)])
-        };
-        if !(0..3).all(is_power) {
-            return false;
-        }
-        // Of the front, and where the back takes part, of each height.
-        let gains = &mut scratch.gains;
-        gains.clear();
-        gains.push(tau[0]);
-        if two_sided > 0.0 {
-            for side in [1.0, -1.0] {
-                gains.extend(asset.nodes.heights().map(|z| {
-                    let share = share_of_back(two_sided, side * z);
-                    std::array::from_fn(|c| tau[0][c] + share * (back[c] - tau[0][c]))
-                }));
-            }
-        }
-        encoding.gains(bytemuck::cast_slice_mut(gains));
-        let (front, shift) = (gains[0], encoding.shift());
-        let stored = &asset.sh[i * k..][..k];
-        let with_residual = part == Part::Whole && self.settings.terms.residual;
-        let rest: [f32; 3] = std::array::from_fn(|c| {
-            let then = self.encoded_mean[i][c];
-            let now = then + (front[c] - 1.0) * (then + shift - encoding.offset());
-            let kept = if with_residual {
-                residual_scale(now, then)
-            } else {
-                0.0
-            };
-            kept - front[c]
-        });
-        // A constant is its first coefficient, and the fit has no other.
-        let constant = shift * SQRT_4PI as f32;
-        for (o, (f, r)) in out
-            .iter_mut()
-            .zip(stored.iter().zip(&self.residual[i * k..]))
-        {
-            *o = std::array::from_fn(|c| front[c] * f[c] + rest[c] * r[c]);
-        }
-        for (o, g) in out[0].iter_mut().zip(front) {
-            *o += (g - 1.0) * constant;
-        }
-        if two_sided > 0.0 {
-            let frame = SurfelFrame::new(asset.bake.normals[i]);
-            let (mut from, mut added) =
-                ([[0.0; 3]; MAX_COEFFICIENTS], [[0.0; 3]; MAX_COEFFICIENTS]);
-            from[..k].copy_from_slice(stored);
-            from[0] = from[0].map(|v| v + constant);
-            frame.apply_sh(asset.nodes.degree, &mut from[..k]);
-            let front = Vec3A::from_array(front);
-            let factors = &mut scratch.factors;
-            factors.clear();
-            factors.extend(gains[1..].iter().map(|g| Vec3A::from_array(*g) - front));
-            asset
-                .nodes
-                .add_by_height(factors, &from[..k], &mut added[..k]);
-            frame.apply_sh(asset.nodes.degree, &mut added[..k]);
-            for (o, a) in out.iter_mut().zip(added) {
-                *o = std::array::from_fn(|c| o[c] + a[c]);
-            }
-        }
-        true
     }
 
     /// What changes of a two-sided surfel's colour because its back has a light of its own.
@@ -749,8 +681,9 @@ struct Scratch {
     values: Vec<f32>,
     glossy: Vec<[f32; 3]>,
     stored: Vec<[f32; 3]>,
-    gains: Vec<[f32; 3]>,
-    factors: Vec<Vec3A>,
+    /// Matte surfels that still lack what their backs do.
+    backs: Vec<usize>,
+    lanes: BackLanes,
 }
 
 /// The back's change, held to what is believed beside the front's.

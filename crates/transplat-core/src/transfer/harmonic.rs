@@ -1,9 +1,9 @@
 //! The harmonic method (paper 3.3 to 3.5): products of SH series of light and visibility, and a mirror for what shines.
 //!
 //! Everything that does not change with the target is prepared once; a new light is then one matrix-vector product,
-//! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks of lanes.
+//! one dot product and one mirror a surfel and channel. Surfels are worked on in blocks.
 
-mod lanes;
+mod block;
 
 use std::sync::Arc;
 
@@ -11,6 +11,7 @@ use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
 
+use super::lanes::LANES;
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
@@ -25,9 +26,8 @@ use crate::sh::{
 };
 use crate::surfels::SurfelCloud;
 
-pub use lanes::LANES;
-pub use lanes::MAX_RADIANCE;
-use lanes::{Block, Extent, Rows, relight_block};
+pub use block::MAX_RADIANCE;
+use block::{Block, Extent, Rows, relight_block};
 
 /// A target light stronger than the source by more than this is held to it, so that no result overflows.
 const MAX_RELATIVE_LIGHT: f32 = 1e12;

@@ -8,7 +8,9 @@ use std::f64::consts::PI;
 use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
 
-use crate::sh::{MAX_COEFFICIENTS, Mirror, coefficient_count, evaluate_basis, gauss_legendre};
+use crate::sh::{
+    MAX_COEFFICIENTS, Mirror, Real, coefficient_count, evaluate_basis, gauss_legendre,
+};
 
 /// What the fit adds to each coefficient above the DC, as a share of the constant function's weight: it settles what the visible
 /// hemisphere leaves open.
@@ -165,16 +167,14 @@ impl Nodes {
 
     /// What a function `[K]` in the surfel's frame becomes when it is multiplied by a factor that depends on the height alone, those of the
     /// front before those of the back, added to `out`. Nodes of a height are as many as it takes for orders not to mix.
-    pub fn add_by_height(&self, factors: &[Vec3A], function: &[[f32; 3]], out: &mut [[f32; 3]]) {
+    #[inline(always)]
+    pub fn add_by_height<T: Real>(&self, factors: &[T], function: &[T], out: &mut [T]) {
         let each = self.by_height.chunks_exact(factors.len());
         for ((m, a, b), heights) in Self::bands(self.degree).zip(each) {
-            let weighted = |sum, (f, h): (&Vec3A, &f32)| sum + *f * *h;
-            let both = factors.iter().zip(heights).fold(Vec3A::ZERO, weighted);
+            let weighted = |sum, (f, h): (&T, &f32)| sum + *f * T::of(f64::from(*h));
+            let both = factors.iter().zip(heights).fold(T::of(0.0), weighted);
             let [a, b] = [a, b].map(|l| l * (l + 1));
-            let mut add = |to: usize, from: usize| {
-                let v = Vec3A::from_array(out[to]) + both * Vec3A::from_array(function[from]);
-                out[to] = v.to_array();
-            };
+            let mut add = |to: usize, from: usize| out[to] = out[to] + both * function[from];
             for order in [m as isize, -(m as isize)] {
                 let [a, b] = [a, b].map(|l| l.wrapping_add_signed(order));
                 add(a, b);
@@ -407,8 +407,9 @@ mod tests {
             let heights: Vec<f32> = nodes.heights().collect();
             let factor = |h: usize| Vec3A::new((h as f32).sin(), 1.0 / (1 + h) as f32, h as f32);
             let factors: Vec<Vec3A> = (0..2 * heights.len()).map(factor).collect();
-            let mut fast = vec![[0.0; 3]; f.len()];
-            nodes.add_by_height(&factors, &f, &mut fast);
+            let mut fast = vec![Vec3A::ZERO; f.len()];
+            let f_at_once: Vec<Vec3A> = f.iter().map(|v| Vec3A::from_array(*v)).collect();
+            nodes.add_by_height(&factors, &f_at_once, &mut fast);
             let mut slow = vec![[0.0; 3]; f.len()];
             let sides = [&nodes.evaluate, &nodes.evaluate_back];
             for (side, evaluate) in sides.into_iter().enumerate() {

@@ -1,77 +1,16 @@
 //! The transfer's kernel: [`LANES`] surfels at a time as structure of arrays, compiled for several instruction sets.
 
-use std::ops::{Add, Mul, Neg, Sub};
-
 use glam::Vec3;
 use multiversion::multiversion;
 
 use crate::sh::{
-    LightOperator, MAX_COEFFICIENTS, MAX_DEGREE, Mirror, Real, SQRT_4PI, band, band_of,
-    coefficient_count, cosine_kernel, evaluate_basis,
+    LightOperator, MAX_COEFFICIENTS, Real, SQRT_4PI, band, band_of, coefficient_count,
+    cosine_kernel, evaluate_basis,
 };
+use crate::transfer::lanes::{LANES, Lanes, mirror_of};
 
 /// Radiance beyond this is held to it.
 pub const MAX_RADIANCE: f32 = 1e15;
-
-/// Surfels in a block.
-pub const LANES: usize = 16;
-
-/// One value of each surfel of a block.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-pub(super) struct Lanes([f32; LANES]);
-
-impl Lanes {
-    const ZERO: Self = Self([0.0; LANES]);
-
-    #[inline(always)]
-    fn map2(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        let mut out = [0.0; LANES];
-        for i in 0..LANES {
-            out[i] = f(self.0[i], other.0[i]);
-        }
-        Self(out)
-    }
-}
-
-impl Add for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.map2(other, |a, b| a + b)
-    }
-}
-
-impl Sub for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.map2(other, |a, b| a - b)
-    }
-}
-
-impl Mul for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.map2(other, |a, b| a * b)
-    }
-}
-
-impl Neg for Lanes {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        self.map2(self, |a, _| -a)
-    }
-}
-
-impl Real for Lanes {
-    #[inline(always)]
-    fn of(x: f64) -> Self {
-        Self([x as f32; LANES])
-    }
-}
 
 /// The prepared data of [`LANES`] surfels; the last block repeats its last surfel.
 #[derive(Clone, Debug)]
@@ -143,7 +82,7 @@ pub(super) fn relight_block(p: Extent, light: &LightOperator, block: &Block, out
         *y = *y * Lanes::of(cosine_kernel(band_of(i)));
     }
     let reflect = p.reflects && p.specular_degree > 0;
-    let mirror = reflect.then(|| mirror_of(x, y, z));
+    let mirror = reflect.then(|| mirror_of(degree, [x, y, z]));
     let mut result = [Lanes::ZERO; MAX_COEFFICIENTS];
     let (mut shadowed, mut irradiance) = ([Lanes::ZERO; MAX_COEFFICIENTS], Lanes::ZERO);
     for channel in 0..3 {
@@ -193,18 +132,4 @@ fn shadow(matrix: &[f32], visibility: &[Lanes], shadowed: &mut [Lanes]) {
         }
         *s = sum;
     }
-}
-
-#[inline(always)]
-fn mirror_of(x: Lanes, y: Lanes, z: Lanes) -> Mirror<Lanes> {
-    let (mut cos, mut sin, mut sin_theta) = (Lanes::of(1.0), Lanes::ZERO, Lanes::ZERO);
-    for i in 0..LANES {
-        let r = (x.0[i] * x.0[i] + y.0[i] * y.0[i]).sqrt();
-        sin_theta.0[i] = r;
-        if r > 1e-12 {
-            cos.0[i] = x.0[i] / r;
-            sin.0[i] = y.0[i] / r;
-        }
-    }
-    Mirror::new(MAX_DEGREE, (cos, sin), (z, sin_theta))
 }

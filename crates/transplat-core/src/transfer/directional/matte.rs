@@ -1,0 +1,164 @@
+//! Surfels that mirror nothing and whose stored colour is a power of their light: that is multiplied, without a look at the nodes.
+
+use multiversion::multiversion;
+
+use super::asset::FrontAndBack;
+use super::nodes::{Nodes, SurfelFrame};
+use super::{DirectionalTransfer, Scratch, residual_scale, share_of_back, within_range};
+use crate::color::Encoding;
+use crate::sh::{SQRT_4PI, band, coefficient_count};
+use crate::transfer::lanes::{LANES, Lanes, mirror_of};
+use crate::transfer::relit::Part;
+
+/// What [`LANES`] surfels are worked on in.
+#[derive(Default)]
+pub(super) struct BackLanes {
+    /// Stored colour in the surfels' frames, so that light multiplies it, and what is added to it. `[3][K]` each
+    stored: Vec<Lanes>,
+    added: Vec<Lanes>,
+    /// What the colour is multiplied by at each height beyond the front's factor. `[3][2 heights]`
+    factors: Vec<Lanes>,
+}
+
+impl DirectionalTransfer {
+    /// Relights a surfel that is matte where its stored colour is a power of its light; where its back has a light of its own, as if it had that
+    /// of the front, and lists it. Tells whether it did.
+    pub(super) fn multiply(
+        &self,
+        i: usize,
+        (tau, two_sided): (FrontAndBack, f32),
+        part: Part,
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) -> bool {
+        let (asset, k) = (&*self.asset, out.len());
+        let encoding = asset.encoding;
+        let back = if two_sided > 0.0 {
+            within_range(tau)
+        } else {
+            tau[0]
+        };
+        let is_power = |c: usize| {
+            let [front, back] = [tau[0][c], back[c]];
+            encoding.is_power(self.darkest[i][c], [front.min(back), front.max(back)])
+        };
+        if !(0..3).all(is_power) {
+            return false;
+        }
+        let mut front = tau[0];
+        encoding.gains(&mut front);
+        let shift = encoding.shift();
+        let stored = &asset.sh[i * k..][..k];
+        let with_residual = part == Part::Whole && self.settings.terms.residual;
+        let rest: [f32; 3] = std::array::from_fn(|c| {
+            let then = self.encoded_mean[i][c];
+            let now = then + (front[c] - 1.0) * (then + shift - encoding.offset());
+            let kept = if with_residual {
+                residual_scale(now, then)
+            } else {
+                0.0
+            };
+            kept - front[c]
+        });
+        for (o, (f, r)) in out
+            .iter_mut()
+            .zip(stored.iter().zip(&self.residual[i * k..]))
+        {
+            *o = std::array::from_fn(|c| front[c] * f[c] + rest[c] * r[c]);
+        }
+        for (o, g) in out[0].iter_mut().zip(front) {
+            *o += (g - 1.0) * constant(encoding);
+        }
+        if two_sided > 0.0 {
+            scratch.backs.push(i);
+        }
+        true
+    }
+
+    /// Adds what changes of matte surfels' colour because their backs have a light of their own; `out` begins with surfel `first`.
+    pub(super) fn add_matte_backs(
+        &self,
+        first: usize,
+        tau: &[FrontAndBack],
+        backs: &[usize],
+        lanes: &mut BackLanes,
+        out: &mut [[f32; 3]],
+    ) {
+        let asset = &*self.asset;
+        let (nodes, encoding) = (&asset.nodes, asset.encoding);
+        let k = coefficient_count(nodes.degree);
+        let heights: Vec<f32> = nodes.heights().collect();
+        let heights = || heights.iter().copied().chain(heights.iter().map(|z| -z));
+        let rows = 2 * (nodes.degree + 1);
+        for surfels in backs.chunks(LANES) {
+            // The last one stands in for those that lack.
+            let of = |lane: usize| surfels[lane.min(surfels.len() - 1)];
+            let gather =
+                |value: &dyn Fn(usize) -> f32| Lanes(std::array::from_fn(|j| value(of(j))));
+            lanes.stored.clear();
+            lanes.factors.clear();
+            for c in 0..3 {
+                let at = |q: usize| gather(&|i| asset.sh[i * k + q][c]);
+                lanes.stored.extend((0..k).map(at));
+                for v in &mut lanes.stored[c * k].0 {
+                    *v += constant(encoding);
+                }
+                let front = gather(&|i| tau[i][0][c]);
+                let back = gather(&|i| within_range(tau[i])[c]);
+                let two_sided = gather(&|i| self.two_sided(i));
+                lanes.factors.extend(heights().map(|z| {
+                    Lanes(std::array::from_fn(|j| {
+                        let share = share_of_back(two_sided.0[j], z);
+                        front.0[j] + share * (back.0[j] - front.0[j])
+                    }))
+                }));
+            }
+            let mut front: [Lanes; 3] = std::array::from_fn(|c| gather(&|i| tau[i][0][c]));
+            for values in lanes.factors.iter_mut().chain(&mut front) {
+                encoding.gains(&mut values.0);
+            }
+            for (factors, front) in lanes.factors.chunks_exact_mut(rows).zip(front) {
+                for f in factors {
+                    *f = *f - front;
+                }
+            }
+            let mirrors: [Lanes; 3] = std::array::from_fn(|axis| {
+                gather(&|i| SurfelFrame::new(asset.bake.normals[i]).mirror[axis])
+            });
+            lanes.added.clear();
+            lanes.added.resize(3 * k, Lanes::ZERO);
+            by_height(nodes, mirrors, lanes);
+            for (lane, i) in surfels.iter().enumerate() {
+                for (q, o) in out[(i - first) * k..][..k].iter_mut().enumerate() {
+                    for c in 0..3 {
+                        o[c] += lanes.added[c * k + q].0[lane];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The first coefficient of the constant that makes stored colour a power of light; the fit has no other.
+fn constant(encoding: Encoding) -> f32 {
+    encoding.shift() * SQRT_4PI as f32
+}
+
+/// What the factors by height add to the stored colour: all in the surfels' frames, and back.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn by_height(nodes: &Nodes, mirrors: [Lanes; 3], lanes: &mut BackLanes) {
+    let (degree, k) = (nodes.degree, coefficient_count(nodes.degree));
+    let mirror = mirror_of(degree, mirrors);
+    let rows = 2 * (degree + 1);
+    for c in 0..3 {
+        let stored = &mut lanes.stored[c * k..][..k];
+        let added = &mut lanes.added[c * k..][..k];
+        for l in 1..=degree {
+            mirror.reflect_band(l, &mut stored[band(l)]);
+        }
+        nodes.add_by_height(&lanes.factors[c * rows..][..rows], stored, added);
+        for l in 1..=degree {
+            mirror.reflect_band(l, &mut added[band(l)]);
+        }
+    }
+}
