@@ -432,7 +432,7 @@ fn scenes_that_say_too_little_are_refused_with_what_is_missing() {
     ];
     run_told(&["relight", &askew, "-o", &out], 1, &told);
     let nested = folder.write("nested.json", text.replace("ball.ply", "scene.json"));
-    let told = ["scene.json", "a look, where a splat is expected"];
+    let told = ["scene.json", "a look, where one splat is expected"];
     run_told(&["relight", &nested, "-o", &out], 1, &told);
     let told = run_json(&["info", &gone]);
     assert!(

@@ -11,6 +11,7 @@ mod environments;
 mod export;
 mod files;
 mod frame;
+mod gestures;
 mod gizmo;
 mod inspecting;
 mod jobs;
@@ -30,9 +31,11 @@ mod session;
 mod shelf;
 mod shortcuts;
 mod stages;
+mod style;
 mod viewport;
 mod widgets;
 mod window;
+mod work;
 
 use std::sync::Arc;
 

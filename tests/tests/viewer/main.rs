@@ -3,6 +3,7 @@
 mod composing;
 mod dropping;
 mod estimate;
+mod gestures;
 mod live;
 
 use std::fs;

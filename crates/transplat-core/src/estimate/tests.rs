@@ -129,6 +129,19 @@ fn a_matte_object_of_a_few_albedos_returns_its_light() {
     assert!(toward.dot(Vec3::new(0.8, 0.0, 0.6)) > 0.99, "{toward}");
 }
 
+/// What is found is the object's, not that of the order in which a file lists it.
+#[test]
+fn the_order_of_surfels_does_not_change_the_light() {
+    let toward = Vec3::new(0.5, 0.3, 0.8).normalize();
+    let (cloud, _) = lit(4000, |_| [0.3; 3], Some((toward, 2.0)));
+    let mut order: Vec<usize> = (0..cloud.len()).collect();
+    order.sort_by_key(|i| i.wrapping_mul(2_654_435_761) % 4099);
+    let [a, b] = [of_asset(&cloud), of_asset(&cloud.selected(&order))];
+    let [(d, e), (f, g)] = [a, b].map(|e| e.light.sun.expect("a sun"));
+    assert!(Vec3::from_array(d).dot(Vec3::from_array(f)) > 1.0 - 1e-6);
+    assert!((e[1] / g[1] - 1.0).abs() < 1e-3, "{e:?} {g:?}");
+}
+
 #[test]
 fn a_sun_is_found_where_there_is_one() {
     let toward = Vec3::new(0.5, -0.4, 0.77).normalize();

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use super::kind::{FileKind, file_kind};
-use super::rows::AssetReport;
+use super::rows::{AssetReport, NOT_WRITTEN};
 use super::write::write_atomically;
 use super::{ply, read};
 use crate::error::{Error, Result};
@@ -25,9 +25,6 @@ pub struct AssetFile {
     /// Which surfel each row of the file is, [`NOT_WRITTEN`] where the row is not written. `[vertices]`
     surfel_of_row: Arc<[u32]>,
 }
-
-/// In the place of a surfel: the row is of none that is written.
-pub(super) const NOT_WRITTEN: u32 = u32::MAX;
 
 impl AssetFile {
     /// The same for some of its surfels, numbered anew in that order.

@@ -121,6 +121,9 @@ pub(super) struct Builder {
     left_out: Vec<usize>,
 }
 
+/// In the place of a surfel: the row is of none that is written.
+pub(super) const NOT_WRITTEN: u32 = u32::MAX;
+
 /// Surfels, so that neighbours follow each other; what was noticed; and which of them each row of the file is.
 pub(super) type Finished = (SurfelCloud, AssetReport, Vec<u32>);
 

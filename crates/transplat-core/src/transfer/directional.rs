@@ -19,7 +19,7 @@ use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_of
 use crate::bake::directional::DirectionalBake;
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
-use crate::numeric::{smoothstep, weighted_quantile};
+use crate::numeric::weighted_quantile;
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
@@ -35,7 +35,8 @@ pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
 use lobe::{find_gloss, mirrored, pooled};
-use matte::BackLanes;
+pub use matte::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
+use matte::{BackLanes, Matte, residual_scale, share_of_back, within_range};
 pub(crate) use neighbors::NEIGHBORS;
 pub use nodes::Nodes;
 use nodes::SurfelFrame;
@@ -53,15 +54,6 @@ pub const LEAST_IRRADIANCE: f32 = 1e-6;
 
 /// A channel of the source with less than that share of its mean irradiance tells nothing: it is filled up to it, in both lights.
 const LEAST_CHANNEL: f32 = 0.05;
-
-/// The back of a two-sided surfel changes by at most this factor more or less than its front.
-pub const BACK_RANGE: f32 = 4.0;
-
-/// Cosine to the horizon within which a two-sided surfel's sides blend.
-pub const HORIZON: f32 = 0.2;
-
-/// Added to both encoded brightnesses whose ratio scales the residual.
-pub const RESIDUAL_FLOOR: f32 = 0.02;
 
 /// An asset under its source light, ready for any other.
 #[derive(Clone, Debug)]
@@ -372,7 +364,8 @@ impl DirectionalTransfer {
                         self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
                     }
                 }
-                self.add_matte_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
+                let matte = self.matte(part);
+                matte.add_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
             },
         );
         Relit {
@@ -439,12 +432,20 @@ impl DirectionalTransfer {
         }
     }
 
-    /// How much of a surfel's back is seen, where backs count.
-    fn two_sided(&self, i: usize) -> f32 {
-        if self.settings.terms.two_sided {
-            self.asset.bake.two_sided[i]
-        } else {
-            0.0
+    /// What it keeps of matte surfels.
+    fn matte(&self, part: Part) -> Matte<'_> {
+        let Terms {
+            residual,
+            two_sided,
+            ..
+        } = self.settings.terms;
+        Matte {
+            asset: &self.asset,
+            darkest: &self.darkest,
+            residual: &self.residual,
+            encoded_mean: &self.encoded_mean,
+            with_residual: part == Part::Whole && residual,
+            with_backs: two_sided,
         }
     }
 
@@ -468,11 +469,14 @@ impl DirectionalTransfer {
         } else {
             tau
         };
-        let two_sided = self.two_sided(i);
+        let two_sided = self.matte(part).two_sided(i);
         let has_two_sides = two_sided > 0.0;
         let is_matte =
             self.gloss[i].is_matte() && scratch.glossy.is_empty() && part != Part::Specular;
-        if is_matte && self.multiply(i, (tau, two_sided), part, scratch, out) {
+        if is_matte && self.matte(part).multiply(i, (tau, two_sided), out) {
+            if has_two_sides {
+                scratch.backs.push(i);
+            }
             return;
         }
         asset.store(&self.matte[i * q..][..q], matte[0], scratch);
@@ -686,16 +690,6 @@ struct Scratch {
     lanes: BackLanes,
 }
 
-/// The back's change, held to what is believed beside the front's.
-fn within_range([front, back]: FrontAndBack) -> [f32; 3] {
-    std::array::from_fn(|c| back[c].clamp(front[c] / BACK_RANGE, front[c] * BACK_RANGE))
-}
-
-/// How much of the back's change a view sees, from that high over the front.
-fn share_of_back(two_sided: f32, height: f32) -> f32 {
-    two_sided * smoothstep(-HORIZON, HORIZON, -height)
-}
-
 /// The least of some colours in each channel.
 fn darkest(colors: &[[f32; 3]]) -> [f32; 3] {
     let least = |a: [f32; 3], b: &[f32; 3]| std::array::from_fn(|c| a[c].min(b[c]));
@@ -704,16 +698,6 @@ fn darkest(colors: &[[f32; 3]]) -> [f32; 3] {
 
 fn added(a: FrontAndBack, b: FrontAndBack) -> FrontAndBack {
     std::array::from_fn(|s| std::array::from_fn(|c| a[s][c] + b[s][c]))
-}
-
-/// By how much the residual changes with the encoded brightness: in proportion when it falls, to nothing in the dark; less when it rises,
-/// since what the source hardly lit is mostly noise.
-fn residual_scale(now: f32, then: f32) -> f32 {
-    if now < then {
-        now / then
-    } else {
-        (now + RESIDUAL_FLOOR) / (then + RESIDUAL_FLOOR)
-    }
 }
 
 #[cfg(test)]

@@ -39,6 +39,8 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         files: args.files.clone(),
         settings: are_set.then(|| Box::new(settings) as _),
         bake,
+        work: directories::ProjectDirs::from("", "", "transplat")
+            .map(|folders| folders.data_local_dir().join("work.json")),
         ..Startup::default()
     };
     viewer::open(startup, args.options.device == DeviceChoice::Cpu)

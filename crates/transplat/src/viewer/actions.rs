@@ -47,6 +47,10 @@ impl Viewer {
             }
         });
         for (action, fine) in actions {
+            if action == Action::FullScreen {
+                let is_full = context.input(|i| i.viewport().fullscreen == Some(true));
+                context.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
+            }
             self.act(action, fine);
         }
         for (number, path) in (1..=9).zip(&self.shelf.paths) {
@@ -96,6 +100,8 @@ impl Viewer {
             Action::Match => session.scene.match_strength = !session.scene.match_strength,
             Action::Swap => session.swap_lights(),
             Action::Panels => self.shown.panels = !self.shown.panels,
+            // The window's own.
+            Action::FullScreen => {}
             Action::Help => self.shown.help = !self.shown.help,
             Action::NudgeLeft => target.rotation = navigation::wrap(target.rotation + step),
             Action::NudgeRight => target.rotation = navigation::wrap(target.rotation - step),

@@ -17,6 +17,10 @@ const LEGEND_WIDTH: f32 = 250.0;
 pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
     let painter = ui.painter_at(rect);
     name_sides(&painter, rect, session, view);
+    if let Some(why) = session.not_final(view) {
+        let below = egui::pos2(rect.center().x, rect.top() + 38.0);
+        tag(&painter, below, Align2::CENTER_TOP, why);
+    }
     let entries = legend(session, view);
     if !entries.is_empty() {
         draw_legend(&painter, rect, &entries);

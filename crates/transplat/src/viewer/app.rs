@@ -16,6 +16,7 @@ use super::preferences::Preferences;
 use super::probes::Probe;
 use super::session::{Dialog, Event, SOURCE, SaveKind, Session, TARGET};
 use super::shelf::Shelf;
+use super::style;
 use super::viewport::Viewport;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::pipeline::settings::environments_in;
@@ -36,6 +37,8 @@ pub struct Startup {
     pub settings: Option<Box<dyn FnOnce(Scene) -> Scene>>,
     /// A saved bake of the splat.
     pub bake: Option<PathBuf>,
+    /// Where the work is kept for the next start.
+    pub work: Option<PathBuf>,
     /// Gets what ended the window against the user's will.
     pub fatal: Arc<Mutex<Option<String>>>,
 }
@@ -73,6 +76,9 @@ pub struct Viewer {
     pub(super) last_lights: [u64; 2],
     /// Where the look is kept should the device be lost.
     pub recovery: Option<PathBuf>,
+    /// Where the work is kept for the next start, and what of it was last.
+    pub(super) work: Option<PathBuf>,
+    pub(super) kept_work: Option<Scene>,
     pub(super) fatal: Arc<Mutex<Option<String>>>,
     pub(super) title: String,
 }
@@ -95,6 +101,7 @@ impl Viewer {
             state.device.clone(),
             state.queue.clone(),
         ));
+        style::apply(&cc.egui_ctx);
         let kept = cc.storage.and_then(|s| s.get_string(STORAGE_KEY));
         // What an older or newer program kept differently is left.
         let preferences: Preferences = kept
@@ -128,6 +135,8 @@ impl Viewer {
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
                 .map(|d| d.cache_dir().join("recovered_look.json")),
+            work: startup.work.clone(),
+            kept_work: None,
             fatal: startup.fatal.clone(),
             title: String::new(),
             preferences,
@@ -150,6 +159,10 @@ impl Viewer {
             } else {
                 self.shelf.absent.push(path.clone());
             }
+        }
+        let is_named = !startup.files.is_empty() || startup.settings.is_some();
+        if !is_named && startup.bake.is_none() && self.bring_back_work() {
+            return;
         }
         let mut scene = self.session.scene.clone();
         self.settings_for_once = startup.settings.is_some();

@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use eframe::egui::{self, Color32, PointerButton, Pos2, Rect, Response, Stroke, Ui};
+use eframe::egui::{self, Color32, Pos2, Rect, Response, Stroke, Ui};
 use glam::{Quat, Vec2, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::scene::Transform;
@@ -216,51 +216,47 @@ impl View<'_> {
 }
 
 impl Gizmo {
-    /// Takes what is dragged; whether the pointer belongs to the handles.
+    /// Takes hold of the handle at a place; whether there is one.
+    pub fn hold(&mut self, session: &Session, at: Pos2, (part, camera): (Rect, &Camera)) -> bool {
+        let from = session.object().transform;
+        let view = view(session, from, (part, camera));
+        let handle = view.and_then(|view| view.handle_at(at));
+        self.drag = handle.map(|handle| Drag {
+            handle,
+            object: session.state().id,
+            from,
+            pointer: inside(part, at),
+        });
+        self.drag.is_some()
+    }
+
+    /// Pulls what is held to a place, in steps where that is asked for.
     pub fn drag(
         &mut self,
-        ui: &Ui,
         session: &mut Session,
-        response: &Response,
+        to: Pos2,
+        in_steps: bool,
         (part, camera): (Rect, &Camera),
-    ) -> bool {
+    ) {
         let object = session.state().id;
         // Another one that is selected meanwhile is not held.
-        self.drag.take_if(|drag| drag.object != object);
-        // What is held is where it was when it was taken.
-        let held = self.drag.as_ref();
-        let place = held.map_or(session.object().transform, |drag| drag.from);
-        let Some(view) = view(session, place, (part, camera)) else {
-            self.drag = None;
-            return false;
+        let Some(drag) = self.drag.as_ref().filter(|drag| drag.object == object) else {
+            return;
         };
-        let inside = |at: Pos2| Vec2::new(at.x - part.min.x, at.y - part.min.y);
-        let (origin, now) = ui.input(|i| (i.pointer.press_origin(), i.pointer.latest_pos()));
-        let modifiers = ui.input(|i| i.modifiers);
-        if response.drag_started_by(PointerButton::Primary)
-            && let Some(at) = origin
-            && let Some(handle) = view.handle_at(at).filter(|_| !modifiers.shift)
-        {
-            self.drag = Some(Drag {
-                handle,
-                object,
-                from: place,
-                pointer: inside(at),
-            });
-        }
-        let Some(drag) = &self.drag else {
-            return false;
+        // What is held is where it was when it was taken.
+        let Some(view) = view(session, drag.from, (part, camera)) else {
+            return;
         };
         let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
-        let step = modifiers.command.then(|| grid_spacing(radius) / 10.0);
-        let made = now.and_then(|at| view.dragged(drag, inside(at), step));
-        if let Some(made) = made {
+        let step = in_steps.then(|| grid_spacing(radius) / 10.0);
+        if let Some(made) = view.dragged(drag, inside(part, to), step) {
             session.object_mut().transform = made;
         }
-        if !response.dragged_by(PointerButton::Primary) {
-            self.drag = None;
-        }
-        true
+    }
+
+    /// Lets go.
+    pub fn let_go(&mut self) {
+        self.drag = None;
     }
 
     /// Draws the handles over the picture.
@@ -281,6 +277,11 @@ impl Gizmo {
         }
         draw(ui, &view, active.or(hovered));
     }
+}
+
+/// A place in the window from a part's corner.
+fn inside(part: Rect, at: Pos2) -> Vec2 {
+    Vec2::new(at.x - part.min.x, at.y - part.min.y)
 }
 
 /// Where the handles are of the selected object, placed like that; none where they are not shown.

@@ -13,6 +13,7 @@ use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
 use transplat_core::files::CameraFile;
 use transplat_core::ground::Ground;
+use transplat_core::present::View;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
@@ -573,6 +574,27 @@ impl Session {
         }
         files.extend(self.scene.plate.clone());
         files
+    }
+
+    /// What a view lacks that shows what is relit, in words.
+    pub fn not_final(&self, view: View) -> Option<&'static str> {
+        if !view.needs_relit() {
+            return None;
+        }
+        let shown = || self.shown().map(|(at, ..)| &self.states[at]);
+        if shown().any(|state| state.relit.get().is_none()) {
+            return Some("not relit yet: as captured");
+        }
+        let method = self.scene.transfer.method;
+        let is_whole = |state: &ObjectState| {
+            let bake = state.bakes.get(&method).and_then(|b| b.current());
+            bake.is_some_and(|b| b.share == 1.0)
+        };
+        if !shown().all(is_whole) {
+            return Some("coarse: visibility is being baked");
+        }
+        let is_traced = !self.is_composed() || self.is_traced();
+        (!is_traced).then_some("coarse: light between the objects is being traced")
     }
 
     /// Whether everything that the settings ask for is shown: nothing is being computed.

@@ -30,6 +30,10 @@ pub struct Shelf {
     pub slots: [Option<Rect>; 2],
     /// The clicked "add" asks for files.
     pub wants_files: bool,
+    /// Files that are the same as one on the shelf, and which.
+    twins: HashMap<PathBuf, PathBuf>,
+    /// The one that was last brought into view.
+    shown: Option<PathBuf>,
 }
 
 /// A light that is dragged along the shelf or onto a slot.
@@ -37,17 +41,28 @@ pub struct Shelf {
 struct Dragged(PathBuf);
 
 impl Shelf {
-    /// Puts a light on the shelf, unless it is there.
+    /// Puts a light on the shelf, unless it is there, under whatever path.
     pub fn add(&mut self, session: &mut Session, path: &Path) {
         if !self.paths.iter().any(|p| p == path) {
-            self.paths.push(path.to_owned());
+            match self.paths.iter().find(|p| is_copy(p, path)) {
+                Some(twin) => {
+                    self.twins.insert(path.to_owned(), twin.clone());
+                }
+                None => self.paths.push(path.to_owned()),
+            }
         }
         session.environments.request(path);
+    }
+
+    /// The light on the shelf that a file is.
+    fn listed<'a>(&'a self, path: &'a Path) -> &'a Path {
+        self.twins.get(path).map_or(path, PathBuf::as_path)
     }
 
     /// A light that could not be read leaves the shelf.
     pub fn forget(&mut self, path: &Path) {
         self.paths.retain(|p| p != path);
+        self.twins.retain(|_, twin| twin != path);
     }
 
     fn texture(&mut self, ui: &Ui, light: &Environment) -> TextureHandle {
@@ -82,6 +97,25 @@ impl Shelf {
                 });
             });
         });
+        self.draw_dragged(ui, session);
+    }
+
+    /// What is dragged, under the pointer.
+    fn draw_dragged(&mut self, ui: &Ui, session: &Session) {
+        let dragged = egui::DragAndDrop::payload::<Dragged>(ui.ctx());
+        let pointer = ui.ctx().pointer_latest_pos();
+        let (Some(dragged), Some(pointer)) = (dragged, pointer) else {
+            return;
+        };
+        let Some(light) = session.environments.get(&dragged.0).cloned() else {
+            return;
+        };
+        let texture = self.texture(ui, &light);
+        let layer = egui::LayerId::new(egui::Order::Tooltip, egui::Id::unique("dragged light"));
+        let rect = Rect::from_center_size(pointer, 0.75 * THUMBNAIL);
+        let uv = Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
+        let painter = ui.ctx().layer_painter(layer);
+        painter.image(texture.id(), rect, uv, Color32::from_white_alpha(200));
     }
 
     fn slot(&mut self, ui: &mut Ui, session: &mut Session, side: usize) {
@@ -135,13 +169,18 @@ impl Shelf {
     fn entry(&mut self, ui: &mut Ui, session: &mut Session, index: usize) {
         let path = self.paths[index].clone();
         let name = light_name(&path);
-        let selected = session.light(TARGET).path == path;
+        let target = session.light(TARGET).path.clone();
+        let selected = self.listed(&target) == path;
         let mut removed = false;
         ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);
             ui.add_space(17.0);
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
             named(&response, egui::Role::Button, format!("Environment {name}"));
+            if selected && self.shown.as_ref() != Some(&path) {
+                response.scroll_to_me(None);
+                self.shown = Some(path.clone());
+            }
             let light = session.environments.get(&path).cloned();
             let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
@@ -206,6 +245,13 @@ impl Shelf {
             self.wants_files |= response.clicked();
         });
     }
+}
+
+/// Whether a file is a copy of another that is called so, too.
+fn is_copy(a: &Path, b: &Path) -> bool {
+    let length = |path: &Path| path.metadata().map(|m| m.len()).ok();
+    let is_alike = a.file_name() == b.file_name() && length(a).is_some() && length(a) == length(b);
+    is_alike && std::fs::read(a).ok() == std::fs::read(b).ok()
 }
 
 fn paint_thumbnail(

@@ -29,6 +29,7 @@ pub enum Action {
     Match,
     Swap,
     Panels,
+    FullScreen,
     Help,
     NudgeLeft,
     NudgeRight,
@@ -37,7 +38,7 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 30] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 31] = [
     (CTRL, Key::O, Action::Open, "open files"),
     (
         CTRL_SHIFT,
@@ -88,6 +89,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 30] = [
     (NONE, Key::M, Action::Match, "match the lights' strength"),
     (NONE, Key::X, Action::Swap, "swap the two lights"),
     (NONE, Key::H, Action::Panels, "panels on and off"),
+    (NONE, Key::F11, Action::FullScreen, "all of the screen"),
     (NONE, Key::F1, Action::Help, "this sheet"),
     (
         NONE,

@@ -11,6 +11,7 @@ use transplat_core::rasterize::{Pick, pick};
 use transplat_gpu::live::Live;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel};
+use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
 use super::navigation;
 use super::session::Session;
@@ -33,9 +34,7 @@ pub struct Viewport {
     pub rect: Rect,
     last_move: f64,
     step: usize,
-    dragging_wipe: bool,
-    /// Where the pointer was in the last frame of a drag.
-    dragged_to: Option<Pos2>,
+    gestures: Gestures,
     /// The surfel that was clicked, and the state of its object.
     pub clicked: Option<(u64, usize)>,
     /// The light turns with the camera.
@@ -51,8 +50,7 @@ impl Default for Viewport {
             rect: Rect::NOTHING,
             last_move: -1e9,
             step: 1,
-            dragging_wipe: false,
-            dragged_to: None,
+            gestures: Gestures::default(),
             clicked: None,
             light_locked_to_camera: false,
             gizmo: Gizmo::default(),
@@ -86,15 +84,8 @@ impl Viewport {
             (s.pose, s.scene.environment.clone(), s.scene.wipe, place)
         };
         let before = seen(session);
-        let shown = self.shown_part(ui, session, &response);
-        let is_object = shown.is_some_and(|(part, camera)| {
-            (self.gizmo).drag(ui, session, &response, (part, &camera))
-        });
-        if is_object {
-            self.dragged_to = None;
-        } else {
-            self.navigate(ui, session, &response);
-        }
+        self.follow_pointer(ui, session);
+        self.navigate(ui, session, &response);
         if self.light_locked_to_camera {
             // As the camera was moved here, and by nothing else.
             let turned = navigation::wrap(session.pose.azimuth - before.0.azimuth);
@@ -222,32 +213,94 @@ impl Viewport {
         picks.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
+    /// Whether something is being dragged.
+    pub fn is_dragging(&self) -> bool {
+        self.gestures.held().is_some()
+    }
+
+    /// Takes the pointer's events of this frame, in their order.
+    fn follow_pointer(&mut self, ui: &Ui, session: &mut Session) {
+        for event in ui.input(|i| i.events.clone()) {
+            if let Some(press) = self.gestures.press(&event) {
+                let is_free = ui.ctx().layer_id_at(press.at) == Some(ui.layer_id());
+                if ui.is_enabled() && is_free && self.rect.contains(press.at) {
+                    let gesture = self.gesture_of(session, press);
+                    self.gestures.begin(gesture, press);
+                }
+            } else if let Some(step) = self.gestures.follow(&event) {
+                self.take_step(session, &step);
+            }
+        }
+        self.gestures
+            .hold_only(|button| ui.input(|i| i.pointer.button_down(button)));
+        if self.gestures.held() != Some(Gesture::Handle) {
+            self.gizmo.let_go();
+        }
+    }
+
+    /// What a press begins.
+    fn gesture_of(&mut self, session: &Session, press: Press) -> Gesture {
+        let shift = press.modifiers.shift;
+        match press.button {
+            PointerButton::Middle => Gesture::Pan,
+            PointerButton::Secondary if shift => Gesture::TurnLight,
+            PointerButton::Secondary => Gesture::LookAround,
+            _ if self.is_on_wipe(session, Some(press.at)) => Gesture::Wipe,
+            _ if shift => Gesture::Pan,
+            _ => {
+                let part = self.part_at(session, Some(press.at));
+                let camera = self.camera_at(session, self.rect.min);
+                let takes = |(camera, ..): (Camera, _, _)| {
+                    self.gizmo.hold(session, press.at, (part, &camera))
+                };
+                if camera.is_some_and(takes) {
+                    Gesture::Handle
+                } else {
+                    Gesture::Orbit
+                }
+            }
+        }
+    }
+
+    fn take_step(&mut self, session: &mut Session, step: &Step) {
+        let part = self.part_at(session, Some(step.pressed_at));
+        let shorter = part.width().min(part.height()).max(1.0);
+        let (up, by) = (session.scene_up(), step.by());
+        match step.gesture {
+            Gesture::Orbit => navigation::orbit(&mut session.pose, by),
+            Gesture::Pan => navigation::pan(&mut session.pose, up, by, shorter),
+            Gesture::LookAround => navigation::look_around(&mut session.pose, up, by),
+            Gesture::TurnLight => {
+                let target = &mut session.scene.environment;
+                target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(by.x));
+                target.tilt = navigation::wrap(target.tilt + 0.5 * f64::from(by.y));
+            }
+            Gesture::Wipe => {
+                let share = (step.to.x - self.rect.left()) / self.rect.width().max(1.0);
+                session.scene.wipe = share.clamp(0.0, 1.0);
+            }
+            Gesture::Handle => {
+                let in_steps = step.modifiers.command;
+                if let Some((camera, ..)) = self.camera_at(session, self.rect.min) {
+                    (self.gizmo).drag(session, step.to, in_steps, (part, &camera));
+                }
+            }
+        }
+    }
+
+    /// The wheel, keys that fly, and clicks.
     fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
         let up = session.scene_up();
         let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
         let part = self.part_at(session, response.hover_pos());
         let shorter = part.width().min(part.height()).max(1.0);
-        let drag = self.drag_since_last_frame(ui, response);
-        let held = |button| response.dragged_by(button) || response.drag_stopped_by(button);
-        let shift = ui.input(|i| i.modifiers.shift);
-        self.drag_wipe(ui, session, response);
-        if self.dragging_wipe {
-            return;
+        let held = self.gestures.held();
+        if held == Some(Gesture::LookAround) {
+            self.fly(ui, session, radius);
         }
-        let pose = &mut session.pose;
-        if held(PointerButton::Middle) || (shift && held(PointerButton::Primary)) {
-            navigation::pan(pose, up, drag, shorter);
-        } else if held(PointerButton::Primary) {
-            navigation::orbit(pose, drag);
-        } else if held(PointerButton::Secondary) {
-            if shift {
-                let target = &mut session.scene.environment;
-                target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(drag.x));
-                target.tilt = navigation::wrap(target.tilt + 0.5 * f64::from(drag.y));
-            } else {
-                navigation::look_around(pose, up, drag);
-                self.fly(ui, session, radius);
-            }
+        let is_on_wipe = held.is_none() && self.is_on_wipe(session, response.hover_pos());
+        if is_on_wipe || held == Some(Gesture::Wipe) {
+            ui.set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
         }
         if let Some(pointer) = response.hover_pos() {
             let scroll = ui.input(|i| i.smooth_scroll_delta().y + 300.0 * i.zoom_delta().ln());
@@ -293,23 +346,6 @@ impl Viewport {
         Some((part, camera))
     }
 
-    /// How far the pointer was dragged since the last frame, in points: from where the button went down, and up to where it was let go.
-    /// Where frames are slow, much of a drag lies in its first and last one.
-    fn drag_since_last_frame(&mut self, ui: &Ui, response: &egui::Response) -> Vec2 {
-        let (origin, now) = ui.input(|i| (i.pointer.press_origin(), i.pointer.latest_pos()));
-        if response.drag_started() {
-            self.dragged_to = origin;
-        }
-        let from = self.dragged_to;
-        self.dragged_to = now.filter(|_| response.dragged());
-        match (from, now) {
-            (Some(from), Some(to)) if response.dragged() || response.drag_stopped() => {
-                Vec2::new(to.x - from.x, to.y - from.y)
-            }
-            _ => Vec2::ZERO,
-        }
-    }
-
     fn fly(&mut self, ui: &Ui, session: &mut Session, radius: f32) {
         let step = ui.input(|i| {
             let key = |key| if i.key_down(key) { 1.0f32 } else { 0.0 };
@@ -323,27 +359,10 @@ impl Viewport {
         ui.request_repaint();
     }
 
-    fn drag_wipe(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
-        if session.scene.view != View::Split {
-            self.dragging_wipe = false;
-            return;
-        }
+    /// Whether a place is on the line between before and after.
+    fn is_on_wipe(&self, session: &Session, at: Option<Pos2>) -> bool {
         let line = self.rect.left() + session.scene.wipe * self.rect.width();
-        let near = |at: Option<Pos2>| at.is_some_and(|p| (p.x - line).abs() <= WIPE_REACH);
-        if near(response.hover_pos()) || self.dragging_wipe {
-            ui.set_cursor_icon(egui::CursorIcon::ResizeHorizontal);
-        }
-        if response.drag_started_by(PointerButton::Primary) {
-            self.dragging_wipe = near(ui.input(|i| i.pointer.press_origin()));
-        }
-        if self.dragging_wipe {
-            if let Some(at) = response.interact_pointer_pos() {
-                let share = (at.x - self.rect.left()) / self.rect.width().max(1.0);
-                session.scene.wipe = share.clamp(0.0, 1.0);
-            }
-            if response.drag_stopped() {
-                self.dragging_wipe = false;
-            }
-        }
+        let is_split = session.scene.view == View::Split;
+        is_split && at.is_some_and(|p| (p.x - line).abs() <= WIPE_REACH)
     }
 }

@@ -23,8 +23,8 @@ impl eframe::App for Viewer {
             ask(&mut self.session, Dialog::Open);
         }
         let time = context.input(|i| i.time);
-        // While a splat is loading, its look is still to come.
-        if !self.session.is_loading_asset() {
+        // While a splat is loading, its look is still to come; and a drag is one step.
+        if !self.session.is_loading_asset() && !self.viewport.is_dragging() {
             self.undoer.feed_state(time, &self.session.scene);
             // That is seen only when there is a frame.
             if self.undoer.is_in_flux() {
@@ -73,6 +73,7 @@ impl eframe::App for Viewer {
         if !self.settings_for_once {
             self.preferences.keep(&self.session.scene);
         }
+        self.keep_work();
         self.preferences.grid = self.session.overlays.grid;
         let absent = self.shelf.absent.iter();
         self.preferences.shelf = Some(self.shelf.paths.iter().chain(absent).cloned().collect());

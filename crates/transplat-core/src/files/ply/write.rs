@@ -4,8 +4,7 @@ use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 
 use super::header::{Format, Header};
 use crate::error::{Error, Result};
-use crate::files::asset::NOT_WRITTEN;
-use crate::files::rows::AssetReport;
+use crate::files::rows::{AssetReport, NOT_WRITTEN};
 
 /// For each property of a row the index of the colour that replaces it.
 pub(in crate::files) struct ColorColumns<'a> {

@@ -2,13 +2,36 @@
 
 use multiversion::multiversion;
 
-use super::asset::FrontAndBack;
+use super::asset::{DirectionalAsset, FrontAndBack};
 use super::nodes::{Nodes, SurfelFrame};
-use super::{DirectionalTransfer, Scratch, residual_scale, share_of_back, within_range};
 use crate::color::Encoding;
+use crate::numeric::smoothstep;
 use crate::sh::{SQRT_4PI, band, coefficient_count};
 use crate::transfer::lanes::{LANES, Lanes, mirror_of};
-use crate::transfer::relit::Part;
+
+/// The back of a two-sided surfel changes by at most this factor more or less than its front.
+pub const BACK_RANGE: f32 = 4.0;
+
+/// Cosine to the horizon within which a two-sided surfel's sides blend.
+pub const HORIZON: f32 = 0.2;
+
+/// Added to both encoded brightnesses whose ratio scales the residual.
+pub const RESIDUAL_FLOOR: f32 = 0.02;
+
+/// What a transfer keeps of matte surfels.
+#[derive(Clone, Copy)]
+pub(super) struct Matte<'a> {
+    pub asset: &'a DirectionalAsset,
+    /// The least colour at the nodes in each channel. `[n]`
+    pub darkest: &'a [[f32; 3]],
+    /// Stored colour that the model of the source misses. `[n][K]`
+    pub residual: &'a [[f32; 3]],
+    /// Mean encoded colour that the model has. `[n]`
+    pub encoded_mean: &'a [[f32; 3]],
+    /// Whether what the model misses is kept, and whether backs have a light of their own.
+    pub with_residual: bool,
+    pub with_backs: bool,
+}
 
 /// What [`LANES`] surfels are worked on in.
 #[derive(Default)]
@@ -20,18 +43,24 @@ pub(super) struct BackLanes {
     factors: Vec<Lanes>,
 }
 
-impl DirectionalTransfer {
-    /// Relights a surfel that is matte where its stored colour is a power of its light; where its back has a light of its own, as if it had that
-    /// of the front, and lists it. Tells whether it did.
-    pub(super) fn multiply(
+impl Matte<'_> {
+    /// How much of a surfel's back is seen, where backs count.
+    pub fn two_sided(&self, i: usize) -> f32 {
+        if self.with_backs {
+            self.asset.bake.two_sided[i]
+        } else {
+            0.0
+        }
+    }
+
+    /// Relights a surfel where its stored colour is a power of its light, as if its back changed as its front does. Tells whether it did.
+    pub fn multiply(
         &self,
         i: usize,
         (tau, two_sided): (FrontAndBack, f32),
-        part: Part,
-        scratch: &mut Scratch,
         out: &mut [[f32; 3]],
     ) -> bool {
-        let (asset, k) = (&*self.asset, out.len());
+        let (asset, k) = (self.asset, out.len());
         let encoding = asset.encoding;
         let back = if two_sided > 0.0 {
             within_range(tau)
@@ -49,11 +78,10 @@ impl DirectionalTransfer {
         encoding.gains(&mut front);
         let shift = encoding.shift();
         let stored = &asset.sh[i * k..][..k];
-        let with_residual = part == Part::Whole && self.settings.terms.residual;
         let rest: [f32; 3] = std::array::from_fn(|c| {
             let then = self.encoded_mean[i][c];
             let now = then + (front[c] - 1.0) * (then + shift - encoding.offset());
-            let kept = if with_residual {
+            let kept = if self.with_residual {
                 residual_scale(now, then)
             } else {
                 0.0
@@ -69,14 +97,11 @@ impl DirectionalTransfer {
         for (o, g) in out[0].iter_mut().zip(front) {
             *o += (g - 1.0) * constant(encoding);
         }
-        if two_sided > 0.0 {
-            scratch.backs.push(i);
-        }
         true
     }
 
-    /// Adds what changes of matte surfels' colour because their backs have a light of their own; `out` begins with surfel `first`.
-    pub(super) fn add_matte_backs(
+    /// Adds what changes of surfels that were multiplied because their backs have a light of their own; `out` begins with surfel `first`.
+    pub fn add_backs(
         &self,
         first: usize,
         tau: &[FrontAndBack],
@@ -84,7 +109,7 @@ impl DirectionalTransfer {
         lanes: &mut BackLanes,
         out: &mut [[f32; 3]],
     ) {
-        let asset = &*self.asset;
+        let asset = self.asset;
         let (nodes, encoding) = (&asset.nodes, asset.encoding);
         let k = coefficient_count(nodes.degree);
         let heights: Vec<f32> = nodes.heights().collect();
@@ -160,5 +185,25 @@ fn by_height(nodes: &Nodes, mirrors: [Lanes; 3], lanes: &mut BackLanes) {
         for l in 1..=degree {
             mirror.reflect_band(l, &mut added[band(l)]);
         }
+    }
+}
+
+/// The back's change, held to what is believed beside the front's.
+pub(super) fn within_range([front, back]: FrontAndBack) -> [f32; 3] {
+    std::array::from_fn(|c| back[c].clamp(front[c] / BACK_RANGE, front[c] * BACK_RANGE))
+}
+
+/// How much of the back's change a view sees, from that high over the front.
+pub(super) fn share_of_back(two_sided: f32, height: f32) -> f32 {
+    two_sided * smoothstep(-HORIZON, HORIZON, -height)
+}
+
+/// By how much the residual changes with the encoded brightness: in proportion when it falls, to nothing in the dark; less when it rises,
+/// since what the source hardly lit is mostly noise.
+pub(super) fn residual_scale(now: f32, then: f32) -> f32 {
+    if now < then {
+        now / then
+    } else {
+        (now + RESIDUAL_FLOOR) / (then + RESIDUAL_FLOOR)
     }
 }

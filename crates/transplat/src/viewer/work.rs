@@ -1,0 +1,70 @@
+//! The work of last time: kept while the program runs, and there again at the next start that names nothing else.
+
+use std::path::Path;
+
+use transplat_core::files::{is_same_file, load_look, save_look};
+use transplat_core::scene::Scene;
+
+use super::app::Viewer;
+use crate::bundled::{BUNDLED_SPLAT, bundled};
+
+impl Viewer {
+    /// Opens the work of last time; whether there is any.
+    pub(super) fn bring_back_work(&mut self) -> bool {
+        let Some(path) = self.work.clone().filter(|path| path.is_file()) else {
+            return false;
+        };
+        let first_asset = |scene: Scene| scene.objects.into_iter().find_map(|o| o.asset);
+        let why = match load_look(&path).map(first_asset) {
+            Ok(Some(asset)) if asset.is_file() => {
+                self.session.open(&path);
+                self.session
+                    .info("the work of last time; File > Bundled scene starts anew");
+                return true;
+            }
+            Ok(Some(asset)) => format!("{}: the file is not there", asset.display()),
+            Ok(None) => return false,
+            Err(error) => error.to_string(),
+        };
+        let kept = path.display();
+        self.session
+            .error(format!("the work of last time ({kept}): {why}"));
+        // What is done from here on does not take its place.
+        self.work = None;
+        false
+    }
+
+    /// Keeps the work as it is now, if anything was done.
+    pub(super) fn keep_work(&mut self) {
+        let Some(path) = self.work.clone() else {
+            return;
+        };
+        let Some(asset) = self
+            .session
+            .asset()
+            .filter(|_| !self.session.is_loading_asset())
+        else {
+            return;
+        };
+        let is_bundled = bundled(BUNDLED_SPLAT).is_some_and(|b| is_same_file(&b, &asset.path));
+        if is_bundled && !self.undoer.has_undo(&self.session.scene) {
+            return;
+        }
+        let scene = self.session.scene_to_save();
+        if self.kept_work.as_ref() == Some(&scene) {
+            return;
+        }
+        if let Err(why) = keep(&path, &scene) {
+            self.session
+                .error(format!("the work cannot be kept for the next start: {why}"));
+            self.work = None;
+        }
+        self.kept_work = Some(scene);
+    }
+}
+
+fn keep(path: &Path, scene: &Scene) -> Result<(), String> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(|why| format!("{}: {why}", folder.display()))?;
+    save_look(path, scene).map_err(|why| why.to_string())
+}
