@@ -10,14 +10,14 @@ use std::fs;
 use std::time::Duration;
 
 use eframe::egui;
-use transplat::viewer::Task;
+use transplat::viewer::{Startup, Task};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{EVEN, Object, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
-use transplat_tests::{Folder, args, asset, psnr, run_json};
+use transplat_tests::{Folder, args, asset, psnr, run_json, small_splat};
 
 #[test]
 fn controls_run_what_they_touch_and_nothing_else() {
@@ -386,6 +386,34 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     assert!(session.object().outside_from.is_empty());
     let cloud = &session.asset().expect("an asset").cloud;
     assert!(cloud.outside_from.is_empty());
+}
+
+/// What was done is there at the next start that names nothing else; where its splat is gone that is said, and what was kept stays.
+#[test]
+fn the_work_of_last_time_comes_back() {
+    let folder = Folder::empty();
+    folder.write("small.ply", small_splat(100));
+    let [work, splat] = ["kept/work.json", "small.ply"].map(|n| folder.path(n));
+    let started = |files: &[&std::path::PathBuf]| Startup {
+        files: files.iter().map(|f| (*f).clone()).collect(),
+        work: Some(work.clone()),
+        ..Startup::default()
+    };
+    let mut d = Driver::open(started(&[&splat]), Folder::empty());
+    d.after(|v| v.session.scene.environment.rotation = 70.0);
+    d.viewer().keep_work();
+    let mut d = Driver::open(started(&[]), Folder::empty());
+    let session = &d.viewer().session;
+    assert_eq!(session.asset().map(|a| a.cloud.len()), Some(100));
+    assert!((session.scene.environment.rotation - 70.0).abs() < 1e-6);
+    fs::rename(&splat, folder.path("moved.ply")).expect("it is there");
+    let mut d = Driver::open(started(&[]), Folder::empty());
+    let mut messages = d.viewer().session.messages.iter();
+    assert!(messages.any(|m| m.is_error && m.text.contains("small.ply")));
+    d.after(|v| v.session.scene.environment.rotation = 10.0);
+    d.viewer().keep_work();
+    let kept = transplat_core::files::load_look(&work).expect("it stays");
+    assert!((kept.environment.rotation - 70.0).abs() < 1e-6);
 }
 
 #[test]

@@ -35,7 +35,7 @@ impl Viewer {
     }
 
     /// Keeps the work as it is now, if anything was done.
-    pub(super) fn keep_work(&mut self) {
+    pub fn keep_work(&mut self) {
         let Some(path) = self.work.clone() else {
             return;
         };
