@@ -129,17 +129,15 @@ fn a_matte_object_of_a_few_albedos_returns_its_light() {
     assert!(toward.dot(Vec3::new(0.8, 0.0, 0.6)) > 0.99, "{toward}");
 }
 
-/// What is found is the object's, not that of the order in which a file lists it.
+/// Of some it would be the order of the file that decides which.
 #[test]
-fn the_order_of_surfels_does_not_change_the_light() {
-    let toward = Vec3::new(0.5, 0.3, 0.8).normalize();
-    let (cloud, _) = lit(4000, |_| [0.3; 3], Some((toward, 2.0)));
-    let mut order: Vec<usize> = (0..cloud.len()).collect();
-    order.sort_by_key(|i| i.wrapping_mul(2_654_435_761) % 4099);
-    let [a, b] = [of_asset(&cloud), of_asset(&cloud.selected(&order))];
-    let [(d, e), (f, g)] = [a, b].map(|e| e.light.sun.expect("a sun"));
-    assert!(Vec3::from_array(d).dot(Vec3::from_array(f)) > 1.0 - 1e-6);
-    assert!((e[1] / g[1] - 1.0).abs() < 1e-3, "{e:?} {g:?}");
+fn all_surfels_of_a_cluster_are_asked_for_the_sun() {
+    let (cloud, bake) = lit(4000, |_| [0.3; 3], None);
+    let clusters = Clusters::new(&cloud, &bake, &mean_radiance(&cloud, &bake.normals));
+    let is_in_one = |i: &usize| clusters.of[*i] != clusters::NONE;
+    let inside: Vec<usize> = (0..cloud.len()).filter(is_in_one).collect();
+    assert!(inside.len() > cloud.len() / 2);
+    assert!(inside.into_iter().all(|i| clusters.share[i] > 0.0));
 }
 
 #[test]

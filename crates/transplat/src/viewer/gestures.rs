@@ -71,7 +71,7 @@ impl Gestures {
     }
 
     /// The press that an event is, where no other button is held.
-    pub fn press(&mut self, event: &Event) -> Option<Press> {
+    pub fn press(&self, event: &Event) -> Option<Press> {
         match *event {
             Event::PointerButton {
                 pos,

@@ -37,6 +37,8 @@ impl<T: Numeric> Control<'_, T> {
             .suffix(self.unit)
             .max_decimals(self.decimals)
             .logarithmic(self.logarithmic)
+            .update_while_editing(false)
+            .custom_parser(parse)
             .clamping(egui::SliderClamping::Edits);
         let row = ui.horizontal(|ui| {
             let label = name(ui, self.label);
