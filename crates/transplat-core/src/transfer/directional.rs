@@ -31,10 +31,10 @@ pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
 pub(super) use incident::{Incident, Others};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
+use lobe::{LEAST_GLOSS, find_gloss, mirrored, pooled};
 pub(crate) use lobe::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
-use lobe::{find_gloss, mirrored, pooled};
 pub use matte::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
 use matte::{BackLanes, Matte, residual_scale, share_of_back, within_range};
 pub(crate) use neighbors::NEIGHBORS;
@@ -68,6 +68,8 @@ pub struct DirectionalTransfer {
     pub source_was_black: bool,
     /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
     pub trust: f32,
+    /// Mean irradiance of the source, as [`DirectionalLight::mean`] and so multiplied.
+    mean: [f32; 3],
     /// Epsilon's part of the divisor.
     least: [f32; 3],
     /// Share of each light's mean that a channel gets because the source hardly has it.
@@ -76,6 +78,8 @@ pub struct DirectionalTransfer {
     pub gloss: Vec<Gloss>,
     /// How many surfels show any gloss.
     pub glossy_surfels: usize,
+    /// And how many so little that they are taken for matte.
+    faintly_glossy: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     pub divisor: Vec<FrontAndBack>,
     /// Colour at the nodes that gloss does not explain. `[n][Q]`
@@ -229,6 +233,7 @@ impl DirectionalTransfer {
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
+        let mean = light.mean;
         let light = asset.incident(light, settings, None);
         let radiance = asset.captured_radiance();
         let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
@@ -238,10 +243,17 @@ impl DirectionalTransfer {
                 added(light.irradiance[i], bounced)
             })
             .collect();
-        let gloss = if settings.terms.lobe && trust >= 1.0 {
-            find_gloss(asset, (&light, &radiance), whitest(asset, &divisor))
+        let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
+            let white = whitest(asset, &divisor);
+            let mut gloss = find_gloss(asset, (&light, &radiance), white);
+            let faint = if settings.skips.has(Skip::Matte) {
+                Gloss::take_unseen(&mut gloss, white)
+            } else {
+                0
+            };
+            (gloss, faint)
         } else {
-            vec![Gloss::default(); asset.bake.len()]
+            (vec![Gloss::default(); asset.bake.len()], 0)
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let mut matte = asset.colors.clone();
@@ -260,9 +272,11 @@ impl DirectionalTransfer {
             light_gain,
             source_was_black,
             trust,
+            mean,
             least: light.least,
             fill,
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
+            faintly_glossy,
             gloss,
             divisor,
             darkest: asset.darkest(&matte),
@@ -313,15 +327,14 @@ impl DirectionalTransfer {
         self.asset.light(target, gain, settings, self.fill)
     }
 
-    /// By how much a light's mean is stronger than the source's: from there the bounces start. Epsilon's shares are in that proportion.
-    pub fn mean_ratio(&self, light: &DirectionalLight) -> [f32; 3] {
-        let least = LEAST_IRRADIANCE * self.settings.epsilon();
-        std::array::from_fn(|c| light.least[c] / self.least[c].max(least))
+    /// By how much a light's mean, [`DirectionalLight::mean`], is stronger than the source's: from there the bounces start.
+    pub fn mean_ratio(&self, mean: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|c| mean[c] / self.mean[c].max(LEAST_IRRADIANCE))
     }
 
     /// By how much each surfel's front changes in matte light. `[n]`
     pub fn ratio(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
-        let start = self.mean_ratio(&light);
+        let start = self.mean_ratio(light.mean);
         let light = self.asset.incident(light, &self.settings, None);
         self.bounce(&light, start)
             .into_iter()
@@ -333,7 +346,7 @@ impl DirectionalTransfer {
     /// to the others.
     pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
-        let start = self.mean_ratio(&light);
+        let start = self.mean_ratio(light.mean);
         let light = asset.incident(light, &self.settings, None);
         let tau = self.bounce(&light, start);
         let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
@@ -412,9 +425,19 @@ impl DirectionalTransfer {
         radiance: &[Radiance],
         tau: &mut [FrontAndBack],
     ) {
-        let asset = &*self.asset;
+        let bounced = |i| self.asset.bounced(i, light, radiance);
+        self.turn_with(light, bounced, tau);
+    }
+
+    /// A turn of the fixed point, given what light bounces to each surfel.
+    pub(super) fn turn_with(
+        &self,
+        light: &Incident<'_>,
+        bounced: impl Fn(usize) -> FrontAndBack + Sync,
+        tau: &mut [FrontAndBack],
+    ) {
         tau.par_iter_mut().enumerate().for_each(|(i, tau)| {
-            let e = added(light.irradiance[i], asset.bounced(i, light, radiance));
+            let e = added(light.irradiance[i], bounced(i));
             let [front, back]: FrontAndBack = std::array::from_fn(|s| {
                 std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
             });
@@ -584,19 +607,24 @@ impl Relight for DirectionalTransfer {
             let (what, why) = if self.glossy_surfels > 0 {
                 let matte = 100.0 * (n - self.glossy_surfels) as f32 / n as f32;
                 let what = format!("the lobe of {matte:.0} % of the surfels");
-                (what, "their colour shows no gloss")
+                (what, "their colour shows no gloss that is seen")
             } else if self.trust < 1.0 {
                 let why =
                     "what is mirrored is not told from paint where the source light is not known";
                 ("specular lobe".into(), why)
             } else if cloud.has_view_dependence() {
-                ("specular lobe".into(), "the asset's colour shows no gloss")
+                (
+                    "specular lobe".into(),
+                    "the asset's colour shows no gloss that is seen",
+                )
             } else {
                 let why = "the asset's colour does not depend on the view";
                 ("specular lobe".into(), why)
             };
+            let any = self.faintly_glossy > 0;
             out.push(Skipped {
                 skip: Some(Skip::Matte),
+                max_error: Some(if any { LEAST_GLOSS } else { 0.0 }),
                 ..Skipped::exact(Stage::Transfer, what, why)
             });
         }

@@ -2,7 +2,7 @@
 
 pub mod harmonic;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DMat3;
 use rayon::prelude::*;
@@ -25,6 +25,8 @@ pub struct SceneTransfer {
     pub objects: Vec<Arc<DirectionalTransfer>>,
     /// Where they stand, and what they see of each other.
     pub bake: Arc<SceneBake>,
+    /// What bounces to each object's surfels in the first turn of the fixed point: of a light only its mean counts. See [`Self::first_turn`].
+    first_turn: OnceLock<Vec<Vec<FrontAndBack>>>,
 }
 
 /// A light on all objects.
@@ -41,7 +43,11 @@ impl SceneTransfer {
     /// What one of them radiates shines on those of other captures as strongly as it shows in its own picture: pictures and lights share a unit,
     /// as those of a renderer do.
     pub fn new(objects: Vec<Arc<DirectionalTransfer>>, bake: Arc<SceneBake>) -> Self {
-        Self { objects, bake }
+        Self {
+            objects,
+            bake,
+            first_turn: OnceLock::new(),
+        }
     }
 
     /// The first object as it is where the others are not.
@@ -62,16 +68,25 @@ impl SceneTransfer {
                 let object_from_scene = self.bake.objects[i].turn().inverse();
                 let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
                 let light = transfer.light(target.for_directional()?);
-                let start = transfer.mean_ratio(&light);
+                let mean = light.mean;
                 let mut light = (transfer.asset).incident(light, &transfer.settings, Some(around));
                 light.others = self.others_of(i);
-                Ok((light, vec![[start; 2]; transfer.asset.bake.len()]))
+                Ok((
+                    (light, mean),
+                    vec![[[0.0; 3]; 2]; transfer.asset.bake.len()],
+                ))
             })
             .collect::<Result<Vec<_>>>()?
             .into_iter()
             .unzip();
+        let (lights, means): (Vec<_>, Vec<_>) = lights.into_iter().unzip();
+        let each = self.objects.iter().zip(&lights).zip(&mut taus);
+        for (((object, light), tau), first) in each.zip(self.first_turn(&lights)) {
+            let bounced = |i: usize| first[i].map(|side| times(side, means[0]));
+            object.turn_with(light, bounced, tau);
+        }
         let mut radiance = Vec::new();
-        for _ in 0..TURNS {
+        for _ in 1..TURNS {
             self.radiate(&taus, &mut radiance);
             let each = self.objects.iter().zip(&lights).zip(&mut taus);
             for ((object, light), tau) in each {
@@ -86,6 +101,29 @@ impl SceneTransfer {
             lights,
             taus,
             radiance,
+        })
+    }
+
+    /// What bounces to each object's surfels in the first turn, for each unit of the first object's mean irradiance.
+    fn first_turn(&self, lights: &[Incident<'_>]) -> &[Vec<FrontAndBack>] {
+        self.first_turn.get_or_init(|| {
+            let unit = f64::from(self.objects[0].light_gain);
+            let start = |object: &Arc<DirectionalTransfer>| {
+                let gain = (f64::from(object.light_gain) / unit).clamp(1e-12, 1e12) as f32;
+                let start = object.mean_ratio([gain; 3]);
+                vec![[start; 2]; object.asset.bake.len()]
+            };
+            let taus: Vec<_> = self.objects.iter().map(start).collect();
+            let mut radiance = Vec::new();
+            self.radiate(&taus, &mut radiance);
+            let each = self.objects.iter().zip(lights);
+            each.map(|(object, light)| {
+                let surfels = (0..object.asset.bake.len()).into_par_iter();
+                surfels
+                    .map(|i| object.asset.bounced(i, light, &radiance))
+                    .collect()
+            })
+            .collect()
         })
     }
 
@@ -137,6 +175,10 @@ impl SceneTransfer {
         let (object, i) = self.bake.locate(i);
         of(&self.objects[object], i)
     }
+}
+
+fn times(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] * b[c])
 }
 
 impl Relight for SceneTransfer {

@@ -219,7 +219,7 @@ impl GpuDirectional {
         let settings = DirectionalSettings {
             least: light.least,
             suns: light.suns.len() as u32,
-            start: self.prepared.mean_ratio(light),
+            start: self.prepared.mean_ratio(light.mean),
             box_count: see_suns.map_or(0, |(_, boxes)| *boxes as u32),
             matte: f32::from(part != Part::Specular),
             mirrored: f32::from(part != Part::Diffuse),

@@ -57,7 +57,9 @@ pub struct DirectionalLight {
     pub sky: Vec<Beam>,
     /// Compact sources, at most [`crate::environment::MAX_SUNS`].
     pub suns: Vec<Beam>,
-    /// What is added to all irradiance: epsilon's share, and what fills a channel that the source lacks.
+    /// Irradiance averaged over all normals, with what fills a channel that the source lacks.
+    pub mean: [f32; 3],
+    /// What is added to all irradiance: epsilon's share, and that filling.
     pub least: [f32; 3],
 }
 

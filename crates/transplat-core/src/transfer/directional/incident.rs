@@ -114,6 +114,7 @@ impl DirectionalAsset {
         DirectionalLight {
             sky,
             suns,
+            mean: std::array::from_fn(|c| means[c] + fill[c] * mean),
             least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
         }
     }
@@ -183,7 +184,13 @@ impl DirectionalAsset {
     /// Irradiance of surfel `i`, front and back, with epsilon's share.
     fn irradiance(&self, i: usize, light: &Incident<'_>) -> FrontAndBack {
         let n = self.bake.normals[i];
-        let mut sides = open_irradiance(n, light.open(i), &light.sky);
+        let (open, sky) = (light.open(i), &light.sky);
+        // Few have a back that counts, and a sum costs as much as the other.
+        let mut sides = if self.bake.two_sided[i] > 0.0 {
+            open_irradiance::<2>(n, open, sky)
+        } else {
+            open_irradiance::<1>(n, open, sky)
+        };
         for (sun, open) in &light.suns {
             if open[i] {
                 let cosine = n.dot(sun.direction);
@@ -196,7 +203,7 @@ impl DirectionalAsset {
     }
 
     /// Light that bounces to surfel `i` from what the others radiate.
-    pub(super) fn bounced(
+    pub(in crate::transfer) fn bounced(
         &self,
         i: usize,
         light: &Incident<'_>,
@@ -294,9 +301,9 @@ fn lanes_of(plane: &[f32], start: usize) -> [f32; LANES] {
     out
 }
 
-/// Sum over the open directions of cosine times energy, front and back.
+/// Sum over the open directions of cosine times energy, front and, of two sides, back.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> FrontAndBack {
+fn open_irradiance<const SIDES: usize>(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> FrontAndBack {
     let mut sums = [[[0f32; LANES]; 3]; 2];
     for start in (0..DIRECTIONS).step_by(LANES) {
         let bits = (open[start / 64] >> (start % 64)) as u32;
@@ -310,7 +317,7 @@ fn open_irradiance(n: Vec3, open: &[u64; WORDS], sky: &Sky) -> FrontAndBack {
         }
         for c in 0..3 {
             let e = lanes_of(&sky.energy[c], start);
-            for side in 0..2 {
+            for side in 0..SIDES {
                 for i in 0..LANES {
                     sums[side][c][i] += cosines[side][i] * e[i];
                 }

@@ -33,6 +33,9 @@ pub const TRUSTED_CORRELATION: f32 = 0.03;
 /// mirrors that much, and a metal has no other colour.
 pub const METAL: [f32; 2] = [0.15, 0.3];
 
+/// A lobe whose peak is fainter than that share of what the whitest surface scatters of the same light is not seen.
+pub const LEAST_GLOSS: f32 = 1e-3;
+
 /// Turns of pooling by which neighbours agree on being a metal: one stuff seldom ends within a few surfels, and where normals are off no
 /// single one tells.
 pub const METAL_TURNS: usize = 8;
@@ -90,12 +93,18 @@ fn sum_lobes<const WIDTH: u32>(
             }
         }
     }
-    let scale = ((1u32 << WIDTH) as f32 + 1.0) / (4.0 * PI);
+    let scale = peak(WIDTH);
     for c in 0..3 {
         for i in 0..count {
             out[c * q + start + i] = scale * sum[c][i];
         }
     }
+}
+
+/// The lobe along its axis, which makes its integral 1.
+#[inline(always)]
+fn peak(width: u32) -> f32 {
+    ((1u32 << width) as f32 + 1.0) / (4.0 * PI)
 }
 
 /// The gloss of one surfel.
@@ -113,6 +122,21 @@ impl Gloss {
     /// Whether there is none.
     pub fn is_matte(&self) -> bool {
         self.reflectance == [0.0; 3]
+    }
+
+    /// Whether it shows beside what a surface of that albedo scatters.
+    fn is_seen(&self, white: f32) -> bool {
+        let [r, g, b] = self.reflectance;
+        r.max(g).max(b) * peak(self.width) > LEAST_GLOSS * white / PI
+    }
+
+    /// Takes away what does not show beside what a surface of that albedo scatters. Returns of how many surfels.
+    pub(super) fn take_unseen(all: &mut [Self], white: f32) -> usize {
+        let unseen = |g: &&mut Self| !g.is_matte() && !g.is_seen(white);
+        all.iter_mut()
+            .filter(unseen)
+            .map(|g| *g = Self::default())
+            .count()
     }
 }
 

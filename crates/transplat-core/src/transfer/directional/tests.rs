@@ -180,7 +180,8 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             cloud.sh[i * 16..][..16].copy_from_slice(&f);
         }
         let transfer = prepared(&asset_of(&cloud), &source);
-        let metals = transfer.gloss.iter().filter(|g| !g.rises).count();
+        let is_metal = |g: &&Gloss| !g.is_matte() && !g.rises;
+        let metals = transfer.gloss.iter().filter(is_metal).count();
         if metal {
             assert!(metals * 10 > 9 * cloud.len(), "{metals}");
             // The colour was made under the light as it is, and is explained by the light that the transfer works in.
@@ -197,6 +198,20 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             assert!(most < 0.02, "{most}");
         }
     }
+}
+
+/// Of 0.5 of the light a white surface scatters 0.5 / pi; the widest lobe's peak is 9 / 4 pi.
+#[test]
+fn gloss_that_does_not_show_beside_white_is_taken_away() {
+    let gloss = |green: f32| Gloss {
+        reflectance: [0.0, green, 0.0],
+        width: 3,
+        rises: true,
+    };
+    let least = 1e-3 * 0.5 * 4.0 / 9.0;
+    let mut all = [gloss(0.9 * least), gloss(1.1 * least), Gloss::default()];
+    assert_eq!(Gloss::take_unseen(&mut all, 0.5), 1);
+    assert_eq!(all.map(|g| g.is_matte()), [true, false, true]);
 }
 
 #[test]

@@ -41,19 +41,23 @@ fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
     (together.expect("with beams"), alone.collect())
 }
 
+/// Up to rounding: a scene's bounces start from what it keeps.
+fn are_alike(a: &Relit, b: &Relit) -> bool {
+    let close = |a: &[f32; 3], b: &[f32; 3]| (0..3).all(|c| (a[c] - b[c]).abs() < 1e-5);
+    let all = |a: &[[f32; 3]], b: &[[f32; 3]]| a.iter().zip(b).all(|(a, b)| close(a, b));
+    all(&a.sh, &b.sh) && all(&a.tau, &b.tau)
+}
+
 #[test]
 fn an_object_alone_and_objects_out_of_sight_are_relit_as_ever() {
     let cloud = synthetic::glossy_sphere_over_plate(300, 2);
     let (together, alone) = relit(&[(cloud.clone(), Affine3A::IDENTITY)]);
-    assert_eq!(
-        (&together[0].sh, &together[0].tau),
-        (&alone[0].sh, &alone[0].tau)
-    );
+    assert!(are_alike(&together[0], &alone[0]));
     // So far away that it stands between two of the 384 directions.
     let far = Affine3A::from_translation(Vec3::new(0.0, 500.0, 0.0));
     let (together, alone) = relit(&[(cloud.clone(), Affine3A::IDENTITY), (cloud, far)]);
     for (together, alone) in together.iter().zip(alone) {
-        assert_eq!((&together.sh, &together.tau), (&alone.sh, &alone.tau));
+        assert!(are_alike(together, &alone));
     }
 }
 
