@@ -139,12 +139,15 @@ impl SceneTransfer {
     /// How the others shine on one of the objects, in the unit of its captured colour.
     fn others_of(&self, which: usize) -> Option<Others> {
         let placed = &self.bake.objects;
-        let is_of_its_capture =
-            |other: &usize| *other == which || placed[which].is_of_capture_of(&placed[*other]);
-        let own: Vec<usize> = (0..placed.len()).filter(is_of_its_capture).collect();
+        let is_of_its_capture = |other: &usize| placed[which].is_of_capture_of(&placed[*other]);
+        let others = || (0..placed.len()).filter(|other| *other != which);
         let gain = self.objects[which].light_gain;
-        (own.len() < placed.len() && gain != 1.0).then(|| Others {
-            own: own.into_iter().map(|o| self.bake.surfels_of(o)).collect(),
+        (gain != 1.0 && !others().all(|o| is_of_its_capture(&o))).then(|| Others {
+            own: self.bake.surfels_of(which),
+            parts: others()
+                .filter(is_of_its_capture)
+                .map(|o| self.bake.surfels_of(o))
+                .collect(),
             gain,
         })
     }

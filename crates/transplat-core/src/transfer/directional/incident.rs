@@ -48,17 +48,18 @@ pub(in crate::transfer) struct Incident<'a> {
 
 /// How the radiance of surfels of other captures is brought to the unit of an object's captured colour.
 pub(in crate::transfer) struct Others {
-    /// Which surfels are of the object's own capture.
-    pub own: Vec<Range<usize>>,
+    /// The object's surfels.
+    pub own: Range<usize>,
+    /// And those of other objects of its capture.
+    pub parts: Vec<Range<usize>>,
     /// What that of the rest is multiplied by.
     pub gain: f32,
 }
 
 impl Others {
     #[inline(always)]
-    fn factor(&self, surfel: usize) -> f32 {
-        let is_own = self.own.iter().any(|own| own.contains(&surfel));
-        if is_own { 1.0 } else { self.gain }
+    fn are_own(&self, surfel: usize) -> bool {
+        self.own.contains(&surfel) || self.parts.iter().any(|part| part.contains(&surfel))
     }
 }
 
@@ -185,7 +186,7 @@ impl DirectionalAsset {
     fn irradiance(&self, i: usize, light: &Incident<'_>) -> FrontAndBack {
         let n = self.bake.normals[i];
         let (open, sky) = (light.open(i), &light.sky);
-        // Few have a back that counts, and a sum costs as much as the other.
+        // Not all have a back that counts, and a sum costs as much as the other.
         let mut sides = if self.bake.two_sided[i] > 0.0 {
             open_irradiance::<2>(n, open, sky)
         } else {
@@ -209,31 +210,31 @@ impl DirectionalAsset {
         light: &Incident<'_>,
         radiance: &[Radiance],
     ) -> FrontAndBack {
-        match &light.others {
-            None => self.sum_of_hits(i, light.hits(i), radiance, |_| 1.0),
-            Some(others) => {
-                self.sum_of_hits(i, light.hits(i), radiance, |surfel| others.factor(surfel))
-            }
+        if self.bake.two_sided[i] > 0.0 {
+            self.sum_of_hits::<2>(i, light, radiance)
+        } else {
+            self.sum_of_hits::<1>(i, light, radiance)
         }
     }
 
     #[inline(always)]
-    fn sum_of_hits(
+    fn sum_of_hits<const SIDES: usize>(
         &self,
         i: usize,
-        hits: &[Hit],
+        light: &Incident<'_>,
         radiance: &[Radiance],
-        factor: impl Fn(usize) -> f32,
     ) -> FrontAndBack {
         let scale = 4.0 * PI / PATCHES as f32;
-        let n = self.bake.normals[i];
+        let n = scale * self.bake.normals[i];
         let [mut front, mut back] = [Vec3A::ZERO; 2];
-        for hit in hits {
-            let cosine = scale * factor(hit.surfel()) * n.dot(self.directions[hit.patch()]);
+        for hit in light.hits(i) {
+            let cosine = light.factor(*hit) * n.dot(self.directions[hit.patch()]);
             let b = radiance_of(radiance, *hit);
             // Without a branch: it could not be foretold.
             front += cosine.max(0.0) * b;
-            back += (-cosine).max(0.0) * b;
+            if SIDES > 1 {
+                back += (-cosine).max(0.0) * b;
+            }
         }
         [front.to_array(), back.to_array()]
     }
@@ -254,8 +255,7 @@ impl DirectionalAsset {
         let mut met = [[r; PATCHES], [g; PATCHES], [b; PATCHES]];
         for hit in light.hits(i) {
             let b = radiance_of(radiance, *hit);
-            let others = light.others.as_ref();
-            let scale = scale * others.map_or(1.0, |others| others.factor(hit.surfel()));
+            let scale = scale * light.factor(*hit);
             for c in 0..3 {
                 met[c][hit.patch()] = b[c] * scale;
             }
@@ -272,6 +272,15 @@ impl DirectionalAsset {
 }
 
 impl Incident<'_> {
+    /// What the radiance of a surfel that is met is multiplied by.
+    #[inline(always)]
+    fn factor(&self, hit: Hit) -> f32 {
+        match &self.others {
+            Some(others) if !others.are_own(hit.surfel()) => others.gain,
+            _ => 1.0,
+        }
+    }
+
     fn open(&self, i: usize) -> &[u64; WORDS] {
         if self.terms.shadow {
             &self.sight.open[i]
