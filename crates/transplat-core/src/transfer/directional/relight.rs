@@ -1,0 +1,143 @@
+//! The directional method as the pipeline asks for it: a relit asset, what was left out, what it takes.
+
+use super::lobe::LEAST_GLOSS;
+use super::nodes::Nodes;
+use super::{DirectionalTransfer, LEAST_IRRADIANCE, TURNS};
+use crate::environment::Illumination;
+use crate::error::Result;
+use crate::settings::Terms;
+use crate::settings::skips::{Skip, Skipped, Stage};
+use crate::surfels::SurfelCloud;
+use crate::transfer::relit::{Part, Relight, Relit, empty_bytes, switched_off};
+
+impl Relight for DirectionalTransfer {
+    fn relight_after(
+        &self,
+        _: Option<Relit>,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<Relit> {
+        Ok(self.relight(self.light(target.for_directional()?), part, unseen))
+    }
+
+    fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        Ok(self.ratio(self.light(target.for_directional()?)))
+    }
+
+    fn computed_part(&self, shown: Part) -> Part {
+        shown
+    }
+
+    fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
+        let mut out = switched_off(&self.settings);
+        let (n, asset) = (self.asset.bake.len(), &self.asset);
+        let degree = asset.nodes.degree;
+        if degree < cloud.sh_degree {
+            let what = format!("SH bands above {degree}");
+            let why = "the asset's colour has nothing there";
+            let node_bytes = 12 * n * (Nodes::count_of(cloud.sh_degree) - asset.nodes.count());
+            out.push(Skipped {
+                skip: Some(Skip::EmptyBands),
+                // Stored colour, its residual, and the result.
+                bytes: 3 * empty_bytes(n, cloud.sh_degree, degree) + 2 * node_bytes,
+                ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        }
+        if self.settings.terms.lobe
+            && self.settings.skips.has(Skip::Matte)
+            && self.glossy_surfels < n
+        {
+            let (what, why) = if self.glossy_surfels > 0 {
+                let matte = 100.0 * (n - self.glossy_surfels) as f32 / n as f32;
+                let what = format!("the lobe of {matte:.0} % of the surfels");
+                (what, "their colour shows no gloss that is seen")
+            } else if self.trust < 1.0 {
+                let why =
+                    "what is mirrored is not told from paint where the source light is not known";
+                ("specular lobe".into(), why)
+            } else if cloud.has_view_dependence() {
+                (
+                    "specular lobe".into(),
+                    "the asset's colour shows no gloss that is seen",
+                )
+            } else {
+                let why = "the asset's colour does not depend on the view";
+                ("specular lobe".into(), why)
+            };
+            let any = self.faintly_glossy > 0;
+            out.push(Skipped {
+                skip: Some(Skip::Matte),
+                max_error: Some(if any { LEAST_GLOSS } else { 0.0 }),
+                ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        }
+        if self.turns() < TURNS && self.settings.terms.bounce && self.settings.terms.shadow {
+            let why = "no light bounces between surfels";
+            out.push(Skipped {
+                skip: Some(Skip::Bounces),
+                ..Skipped::exact(Stage::Transfer, "turns of the bounce", why)
+            });
+        }
+        out
+    }
+
+    fn left_out_for(&self, light: &Illumination, _: bool) -> Option<Skipped> {
+        let Terms { sums, suns, .. } = self.settings.terms;
+        let has_none = light.beams.as_ref().is_none_or(|b| b.suns.is_empty());
+        (has_none && sums && suns && self.settings.skips.has(Skip::Suns)).then(|| Skipped {
+            skip: Some(Skip::Suns),
+            ..Skipped::exact(Stage::Transfer, "rays to suns", "the light has no sun")
+        })
+    }
+
+    fn light_gain(&self) -> f32 {
+        self.light_gain
+    }
+
+    fn source_was_black(&self) -> bool {
+        self.source_was_black
+    }
+
+    fn bytes(&self) -> usize {
+        let bake = &self.asset.bake;
+        size_of_val(&bake.sight.open[..])
+            + size_of_val(&bake.normals[..])
+            + size_of_val(&bake.sight.hits[..])
+            + size_of_val(&self.asset.means[..])
+            + size_of_val(&self.gloss[..])
+            + size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..])
+            + size_of_val(&self.encoded_mean[..])
+            + size_of_val(&self.darkest[..])
+    }
+
+    fn bytes_saved_by_half(&self) -> usize {
+        let rounded = size_of_val(&self.divisor[..])
+            + size_of_val(&self.matte[..])
+            + size_of_val(&self.residual[..]);
+        rounded / 2
+    }
+
+    fn amplification(&self, i: usize) -> f32 {
+        let least = self.divisor[i][0].into_iter().fold(f32::INFINITY, f32::min);
+        1.0 / least.max(LEAST_IRRADIANCE)
+    }
+
+    fn epsilon_share(&self, i: usize) -> f32 {
+        let shares = self.epsilon_shares(i);
+        (shares[0] + shares[1] + shares[2]) / 3.0
+    }
+
+    fn is_dark(&self, i: usize) -> bool {
+        self.epsilon_shares(i).iter().any(|s| *s > 0.5)
+    }
+
+    fn dark_share(&self) -> f32 {
+        let dark = (0..self.asset.bake.len())
+            .filter(|i| self.is_dark(*i))
+            .count();
+        dark as f32 / self.asset.bake.len().max(1) as f32
+    }
+}
