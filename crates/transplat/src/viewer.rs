@@ -15,6 +15,7 @@ mod gestures;
 mod gizmo;
 mod inspecting;
 mod jobs;
+mod light_map;
 mod matching;
 mod measuring;
 mod menus;

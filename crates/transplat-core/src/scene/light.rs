@@ -96,6 +96,37 @@ impl EnvironmentLight {
             * self.up.asset_from_world().transpose()
     }
 
+    /// Turns and tilts the light so that what lies in a direction of the map, as it is in its file, comes from a direction of the Z-up world;
+    /// as high or as low as a tilt brings it, where the two do not reach. Of two ways the one that tilts less.
+    pub fn bring(&mut self, in_map: DVec3, to_world: DVec3) {
+        let mirrored = if self.mirror {
+            DVec3::new(in_map.x, -in_map.y, in_map.z)
+        } else {
+            in_map
+        };
+        let upright = self.up.asset_from_world().transpose() * mirrored;
+        // A tilt turns y and z on a circle: z is its radius times the sine of tilt and `first`.
+        let (reach, first) = (upright.y.hypot(upright.z), upright.z.atan2(upright.y));
+        let height = if reach > 1e-9 {
+            (to_world.z / reach).clamp(-1.0, 1.0).asin()
+        } else {
+            first
+        };
+        let tilts = [height, std::f64::consts::PI - height].map(|a| {
+            let tilt = (a - first).to_degrees();
+            tilt - 360.0 * (tilt / 360.0).round()
+        });
+        self.tilt = if tilts[0].abs() <= tilts[1].abs() {
+            tilts[0]
+        } else {
+            tilts[1]
+        };
+        let tilted = DMat3::from_rotation_x(self.tilt.to_radians()) * upright;
+        let azimuth = |d: DVec3| d.y.atan2(d.x).to_degrees();
+        let rotation = azimuth(to_world) - azimuth(tilted);
+        self.rotation = rotation - 360.0 * (rotation / 360.0).round();
+    }
+
     /// From directions of an asset whose up axis is `asset_up` to directions of the map as it lies in its file, the mirror included.
     pub fn map_from_asset(&self, asset_up: UpAxis) -> DMat3 {
         let turn = (asset_up.asset_from_world() * self.world_from_map()).transpose();
@@ -184,6 +215,47 @@ mod tests {
     use super::*;
     use crate::environment::EnvironmentMap;
     use crate::sh::{evaluate_sh, lattice};
+
+    #[test]
+    fn a_direction_of_the_map_is_brought_where_it_is_wanted() {
+        let directions: Vec<DVec3> = lattice(60)
+            .iter()
+            .map(|d| d.as_dvec3().normalize())
+            .collect();
+        for (i, in_map) in directions.iter().enumerate() {
+            for mirror in [false, true] {
+                let to_world = directions[(i * 17 + 5) % directions.len()];
+                let mut light = EnvironmentLight {
+                    mirror,
+                    up: UpAxis::ALL[i % 6].1,
+                    tilt: 3.0,
+                    ..EnvironmentLight::of("a.hdr")
+                };
+                light.bring(*in_map, to_world);
+                let mirrored = if mirror {
+                    DVec3::new(in_map.x, -in_map.y, in_map.z)
+                } else {
+                    *in_map
+                };
+                let came = light.world_from_map() * mirrored;
+                let upright = light.up.asset_from_world().transpose() * mirrored;
+                let reach = upright.y.hypot(upright.z);
+                if to_world.z.abs() <= reach {
+                    assert!(
+                        came.distance(to_world) < 1e-6,
+                        "{in_map} {to_world}: {came}"
+                    );
+                } else {
+                    // As near as a tilt brings it.
+                    assert!(
+                        (came.z.abs() - reach).abs() < 1e-6,
+                        "{in_map} {to_world}: {came}"
+                    );
+                }
+                assert!(light.tilt.abs() <= 180.0 && light.rotation.abs() <= 180.0);
+            }
+        }
+    }
 
     #[test]
     fn a_light_keeps_its_turn_among_files_and_none_of_an_estimate() {

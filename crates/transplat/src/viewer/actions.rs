@@ -100,6 +100,10 @@ impl Viewer {
             Action::Match => session.scene.match_strength = !session.scene.match_strength,
             Action::Swap => session.swap_lights(),
             Action::Panels => self.shown.panels = !self.shown.panels,
+            Action::Tab(tab) => {
+                self.preferences.tab = tab;
+                self.shown.panels = true;
+            }
             // The window's own.
             Action::FullScreen => {}
             Action::Help => self.shown.help = !self.shown.help,

@@ -12,12 +12,14 @@ use transplat_gpu::Context;
 use super::asset::OpenedWith;
 use super::export::{self, Task};
 use super::files::{PathField, ask};
+use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
 use super::session::{Dialog, Event, SOURCE, SaveKind, Session, TARGET};
 use super::shelf::Shelf;
 use super::style;
 use super::viewport::Viewport;
+use super::widgets::Grab;
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::pipeline::settings::environments_in;
 use crate::savings::Saved;
@@ -49,6 +51,8 @@ pub struct Shown {
     pub help: bool,
     pub about: bool,
     pub panels: bool,
+    /// Which side's light the panel is about.
+    pub light: usize,
     pub path_field: Option<PathField>,
 }
 
@@ -62,6 +66,9 @@ pub struct Viewer {
     pub(super) shelf: Shelf,
     pub(super) undoer: egui::util::undoer::Undoer<Scene>,
     pub(super) probes: [Option<Probe>; 2],
+    pub(super) maps: [LightMap; 2],
+    /// How the lights were turned when one of the probes' balls was taken: rotation and tilt.
+    pub(super) grabbed_balls: [Grab<(f64, f64)>; 4],
     pub(super) shown: Shown,
     /// Files that were opened by the user and are not known to be good yet.
     pub(super) unproven: Vec<PathBuf>,
@@ -121,8 +128,11 @@ impl Viewer {
             directions_draft: None,
             undoer: Default::default(),
             probes: [None, None],
+            maps: Default::default(),
+            grabbed_balls: Default::default(),
             shown: Shown {
                 panels: true,
+                light: TARGET,
                 ..Shown::default()
             },
             unproven: Vec::new(),

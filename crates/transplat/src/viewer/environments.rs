@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock};
 
 use anyhow::Result;
+use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::environment::{Beam, EnvironmentMap, Illumination};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment;
 use transplat_core::scene::{ESTIMATE, EVEN, EnvironmentLight, is_estimate, is_even, is_file};
@@ -217,6 +218,19 @@ impl Environment {
             small,
             map: None,
         }
+    }
+
+    /// Where the strongest of its suns is in the map, or where most of its light comes from if it has none. Even light has no such place.
+    pub fn brightest(&self) -> Option<Vec3> {
+        let beams = self.illumination.beams.as_ref().filter(|_| !self.is_even)?;
+        let among = if beams.suns.is_empty() {
+            &beams.cells
+        } else {
+            &beams.suns
+        };
+        let power = |b: &&Beam| b.energy.iter().sum::<f32>();
+        let most = among.iter().max_by(|a, b| power(a).total_cmp(&power(b)));
+        most.map(|beam| beam.direction)
     }
 
     /// Whether it was read from a file.

@@ -37,7 +37,7 @@ impl Session {
             self.info(warning);
         }
         self.info(format!(
-            "{}: {} cameras; the panel View chooses among them",
+            "{}: {} cameras; the panel Camera chooses among them",
             path.display(),
             file.frames.len()
         ));

@@ -223,7 +223,7 @@ pub(super) const COMPARE: [(&str, View, &str); 5] = [
     (
         "Difference",
         View::Difference,
-        "After minus before; grey is none. Its scale is in the panel View.",
+        "After minus before; grey is none. Its scale is in the panel Look.",
     ),
 ];
 

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV, framed};
+use transplat_core::scene::EnvironmentLight;
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Degrees of turn for a point of drag.
@@ -103,6 +104,13 @@ pub fn eye(pose: &CameraPose, up: UpAxis) -> Vec3 {
         ..*pose
     };
     Camera::from_pose(&perspective, up, [100, 100], 1.0).eye
+}
+
+/// Turns and tilts a light as a drag by so many points does.
+pub fn turn_light(light: &mut EnvironmentLight, by: Vec2) {
+    const DEGREES_PER_POINT: f64 = 0.5;
+    light.rotation = wrap(light.rotation + DEGREES_PER_POINT * f64::from(by.x));
+    light.tilt = wrap(light.tilt + DEGREES_PER_POINT * f64::from(by.y));
 }
 
 /// Makes a point the pivot and leaves the camera where it is, turned to the point.

@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use eframe::egui::{self, Color32, Key, Ui};
+use glam::Vec2;
 use transplat_core::present::View;
 use transplat_core::settings::skips::Skipped;
 
 use super::app::Viewer;
 use super::jobs::{Job, Kind, Work};
+use super::navigation;
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
@@ -174,8 +176,8 @@ impl Viewer {
         let area = egui::Area::new(egui::Id::unique("probes"))
             .pivot(egui::Align2::RIGHT_TOP)
             .fixed_pos(rect.right_top() + egui::vec2(-10.0, 10.0))
-            .order(egui::Order::Middle)
-            .interactable(false);
+            .order(egui::Order::Middle);
+        let mut balls: Vec<(usize, egui::Response)> = Vec::new();
         area.show(context, |ui| {
             let frame = egui::Frame::new()
                 .fill(Color32::from_black_alpha(130))
@@ -192,10 +194,15 @@ impl Viewer {
                             .color(Color32::from_gray(220)),
                     );
                     ui.horizontal(|ui| {
-                        for texture in [&probe.grey, &probe.mirror] {
-                            let image =
-                                egui::Image::new(texture).fit_to_exact_size(egui::vec2(46.0, 46.0));
-                            ui.add(image);
+                        for (texture, ball) in [(&probe.grey, "Grey"), (&probe.mirror, "Mirror")] {
+                            let image = egui::Image::new(texture)
+                                .fit_to_exact_size(egui::vec2(46.0, 46.0))
+                                .sense(egui::Sense::drag());
+                            let ball = format!("{ball} ball {name}");
+                            let response = ui.add(image).on_hover_cursor(egui::CursorIcon::Grab);
+                            named(&response, egui::Role::Image, ball);
+                            let tip = "Drag: turns and tilts the light.";
+                            balls.push((side, response.on_hover_text(tip)));
                         }
                         ui.vertical(|ui| {
                             ui.spacing_mut().item_spacing.y = 2.0;
@@ -209,6 +216,38 @@ impl Viewer {
                 }
             });
         });
+        for ((side, response), grab) in balls.iter().zip(&mut self.grabbed_balls) {
+            let light = self.session.side_mut(*side);
+            if let Some(((rotation, tilt), by)) = grab.drag(response, (light.rotation, light.tilt))
+            {
+                (light.rotation, light.tilt) = (rotation, tilt);
+                navigation::turn_light(light, Vec2::new(by.x, by.y));
+            }
+        }
+    }
+
+    /// Tells how the light is turned, until it was.
+    pub(super) fn hint(&mut self, context: &egui::Context) {
+        let knows = &mut self.preferences.knows_how_to_turn_the_light;
+        *knows |= self.viewport.light_was_turned;
+        if *knows || self.session.asset().is_none() {
+            return;
+        }
+        let rect = self.viewport.rect;
+        egui::Area::new(egui::Id::unique("hint"))
+            .pivot(egui::Align2::CENTER_BOTTOM)
+            .fixed_pos(rect.center_bottom() - egui::vec2(0.0, 14.0))
+            .order(egui::Order::Middle)
+            .show(context, |ui| {
+                egui::Frame::popup(ui.style()).show(ui, |ui| {
+                    ui.horizontal(|ui| {
+                        ui.label("Shift + right drag turns the light. Drop a splat or an HDRI on the window.");
+                        let close = ui.small_button("×").on_hover_text("Do not show it again");
+                        named(&close, egui::Role::Button, "Close the hint");
+                        *knows |= close.clicked();
+                    });
+                });
+            });
     }
 
     pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {

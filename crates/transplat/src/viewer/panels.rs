@@ -1,48 +1,129 @@
-//! The panels on the right: one a stage of the pipeline.
+//! The panel on the right: a tab for each thing that an artist works on.
 
 mod asset;
+mod camera;
 mod export;
 mod light;
+mod look;
 mod objects;
 mod report;
 mod transfer;
-mod view;
 
-use eframe::egui::{self, Ui};
+use eframe::egui::{self, Align2, Sense, Ui};
+use lucide_icons::Icon;
+use serde::{Deserialize, Serialize};
 
-pub use view::frame;
+pub use camera::frame;
 
 use super::app::Viewer;
-use super::session::{SOURCE, TARGET};
+use super::style;
 
-/// All panels, each to be folded.
+/// What the panel is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tab {
+    #[default]
+    Light,
+    Look,
+    Camera,
+    Asset,
+    Export,
+    Report,
+}
+
+/// Tab, icon, name, what it has.
+const TABS: [(Tab, Icon, &str, &str); 6] = [
+    (
+        Tab::Light,
+        Icon::Sun,
+        "Light",
+        "The light it is relit by, and the one that it was captured under.",
+    ),
+    (
+        Tab::Look,
+        Icon::Aperture,
+        "Look",
+        "Exposure, tones, background, and how it is relit.",
+    ),
+    (Tab::Camera, Icon::Video, "Camera", "Where it is seen from."),
+    (
+        Tab::Asset,
+        Icon::Box,
+        "Asset",
+        "The splats of the scene, where they stand, and what of them is hidden.",
+    ),
+    (
+        Tab::Export,
+        Icon::ImageDown,
+        "Export",
+        "Pictures, turntables and the relit splat.",
+    ),
+    (
+        Tab::Report,
+        Icon::Gauge,
+        "Report",
+        "What it costs, and how far it can be trusted.",
+    ),
+];
+
+/// The tabs, and what the chosen one has.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    tabs(ui, &mut viewer.preferences.tab);
+    ui.separator();
     // What is left beside a control's name and number.
-    ui.spacing_mut().slider_width = (ui.available_width() - 204.0).clamp(80.0, 260.0);
+    ui.spacing_mut().slider_width =
+        (ui.available_width() - style::NAME_WIDTH - 94.0).clamp(80.0, 260.0);
     egui::ScrollArea::vertical()
+        .id_salt(viewer.preferences.tab as usize)
         .auto_shrink([false, false])
         .show(ui, |ui| {
-            panel(ui, "Objects", false, |ui| objects::show(ui, viewer));
-            panel(ui, "Asset", true, |ui| asset::show(ui, viewer));
-            panel(ui, "Source light", false, |ui| {
-                light::show(ui, viewer, SOURCE)
-            });
-            panel(ui, "Target light", true, |ui| {
-                light::show(ui, viewer, TARGET)
-            });
-            panel(ui, "Transfer", true, |ui| transfer::show(ui, viewer));
-            panel(ui, "View", false, |ui| view::show(ui, viewer));
-            panel(ui, "Export", false, |ui| export::show(ui, viewer));
-            panel(ui, "Report", false, |ui| report::show(ui, viewer));
+            match viewer.preferences.tab {
+                Tab::Light => light::show(ui, viewer),
+                Tab::Look => look::show(ui, viewer),
+                Tab::Camera => camera::show(ui, viewer),
+                Tab::Asset => {
+                    objects::show(ui, viewer);
+                    ui.separator();
+                    asset::show(ui, viewer);
+                }
+                Tab::Export => export::show(ui, viewer),
+                Tab::Report => report::show(ui, viewer),
+            }
             ui.add_space(20.0);
         });
 }
 
-fn panel(ui: &mut Ui, title: &str, open: bool, contents: impl FnOnce(&mut Ui)) {
-    egui::CollapsingHeader::new(egui::RichText::new(title).strong())
-        .id_salt(title)
-        .default_open(open)
-        .show(ui, |ui| {
-            ui.push_id(title, contents);
-        });
+/// One beside the other, as wide as there is room, an icon over its name.
+fn tabs(ui: &mut Ui, chosen: &mut Tab) {
+    ui.add_space(4.0);
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        let gaps = 2.0 * (TABS.len() - 1) as f32;
+        let width = (ui.available_width() - gaps) / TABS.len() as f32;
+        for (tab, icon, name, tip) in TABS {
+            let size = egui::vec2(width, style::TAB_HEIGHT);
+            let (rect, response) = ui.allocate_exact_size(size, Sense::click());
+            let is_chosen = *chosen == tab;
+            let visuals = ui.style().interact_selectable(&response, is_chosen);
+            if is_chosen || response.hovered() || response.has_focus() {
+                let fill = if is_chosen {
+                    visuals.bg_fill
+                } else {
+                    visuals.weak_bg_fill
+                };
+                ui.painter().rect_filled(rect, 4.0, fill);
+            }
+            let color = visuals.text_color();
+            let at = |dy: f32| rect.center() + egui::vec2(0.0, dy);
+            let painter = ui.painter();
+            let icon = char::from(icon);
+            painter.text(at(-8.0), Align2::CENTER_CENTER, icon, style::icon(), color);
+            painter.text(at(13.0), Align2::CENTER_CENTER, name, style::small(), color);
+            response
+                .widget_info(|| egui::WidgetInfo::selected(egui::Role::Tab, true, is_chosen, name));
+            if response.on_hover_text(tip).clicked() {
+                *chosen = tab;
+            }
+        }
+    });
 }

@@ -10,6 +10,7 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use super::export::ExportSettings;
+use super::panels::Tab;
 
 /// Files that are remembered as recent.
 const RECENT: usize = 12;
@@ -33,6 +34,8 @@ pub struct Preferences {
     pub shadow_catcher: bool,
     pub recent: Vec<PathBuf>,
     pub export: ExportSettings,
+    pub tab: Tab,
+    pub knows_how_to_turn_the_light: bool,
 }
 
 impl Default for Preferences {
@@ -50,6 +53,8 @@ impl Default for Preferences {
             shadow_catcher: false,
             recent: Vec::new(),
             export: ExportSettings::default(),
+            tab: Tab::default(),
+            knows_how_to_turn_the_light: false,
         }
     }
 }

@@ -92,16 +92,13 @@ impl Probe {
         };
         // The maps as they lie in their file, one beside the other: what is lost is seen at once.
         let draw_maps = || {
-            let size = [MAP_WIDTH, MAP_WIDTH / 2];
-            let map = picture(size, |x, y| {
-                let radiance = light.small.sample(map_direction(x, y));
+            let map = map_of(MAP_WIDTH, |d| {
+                let radiance = light.small.sample(d);
                 encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
             });
             let asset_from_map = turn.transpose();
             let taken = taken_in(&key.oriented.light, &key.transfer);
-            let seen = picture(size, |x, y| {
-                encode(taken(asset_from_map * map_direction(x, y)))
-            });
+            let seen = map_of(MAP_WIDTH, |d| encode(taken(asset_from_map * d)));
             (load("map", map), load("seen", seen))
         };
         let (map, seen) = maps.unwrap_or_else(draw_maps);
@@ -141,11 +138,18 @@ fn taken_in<'a>(
     }
 }
 
-fn map_direction(x: usize, y: usize) -> Vec3 {
-    let height = MAP_WIDTH / 2;
-    let (sin_t, cos_t) = (std::f32::consts::PI * (y as f32 + 0.5) / height as f32).sin_cos();
-    let azimuth = std::f32::consts::PI * (1.0 - 2.0 * (x as f32 + 0.5) / MAP_WIDTH as f32);
-    Vec3::new(sin_t * azimuth.cos(), sin_t * azimuth.sin(), cos_t)
+/// A picture of all directions, twice as wide as high, azimuth 0 in the middle.
+pub fn map_of(width: usize, color: impl Fn(Vec3) -> Color32 + Sync) -> ColorImage {
+    let height = width / 2;
+    picture([width, height], |x, y| {
+        let (sin_t, cos_t) = (std::f32::consts::PI * (y as f32 + 0.5) / height as f32).sin_cos();
+        let azimuth = std::f32::consts::PI * (1.0 - 2.0 * (x as f32 + 0.5) / width as f32);
+        color(Vec3::new(
+            sin_t * azimuth.cos(),
+            sin_t * azimuth.sin(),
+            cos_t,
+        ))
+    })
 }
 
 /// Irradiance coefficients: each band times the cosine's.
@@ -182,7 +186,8 @@ fn picture(size: [usize; 2], pixel: impl Fn(usize, usize) -> Color32 + Sync) -> 
     ColorImage::new(size, pixels)
 }
 
-fn color(encoded: [f32; 3]) -> Color32 {
+/// A display-encoded colour.
+pub fn color(encoded: [f32; 3]) -> Color32 {
     let [r, g, b] = encoded.map(|v| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
     Color32::from_rgb(r, g, b)
 }

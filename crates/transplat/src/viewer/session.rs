@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui;
+use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
@@ -232,7 +233,7 @@ impl Session {
             scene,
             captures: Vec::new(),
             pose: CameraPose {
-                pivot: glam::Vec3::ZERO,
+                pivot: Vec3::ZERO,
                 azimuth: 0.0,
                 elevation: 20.0,
                 distance: 3.0,
@@ -437,6 +438,12 @@ impl Session {
     pub fn bake_share(&self) -> f32 {
         let method = self.scene.transfer.method;
         self.state().bake_share(method)
+    }
+
+    /// Unit normal of a surfel of one of the objects, in the scene: none before it is baked.
+    pub fn scene_normal(&self, object: usize, surfel: usize) -> Option<Vec3> {
+        let normal = self.baked_of(object)?.bake.normals().get(surfel)?;
+        Some(self.scene.objects[object].transform.rotation * *normal)
     }
 
     /// The bake itself, as far as it is.

@@ -2,6 +2,8 @@
 
 use eframe::egui::{Key, Modifiers};
 
+use super::panels::Tab;
+
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
@@ -29,6 +31,7 @@ pub enum Action {
     Match,
     Swap,
     Panels,
+    Tab(Tab),
     FullScreen,
     Help,
     NudgeLeft,
@@ -38,7 +41,7 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 31] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 37] = [
     (CTRL, Key::O, Action::Open, "open files"),
     (
         CTRL_SHIFT,
@@ -89,6 +92,12 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 31] = [
     (NONE, Key::M, Action::Match, "match the lights' strength"),
     (NONE, Key::X, Action::Swap, "swap the two lights"),
     (NONE, Key::H, Action::Panels, "panels on and off"),
+    (NONE, Key::F2, Action::Tab(Tab::Light), "the panel Light"),
+    (NONE, Key::F3, Action::Tab(Tab::Look), "the panel Look"),
+    (NONE, Key::F4, Action::Tab(Tab::Camera), "the panel Camera"),
+    (NONE, Key::F5, Action::Tab(Tab::Asset), "the panel Asset"),
+    (NONE, Key::F6, Action::Tab(Tab::Export), "the panel Export"),
+    (NONE, Key::F7, Action::Tab(Tab::Report), "the panel Report"),
     (NONE, Key::F11, Action::FullScreen, "all of the screen"),
     (NONE, Key::F1, Action::Help, "this sheet"),
     (
@@ -130,7 +139,7 @@ pub const ARROWS: [Key; 4] = [
 ];
 
 /// What the mouse and held keys do, for the sheet.
-pub const GESTURES: [(&str, &str); 14] = [
+pub const GESTURES: [(&str, &str); 16] = [
     ("left drag", "orbit"),
     ("middle drag, shift + left drag", "pan"),
     ("wheel", "zoom to the pointer"),
@@ -142,6 +151,11 @@ pub const GESTURES: [(&str, &str); 14] = [
         "move, turn, scale the object (ctrl: in steps)",
     ),
     ("double click", "turn about this point of the surface"),
+    (
+        "shift + double click",
+        "turn the light so that its highlight is there",
+    ),
+    ("drag a ball or the light's map", "turn the light"),
     ("double click on a slider", "back to the default"),
     ("drag the wipe's line", "move the split"),
     ("hold B", "before"),

@@ -1,6 +1,26 @@
 //! How the window looks: what of egui's style is changed, for both themes.
 
-use eframe::egui::{self, Color32, Theme};
+use eframe::egui::{self, Color32, FontDefinitions, FontId, TextStyle, Theme, vec2};
+use eframe::egui::{FontData, FontFamily};
+use lucide_icons::LUCIDE_FONT_BYTES;
+
+/// Sizes of text in points: what is read, what stands beside it, and icons.
+const BODY: f32 = 13.0;
+const SMALL: f32 = 10.5;
+const ICON: f32 = 20.0;
+
+/// The font of icons.
+const ICONS: &str = "lucide";
+
+/// Width of the names of controls, so that the controls stand below each other.
+pub const NAME_WIDTH: f32 = 96.0;
+
+/// Height of a tab.
+pub const TAB_HEIGHT: f32 = 48.0;
+
+/// Height of what is clicked or dragged, and the gaps between.
+const CONTROL_HEIGHT: f32 = 21.0;
+const GAPS: egui::Vec2 = vec2(8.0, 5.0);
 
 /// What went wrong, readable and calm on either ground.
 const ERROR_ON_DARK: Color32 = Color32::from_rgb(240, 136, 120);
@@ -15,7 +35,19 @@ pub fn apply(context: &egui::Context) {
     context.all_styles_mut(|style| {
         // A plain wheel moves the shelf, which goes one way only.
         style.always_scroll_the_only_direction = true;
+        for text in [TextStyle::Body, TextStyle::Button] {
+            style.text_styles.insert(text, FontId::proportional(BODY));
+        }
+        style.text_styles.insert(TextStyle::Small, small());
+        style.spacing.item_spacing = GAPS;
+        style.spacing.interact_size.y = CONTROL_HEIGHT;
     });
+    let mut fonts = FontDefinitions::default();
+    let icons = FontData::from_static(LUCIDE_FONT_BYTES);
+    fonts.font_data.insert(ICONS.into(), icons.into());
+    let alone = vec![ICONS.to_owned()];
+    fonts.families.insert(FontFamily::Name(ICONS.into()), alone);
+    context.set_fonts(fonts);
     let colors = [
         (Theme::Dark, ERROR_ON_DARK, WARNING_ON_DARK),
         (Theme::Light, ERROR_ON_LIGHT, WARNING_ON_LIGHT),
@@ -26,4 +58,14 @@ pub fn apply(context: &egui::Context) {
             style.visuals.warn_fg_color = warning;
         });
     }
+}
+
+/// Text beside what is read first.
+pub fn small() -> FontId {
+    FontId::proportional(SMALL)
+}
+
+/// An icon that stands alone.
+pub fn icon() -> FontId {
+    FontId::new(ICON, FontFamily::Name(ICONS.into()))
 }

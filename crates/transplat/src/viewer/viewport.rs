@@ -14,7 +14,7 @@ use super::annotations::{annotate, draw_crop_box, mark_surfel};
 use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
 use super::navigation;
-use super::session::Session;
+use super::session::{Session, TARGET};
 use super::widgets::named;
 
 /// A frame on the GPU that takes longer than this makes a drag step down in quality.
@@ -39,6 +39,8 @@ pub struct Viewport {
     pub clicked: Option<(u64, usize)>,
     /// The light turns with the camera.
     pub light_locked_to_camera: bool,
+    /// Whether it was turned here by hand.
+    pub light_was_turned: bool,
     gizmo: Gizmo,
     /// Of which frame the time was that quality was last set by.
     judged: u64,
@@ -53,6 +55,7 @@ impl Default for Viewport {
             gestures: Gestures::default(),
             clicked: None,
             light_locked_to_camera: false,
+            light_was_turned: false,
             gizmo: Gizmo::default(),
             judged: 0,
         }
@@ -271,9 +274,8 @@ impl Viewport {
             Gesture::Pan => navigation::pan(&mut session.pose, up, by, shorter),
             Gesture::LookAround => navigation::look_around(&mut session.pose, up, by),
             Gesture::TurnLight => {
-                let target = &mut session.scene.environment;
-                target.rotation = navigation::wrap(target.rotation + 0.5 * f64::from(by.x));
-                target.tilt = navigation::wrap(target.tilt + 0.5 * f64::from(by.y));
+                self.light_was_turned = true;
+                navigation::turn_light(&mut session.scene.environment, by);
             }
             Gesture::Wipe => {
                 let share = (step.to.x - self.rect.left()) / self.rect.width().max(1.0);
@@ -312,10 +314,12 @@ impl Viewport {
             }
         }
         if response.double_clicked() {
-            if let Some(at) = response.interact_pointer_pos()
-                && let Some(pick) = self.pick_at(session, at)
-            {
-                navigation::set_pivot(&mut session.pose, up, pick.position);
+            if let Some(at) = response.interact_pointer_pos() {
+                if ui.input(|i| i.modifiers.shift) {
+                    self.put_highlight(session, at);
+                } else if let Some(pick) = self.pick_at(session, at) {
+                    navigation::set_pivot(&mut session.pose, up, pick.position);
+                }
             }
         } else if response.clicked() {
             let at = response.interact_pointer_pos();
@@ -325,6 +329,26 @@ impl Viewport {
             }
             self.clicked = picked.map(|(_, pick)| (session.state().id, pick.surfel));
         }
+    }
+
+    /// Turns the light so that its brightest part is mirrored to the eye where the pointer is.
+    fn put_highlight(&mut self, session: &mut Session, at: Pos2) {
+        let Some((object, pick)) = self.picked(session, at) else {
+            return;
+        };
+        let up = session.scene_up();
+        let normal = session.scene_normal(object, pick.surfel);
+        let (Some(normal), Some(brightest)) = (normal, session.light(TARGET).brightest()) else {
+            session
+                .info("there is no brightest light to be placed, or the object is not baked yet");
+            return;
+        };
+        let to_eye = (navigation::eye(&session.pose, up) - pick.position).normalize_or_zero();
+        // What mirrors is the side that is seen.
+        let mirrored = 2.0 * normal.dot(to_eye) * normal - to_eye;
+        let world_from_scene = up.asset_from_world().transpose();
+        let light = &mut session.scene.environment;
+        light.bring(brightest.as_dvec3(), world_from_scene * mirrored.as_dvec3());
     }
 
     /// The surfel that was clicked, where it is of the selected object.

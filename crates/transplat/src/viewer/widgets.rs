@@ -2,8 +2,10 @@
 
 use std::ops::RangeInclusive;
 
-use eframe::egui::{self, PointerButton, Response, Ui};
+use eframe::egui::{self, PointerButton, Pos2, Response, Ui, Vec2};
 use eframe::emath::Numeric;
+
+use super::style::NAME_WIDTH;
 
 /// A slider.
 pub struct Control<'a, T> {
@@ -60,9 +62,6 @@ fn is_double_clicked(ui: &Ui, response: &Response) -> bool {
     let double = ui.input(|i| i.pointer.button_double_clicked(PointerButton::Primary));
     double && response.contains_pointer()
 }
-
-/// Width of the names of controls, so that the controls stand below each other.
-const NAME_WIDTH: f32 = 86.0;
 
 /// A control's name before it.
 pub fn name(ui: &mut Ui, text: &str) -> Response {
@@ -137,6 +136,37 @@ fn parse(text: &str) -> Option<f64> {
     let text: String = text.chars().filter(|c| !c.is_whitespace()).collect();
     let text = text.replace('\u{2212}', "-").replace(',', ".");
     text.parse().ok().filter(|v: &f64| v.is_finite())
+}
+
+/// What is seldom wanted, folded away.
+pub fn advanced<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) {
+    egui::CollapsingHeader::new("Advanced").show(ui, contents);
+}
+
+/// A drag of a widget: what it changes is what that was at the press, by all the way from there, however far a frame's first step is.
+#[derive(Debug)]
+pub struct Grab<T>(Option<(Pos2, T)>);
+
+impl<T> Default for Grab<T> {
+    fn default() -> Self {
+        Self(None)
+    }
+}
+
+impl<T: Copy> Grab<T> {
+    /// What was there at the press, and how far the pointer is from it; `now` is what is there.
+    pub fn drag(&mut self, response: &Response, now: T) -> Option<(T, Vec2)> {
+        let at = response
+            .interact_pointer_pos()
+            .filter(|_| response.dragged());
+        let Some(at) = at else {
+            self.0 = None;
+            return None;
+        };
+        let pressed_at = response.ctx.input(|i| i.pointer.press_origin());
+        let (from, then) = *self.0.get_or_insert((pressed_at.unwrap_or(at), now));
+        Some((then, at - from))
+    }
 }
 
 /// A button that says what it does; whether it was clicked.

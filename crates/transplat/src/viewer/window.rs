@@ -51,8 +51,8 @@ impl eframe::App for Viewer {
             .show(ui, |ui| self.shelf.show(ui, &mut self.session));
         if self.shown.panels {
             egui::Panel::right("panels")
-                .default_size(300.0)
-                .size_range(240.0..=460.0)
+                .default_size(324.0)
+                .size_range(300.0..=480.0)
                 .show(ui, |ui| panels::show(ui, self));
         }
         let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
@@ -61,6 +61,7 @@ impl eframe::App for Viewer {
         });
         let context = ui.ctx().clone();
         self.light_probes(&context);
+        self.hint(&context);
         self.jobs_and_messages(&context);
         self.path_window(&context);
         self.replace_window(&context);

@@ -1,16 +1,29 @@
 //! One of the two lights: how it is turned, how strong it is.
 
-use eframe::egui::Ui;
+use eframe::egui::{self, Button, Ui};
 use transplat_core::estimate::Estimate;
 use transplat_core::surfels::UpAxis;
 
 use crate::pipeline::estimate::why_not;
 use crate::viewer::app::Viewer;
-use crate::viewer::session::{SOURCE, Session, TARGET};
+use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
-use crate::viewer::widgets::{Control, angle, fact, file};
+use crate::viewer::widgets::{Control, advanced, angle, fact, file, name};
 
-pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    ui.horizontal(|ui| {
+        let sides = [TARGET, SOURCE];
+        let width = (ui.available_width() - ui.spacing().item_spacing.x) / sides.len() as f32;
+        for side in sides {
+            let text = format!("{}{}", SIDES[side][..1].to_uppercase(), &SIDES[side][1..]);
+            let button = Button::selectable(viewer.shown.light == side, text);
+            let size = egui::vec2(width, ui.spacing().interact_size.y);
+            if ui.add_sized(size, button).clicked() {
+                viewer.shown.light = side;
+            }
+        }
+    });
+    let side = viewer.shown.light;
     let session = &mut viewer.session;
     let light = session.light(side).clone();
     if side == SOURCE && !light.is_file() {
@@ -19,20 +32,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         ui.label(light.name());
     } else {
         file(ui, &light.path);
-        if light.size[0] > 0 {
-            fact(
-                ui,
-                "holds",
-                format!("{} x {} pixels", light.size[0], light.size[1]),
-            );
-        }
     }
+    if !light.is_even {
+        viewer.maps[side].show(ui, &mut viewer.session, side);
+    }
+    let session = &mut viewer.session;
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
-    }
-    let is_wished = light.is_even && !transplat_core::scene::is_estimate(&light.path);
-    if !is_wished && ui.button("Use even light instead").clicked() {
-        session.set_light(side, transplat_core::scene::EVEN.into());
     }
     let can_tell = session.estimate().is_none_or(Estimate::is_good);
     let is_estimated = session.object().source.is_estimate()
@@ -67,32 +73,66 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         tip: if side == SOURCE {
             "How strong the light of the capture was: a stronger one leaves a darker object."
         } else {
-            "How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel View."
+            "How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel Look."
         },
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
     .show(ui, &mut settings.strength);
+    if side == TARGET {
+        match_strength(ui, session);
+    }
+    let settings = session.side_mut(side);
     ui.horizontal(|ui| {
-        ui.color_edit_button_rgb(&mut settings.tint)
-            .on_hover_text("Colour that the light is multiplied by.");
-        ui.label("Tint");
+        name(ui, "Tint");
+        egui::Frame::new()
+            .stroke(ui.visuals().widgets.noninteractive.bg_stroke)
+            .show(ui, |ui| {
+                ui.color_edit_button_rgb(&mut settings.tint)
+                    .on_hover_text("Colour that the light is multiplied by.");
+            });
         if settings.tint != [1.0; 3] && ui.small_button("white").clicked() {
             settings.tint = [1.0; 3];
         }
     });
+    advanced(ui, |ui| lying(ui, viewer, side));
+}
+
+/// How the map lies in its file, and what it goes round with.
+fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
+    let session = &mut viewer.session;
+    let settings = session.side_mut(side);
     ui.checkbox(&mut settings.mirror, "Mirrored").on_hover_text(
         "Turns left and right of the environment round, for maps that were stored so.",
     );
     ui.horizontal(|ui| {
-        ui.label("Up in the map");
-        for (name, axis) in UpAxis::ALL {
-            ui.selectable_value(&mut settings.up, axis, name)
+        name(ui, "Up in the map");
+        for (axis_name, axis) in UpAxis::ALL {
+            ui.selectable_value(&mut settings.up, axis, axis_name)
                 .on_hover_text("Which axis of the map points up; +z is an upright panorama.");
         }
     });
     if side == TARGET {
-        target_only(ui, viewer);
+        let locked = &mut viewer.viewport.light_locked_to_camera;
+        let response = ui
+            .horizontal(|ui| {
+                name(ui, "Locked to");
+                let world = ui.selectable_value(locked, false, "world");
+                world | ui.selectable_value(locked, true, "camera")
+            })
+            .inner;
+        response.on_hover_text(
+            "Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns.",
+        );
+    }
+    let light = session.light(side).clone();
+    if light.size[0] > 0 {
+        let size = format!("{} x {} pixels", light.size[0], light.size[1]);
+        fact(ui, "holds", size);
+    }
+    let is_wished = light.is_even && !transplat_core::scene::is_estimate(&light.path);
+    if !is_wished && ui.button("Use even light instead").clicked() {
+        session.set_light(side, transplat_core::scene::EVEN.into());
     }
 }
 
@@ -141,26 +181,17 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     ui.weak(format!("{DROP_IT}."));
 }
 
-fn target_only(ui: &mut Ui, viewer: &mut Viewer) {
-    let session = &mut viewer.session;
+fn match_strength(ui: &mut Ui, session: &mut Session) {
+    let text = "Match the source's strength";
+    ui.checkbox(&mut session.scene.match_strength, text).on_hover_text("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)");
+    // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {
-        Some(stops) if stops.abs() < 0.05 => ": now as strong".into(),
+        Some(stops) if stops.abs() < 0.05 => "now as strong as the source".into(),
         Some(stops) => {
             let word = if stops < 0.0 { "darker" } else { "brighter" };
-            format!(": now {:.1} stops {word}", stops.abs())
+            format!("now {:.1} stops {word} than the source", stops.abs())
         }
         None => String::new(),
     };
-    ui.checkbox(&mut session.scene.match_strength, format!("Match the source's strength{difference}")).on_hover_text("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)");
-    let locked = &mut viewer.viewport.light_locked_to_camera;
-    let response = ui
-        .horizontal(|ui| {
-            ui.label("Locked to");
-            let world = ui.selectable_value(locked, false, "world");
-            world | ui.selectable_value(locked, true, "camera")
-        })
-        .inner;
-    response.on_hover_text(
-        "Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns.",
-    );
+    ui.weak(difference);
 }

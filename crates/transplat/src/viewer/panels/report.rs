@@ -1,14 +1,19 @@
-//! What ran, how long it took, and what was left out.
+//! How far the result can be trusted, what ran, how long it took, and what was left out.
 
 use eframe::egui::{self, Align, Button, Ui};
+use transplat_core::present::Doubt;
 
 use crate::sweep::{Point, Stage};
+use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::session::Session;
 use crate::viewer::widgets::{fact, thousands};
 use crate::words::milliseconds;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    doubts(ui, &mut viewer.session);
+    ui.separator();
     let session = &viewer.session;
     let passes = session.passes();
     let stages = session.stages;
@@ -138,4 +143,22 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     if !session.extremes.is_empty() {
         ui.weak("Black and one-coloured lights, a sun of a million skies, surfels without extent or far from the origin, ... with either preset; transplat report --extremes lists them.");
     }
+}
+
+/// What can be doubted of the result.
+fn doubts(ui: &mut Ui, session: &mut Session) {
+    ui.label("How far the result can be trusted");
+    session.overlays.wants_doubts = !ui.input(|i| i.pointer.any_down());
+    match session.state().doubts.get().map(|d| d.shares) {
+        Some(shares) => {
+            for (doubt, share) in Doubt::ALL.iter().zip(shares) {
+                fact(ui, doubt_name(*doubt), format!("{:.1} %", 100.0 * share));
+            }
+        }
+        None => {
+            ui.weak("being counted");
+        }
+    }
+    ui.checkbox(&mut session.overlays.marks, "Mark them in the picture")
+        .on_hover_text("Paints doubtful surfels in their colours. (K)");
 }

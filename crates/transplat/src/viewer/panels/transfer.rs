@@ -1,27 +1,40 @@
-//! The transfer: its method, its terms, and what can be doubted of its result.
+//! How it is relit: the preset, and what that is made of.
 
 use eframe::egui::Ui;
 use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
-use transplat_core::present::Doubt;
 use transplat_core::settings::{EPSILON, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
-use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{Control, button, fact, name};
+use crate::viewer::widgets::{Control, advanced, button, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.scene.transfer;
     ui.horizontal(|ui| {
-        name(ui, "Preset");
+        name(ui, "Relight by");
         for (method, tip) in [
             (Method::Directional, "Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss."),
             (Method::Harmonic, "The paper's transfer by spherical harmonics: softer, and the quickest."),
         ] {
-            ui.selectable_value(&mut transfer.method, method, method.preset())
+            let text = format!("preset {}", method.preset());
+            ui.selectable_value(&mut transfer.method, method, text)
                 .on_hover_text(tip);
         }
     });
+    let session = &mut viewer.session;
+    if session.bake_share() < 1.0 && !session.is_baking(session.selected) {
+        ui.label("The bake is not finished: shadows are coarse.");
+        let tip = "Bakes the object's visibility from the start.";
+        if button(ui, "Bake on", tip) {
+            session.rebake();
+        }
+    }
+    advanced(ui, |ui| numbers_and_terms(ui, viewer));
+}
+
+/// What a relight is made of.
+fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
+    let transfer = &mut viewer.session.scene.transfer;
     let method = transfer.method;
     // What has no effect now keeps its place, so that nothing moves under the mouse.
     let by_series = method == Method::Harmonic || !transfer.terms.sums;
@@ -35,8 +48,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     let mut epsilon = transfer.epsilon();
     Control {
-        label: "Epsilon",
-        tip: "Relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
+        label: "Calm the dark",
+        tip: "Epsilon, relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
         decimals: 6,
         logarithmic: true,
         ..Control::of(EPSILON, method.epsilon())
@@ -54,7 +67,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             directions(ui, viewer);
         }
     }
-    progress_and_doubts(ui, viewer);
 }
 
 fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
@@ -101,30 +113,4 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
         viewer.directions_draft = None;
         session.scene.directions = directions;
     }
-}
-
-fn progress_and_doubts(ui: &mut Ui, viewer: &mut Viewer) {
-    let session = &mut viewer.session;
-    if session.bake_share() < 1.0 && !session.is_baking(session.selected) {
-        ui.label("The bake is not finished: shadows are coarse.");
-        let tip = "Bakes the object's visibility from the start.";
-        if button(ui, "Bake on", tip) {
-            session.rebake();
-        }
-    }
-    ui.separator();
-    ui.label("How far the result can be trusted");
-    session.overlays.wants_doubts = !ui.input(|i| i.pointer.any_down());
-    match session.state().doubts.get().map(|d| d.shares) {
-        Some(shares) => {
-            for (doubt, share) in Doubt::ALL.iter().zip(shares) {
-                fact(ui, doubt_name(*doubt), format!("{:.1} %", 100.0 * share));
-            }
-        }
-        None => {
-            ui.weak("being counted");
-        }
-    }
-    ui.checkbox(&mut session.overlays.marks, "Mark them in the picture")
-        .on_hover_text("Paints doubtful surfels in their colours. (K)");
 }

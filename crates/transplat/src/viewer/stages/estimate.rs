@@ -57,7 +57,7 @@ impl Session {
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
             let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
             if was_awaited && !is_on_its_way {
-                self.info("the light of the capture was not estimated, and is not known. The panel Source light has it estimated again");
+                self.info("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again");
             }
             return;
         };

@@ -1,35 +1,22 @@
-//! What is shown and how: camera, background, display.
+//! How the picture looks: display, background, and how it is relit.
 
-use eframe::egui::{self, Ui};
-use transplat_core::camera::{CameraPose, FOV, framed};
+use eframe::egui::Ui;
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
+use super::transfer;
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
-use crate::viewer::navigation;
-use crate::viewer::session::{Dialog, SaveKind, Session};
-use crate::viewer::widgets::{Control, button, choice, name, named, number};
+use crate::viewer::session::{Dialog, SaveKind};
+use crate::viewer::widgets::{Control, button, choice};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
     ui.separator();
     background(ui, viewer);
     ui.separator();
-    camera(ui, viewer);
-    let session = &mut viewer.session;
-    if session.scene.view == View::Difference {
-        ui.separator();
-        Control {
-            label: "Difference x",
-            tip: "What the difference of the two pictures is multiplied by; grey is none.",
-            decimals: 1,
-            logarithmic: true,
-            ..Control::of(DIFFERENCE_SCALE, 1.0)
-        }
-        .show(ui, &mut session.scene.difference_scale);
-    }
+    transfer::show(ui, viewer);
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {
@@ -37,7 +24,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: "Exposure",
         unit: " stops",
-        tip: "Brightness of the picture alone; no light changes. The light's strength is in the panel Target light.",
+        tip: "Brightness of the picture alone; no light changes. The light's own strength is in the panel Light.",
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
@@ -57,6 +44,16 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
     );
     ui.checkbox(&mut scene.false_color, "False-colour exposure")
         .on_hover_text("Shows how many stops from middle grey each part of the picture is.");
+    if scene.view == View::Difference {
+        Control {
+            label: "Difference x",
+            tip: "What the difference of the two pictures is multiplied by; grey is none.",
+            decimals: 1,
+            logarithmic: true,
+            ..Control::of(DIFFERENCE_SCALE, 1.0)
+        }
+        .show(ui, &mut scene.difference_scale);
+    }
 }
 
 fn background(ui: &mut Ui, viewer: &mut Viewer) {
@@ -121,34 +118,6 @@ fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     });
 }
 
-/// The cameras of a file that is open.
-fn cameras(ui: &mut Ui, session: &mut Session) {
-    let Some(open) = &session.cameras else {
-        return;
-    };
-    let (count, mut at) = (open.file.frames.len(), open.at + 1);
-    let picture = open.file.frames[open.at].picture.clone();
-    let mut chosen = false;
-    ui.horizontal(|ui| {
-        name(ui, "Camera");
-        let drag = number(&mut at, 1..=count).suffix(format!(" of {count}"));
-        let response = ui.add(drag).on_hover_text(
-            "Looks through a camera of the file, its photograph behind the objects.",
-        );
-        chosen = response.changed();
-        named(&response, egui::Role::SpinButton, "Camera of the file");
-        chosen |= button(
-            ui,
-            "look through",
-            "Back to this camera, once the view was moved.",
-        );
-        ui.weak(picture.unwrap_or_default());
-    });
-    if chosen {
-        session.look_through(at - 1);
-    }
-}
-
 /// A display-encoded colour.
 fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
     ui.horizontal(|ui| {
@@ -162,58 +131,4 @@ fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
         }
         ui.label(label);
     });
-}
-
-fn camera(ui: &mut Ui, viewer: &mut Viewer) {
-    ui.horizontal_wrapped(|ui| {
-        for (name, viewpoint) in navigation::VIEWPOINTS {
-            if button(ui, name, "Looks at the object from there.") {
-                navigation::look_from(&mut viewer.session.pose, viewpoint);
-            }
-        }
-        if button(ui, "Frame", "Shows all of the object. (F)") {
-            frame(viewer);
-        }
-    });
-    let session = &mut viewer.session;
-    cameras(ui, session);
-    ui.horizontal(|ui| {
-        let tip = "Parallel lines stay parallel in an orthographic view. (O)";
-        ui.selectable_value(&mut session.pose.orthographic, false, "perspective")
-            .on_hover_text(tip);
-        ui.selectable_value(&mut session.pose.orthographic, true, "orthographic")
-            .on_hover_text(tip);
-    });
-    let mut fov = session.pose.fov;
-    let changed = Control {
-        label: "Field of view",
-        unit: "°",
-        tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
-        decimals: 1,
-        ..Control::of(*FOV.start()..=120.0, 35.0)
-    }
-    .show(ui, &mut fov)
-    .changed();
-    if changed {
-        navigation::set_fov(&mut session.pose, fov);
-    }
-    ui.checkbox(&mut session.overlays.grid, "Grid")
-        .on_hover_text("A grid on the ground. (G)");
-    ui.checkbox(&mut viewer.preferences.probes, "Light probes")
-        .on_hover_text(
-            "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
-        );
-}
-
-/// Shows all of the object.
-pub fn frame(viewer: &mut Viewer) {
-    let session = &mut viewer.session;
-    let (up, size, last) = (session.scene_up(), session.viewport, session.pose);
-    let (Some(bounds), Some(cloud)) = (session.scene_bounds(), session.whole_cloud()) else {
-        return;
-    };
-    session.pose = CameraPose {
-        orthographic: last.orthographic,
-        ..framed(&cloud, up, &bounds, &last, size)
-    };
 }

@@ -1,0 +1,132 @@
+//! A light's map as it stands around the scene, straight ahead of the camera in its middle: dragged, it turns the light.
+
+use std::f32::consts::{PI, TAU};
+
+use eframe::egui::{self, Color32, ColorImage, Rect, Sense, Stroke, TextureHandle, Ui, pos2};
+use glam::{DMat3, Vec3};
+use transplat_core::color::Display;
+
+use super::environments::Environment;
+use super::navigation;
+use super::probes::{color, map_of};
+use super::session::{Session, TARGET};
+use super::widgets::{Grab, named};
+
+/// Pixels across.
+const WIDTH: usize = 256;
+
+/// The picture of one side's light.
+#[derive(Default)]
+pub struct LightMap {
+    shown: Option<(Key, TextureHandle)>,
+    /// How the light was turned at the press.
+    grab: Grab<f64>,
+}
+
+/// All that it depends on.
+#[derive(Clone, PartialEq)]
+struct Key {
+    light: u64,
+    map_from_world: DMat3,
+    gain: [f32; 3],
+}
+
+impl LightMap {
+    /// The map, as wide as there is room.
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, side: usize) {
+        let width = ui.available_width();
+        let size = egui::vec2(width, 0.5 * width);
+        let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
+        named(&response, egui::Role::Image, "Map of the light");
+        let up = if side == TARGET {
+            session.scene_up()
+        } else {
+            session.up()
+        };
+        let light = session.light(side).clone();
+        let settings = session.side(side);
+        let key = Key {
+            light: light.id,
+            map_from_world: settings.map_from_asset(up) * up.asset_from_world(),
+            // How strong it is does not show in it.
+            gain: settings.tint.map(|t| t * light.thumbnail_gain),
+        };
+        // Away from the eye.
+        let ahead = across_azimuth((session.pose.azimuth as f32 + 180.0).to_radians());
+        let texture = self.texture(ui, &light, &key);
+        paint_turned(ui, rect, texture, ahead - 0.5);
+        let brightest = light
+            .brightest()
+            .map(|d| key.map_from_world.transpose().as_mat3() * d);
+        if let Some(d) = brightest {
+            let x = (across(d) - ahead + 0.5).rem_euclid(1.0);
+            let y = d.z.clamp(-1.0, 1.0).acos() / PI;
+            let at = rect.min + egui::vec2(x, y) * rect.size();
+            let painter = ui.painter_at(rect);
+            painter.circle_stroke(at, 7.0, Stroke::new(3.0, Color32::from_black_alpha(160)));
+            painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
+        }
+        let rotation = session.side(side).rotation;
+        let dragged = self.grab.drag(&response, rotation);
+        // To the right azimuths fall.
+        let mut turned = dragged.map(|(then, by)| (then, -by.x / rect.width()));
+        if response.double_clicked()
+            && let (Some(d), Some(at)) = (brightest, response.interact_pointer_pos())
+        {
+            let aside = (at.x - rect.left()) / rect.width() - 0.5;
+            turned = Some((rotation, across(d) - ahead - aside));
+        }
+        if let Some((from, by)) = turned {
+            let rotation = from + 360.0 * f64::from(by);
+            session.side_mut(side).rotation = navigation::wrap(rotation);
+        }
+        response
+            .on_hover_cursor(egui::CursorIcon::ResizeHorizontal)
+            .on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
+    }
+
+    fn texture(&mut self, ui: &Ui, light: &Environment, key: &Key) -> &TextureHandle {
+        let kept = self.shown.take().filter(|(k, _)| k == key);
+        let draw = || {
+            let image = picture(light, key);
+            let texture = ui
+                .ctx()
+                .load_texture("light map", image, egui::TextureOptions::LINEAR);
+            (key.clone(), texture)
+        };
+        &self.shown.insert(kept.unwrap_or_else(draw)).1
+    }
+}
+
+/// How far across the map an azimuth of the world lies, a whole turn being 1 and azimuth 0 in the middle.
+fn across_azimuth(azimuth: f32) -> f32 {
+    0.5 - azimuth / TAU
+}
+
+/// The same of a direction.
+fn across(d: Vec3) -> f32 {
+    across_azimuth(d.y.atan2(d.x))
+}
+
+fn picture(light: &Environment, key: &Key) -> ColorImage {
+    let map_from_world = key.map_from_world.as_mat3();
+    let display = Display::default();
+    map_of(WIDTH, |d| {
+        let radiance = light.small.sample(map_from_world * d);
+        let tinted = std::array::from_fn(|c| radiance[c] * key.gain[c]);
+        color(display.encode(tinted))
+    })
+}
+
+/// A map that begins so far across itself.
+fn paint_turned(ui: &Ui, rect: Rect, texture: &TextureHandle, begin: f32) {
+    let begin = begin.rem_euclid(1.0);
+    let seam = rect.left() + (1.0 - begin) * rect.width();
+    let (mut left, mut right) = (rect, rect);
+    left.set_right(seam);
+    right.set_left(seam);
+    for (part, from, to) in [(left, begin, 1.0), (right, 0.0, begin)] {
+        let uv = Rect::from_min_max(pos2(from, 0.0), pos2(to, 1.0));
+        ui.painter().image(texture.id(), part, uv, Color32::WHITE);
+    }
+}

@@ -1,0 +1,91 @@
+//! Where the picture is seen from, and what helps to see it.
+
+use eframe::egui::{self, Ui};
+use transplat_core::camera::{CameraPose, FOV, framed};
+
+use crate::viewer::app::Viewer;
+use crate::viewer::navigation;
+use crate::viewer::session::Session;
+use crate::viewer::widgets::{Control, button, name, named, number};
+
+pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
+    ui.horizontal_wrapped(|ui| {
+        for (name, viewpoint) in navigation::VIEWPOINTS {
+            if button(ui, name, "Looks at the object from there.") {
+                navigation::look_from(&mut viewer.session.pose, viewpoint);
+            }
+        }
+        if button(ui, "Frame", "Shows all of the object. (F)") {
+            frame(viewer);
+        }
+    });
+    let session = &mut viewer.session;
+    cameras(ui, session);
+    ui.horizontal(|ui| {
+        let tip = "Parallel lines stay parallel in an orthographic view. (O)";
+        ui.selectable_value(&mut session.pose.orthographic, false, "perspective")
+            .on_hover_text(tip);
+        ui.selectable_value(&mut session.pose.orthographic, true, "orthographic")
+            .on_hover_text(tip);
+    });
+    let mut fov = session.pose.fov;
+    let changed = Control {
+        label: "Field of view",
+        unit: "°",
+        tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
+        decimals: 1,
+        ..Control::of(*FOV.start()..=120.0, 35.0)
+    }
+    .show(ui, &mut fov)
+    .changed();
+    if changed {
+        navigation::set_fov(&mut session.pose, fov);
+    }
+    ui.checkbox(&mut session.overlays.grid, "Grid")
+        .on_hover_text("A grid on the ground. (G)");
+    ui.checkbox(&mut viewer.preferences.probes, "Light probes")
+        .on_hover_text(
+            "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
+        );
+}
+
+/// Shows all of the object.
+pub fn frame(viewer: &mut Viewer) {
+    let session = &mut viewer.session;
+    let (up, size, last) = (session.scene_up(), session.viewport, session.pose);
+    let (Some(bounds), Some(cloud)) = (session.scene_bounds(), session.whole_cloud()) else {
+        return;
+    };
+    session.pose = CameraPose {
+        orthographic: last.orthographic,
+        ..framed(&cloud, up, &bounds, &last, size)
+    };
+}
+
+/// The cameras of a file that is open.
+fn cameras(ui: &mut Ui, session: &mut Session) {
+    let Some(open) = &session.cameras else {
+        return;
+    };
+    let (count, mut at) = (open.file.frames.len(), open.at + 1);
+    let picture = open.file.frames[open.at].picture.clone();
+    let mut chosen = false;
+    ui.horizontal(|ui| {
+        name(ui, "Camera");
+        let drag = number(&mut at, 1..=count).suffix(format!(" of {count}"));
+        let response = ui.add(drag).on_hover_text(
+            "Looks through a camera of the file, its photograph behind the objects.",
+        );
+        chosen = response.changed();
+        named(&response, egui::Role::SpinButton, "Camera of the file");
+        chosen |= button(
+            ui,
+            "look through",
+            "Back to this camera, once the view was moved.",
+        );
+        ui.weak(picture.unwrap_or_default());
+    });
+    if chosen {
+        session.look_through(at - 1);
+    }
+}
