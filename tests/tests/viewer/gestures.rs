@@ -1,7 +1,9 @@
 //! What the mouse does in the viewport, however slow frames are.
 
 use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, pos2};
+use egui_kittest::kittest::Queryable;
 use transplat::viewer::Startup;
+use transplat_core::present::{Background, View};
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, small_splat};
 
@@ -140,4 +142,67 @@ fn a_quick_drag_between_two_frames_is_not_lost() {
     ]);
     d.harness.step();
     assert_eq!(d.viewer().session.pose, after);
+}
+
+/// What lies between press and release turns the light, by its map or by a ball, though frames are few.
+#[test]
+fn a_light_is_turned_by_its_map_and_by_a_ball() {
+    let mut d = Driver::bundled();
+    let (a, none) = (PointerButton::Primary, Modifiers::NONE);
+    let map = d.harness.get_by_label("Map of the light").rect();
+    let ball = d.harness.get_by_label("Mirror ball relit by").rect();
+    let turned = |d: &mut Driver, from: Pos2, by: egui::Vec2| {
+        let (middle, to) = (from + 0.3 * by, from + by);
+        for events in [
+            vec![Event::PointerMoved(from), press(a, from, true, none)],
+            vec![Event::PointerMoved(middle)],
+            vec![Event::PointerMoved(to), press(a, to, false, none)],
+        ] {
+            d.harness.input_mut().events.extend(events);
+            d.harness.step();
+        }
+        d.settle();
+        let light = &d.viewer().session.scene.environment;
+        (light.rotation, light.tilt)
+    };
+    // All across is once around, and to the right azimuths fall.
+    let by = egui::vec2(0.25 * map.width(), 7.0);
+    let (rotation, tilt) = turned(&mut d, map.center(), by);
+    assert!((rotation + 90.0).abs() < 1e-3 && tilt == 0.0, "{rotation}");
+    let (rotation, tilt) = turned(&mut d, ball.center(), egui::vec2(40.0, -20.0));
+    assert!((rotation + 70.0).abs() < 1e-3 && (tilt + 10.0).abs() < 1e-3);
+}
+
+/// The highlight comes to where the pointer was: what is mirrored there gets brighter.
+#[test]
+fn a_double_click_with_shift_puts_the_highlight_there() {
+    let mut d = Driver::bundled();
+    // From behind.
+    d.viewer().session.scene.environment.rotation = 150.0;
+    d.viewer().session.scene.view = View::Specular;
+    d.viewer().session.scene.background = Background::Color([0.0; 3]);
+    let (a, shift) = (PointerButton::Primary, Modifiers::SHIFT);
+    let seen = d.picture();
+    let [width, height] = d.viewer().session.viewport;
+    let room = d.harness.get_by_label("Viewport").rect();
+    // On the teapot's belly.
+    let (x, y) = (width * 48 / 100, height * 53 / 100);
+    let around = |picture: &[[f32; 3]]| {
+        let rows = (y - 4..y + 5).map(|y| &picture[y * width + x - 4..][..9]);
+        rows.flatten().flatten().sum::<f32>()
+    };
+    let share = egui::vec2(x as f32 / width as f32, y as f32 / height as f32);
+    let at = room.min + share * room.size();
+    d.harness
+        .input_mut()
+        .events
+        .extend([Event::ModifiersChanged(shift), Event::PointerMoved(at)]);
+    d.harness.step();
+    for pressed in [true, false, true, false] {
+        let event = press(a, at, pressed, shift);
+        d.harness.input_mut().events.push(event);
+    }
+    d.harness.step();
+    let (before, after) = (around(&seen), around(&d.picture()));
+    assert!(after > 1.5 * before, "{before} {after}");
 }

@@ -264,6 +264,8 @@ fn a_look_restores_everything() {
 #[test]
 fn panels_change_settings_and_picture() {
     let mut d = Driver::bundled();
+    d.click("Look");
+    d.click("Advanced");
     let first = d.picture();
     d.click("Self-shadow");
     assert!(!d.viewer().session.scene.transfer.terms.shadow);
@@ -279,7 +281,7 @@ fn panels_change_settings_and_picture() {
     assert!(!d.viewer().session.scene.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Gloss");
-    d.click("paper");
+    d.click("preset paper");
     assert_eq!(d.viewer().session.scene.transfer.method, Method::Harmonic);
     let paper = d.picture();
     assert!(psnr(&first, &paper) < 45.0);
@@ -363,6 +365,7 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let mut d = Driver::bundled();
     let bakes = |d: &mut Driver| d.viewer().session.stages.bake;
     let before = bakes(&mut d);
+    d.click("Asset");
     d.click("This side is out");
     let session = &d.viewer().session;
     let told = session.object().outside_from.clone();

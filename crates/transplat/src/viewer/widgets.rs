@@ -156,15 +156,15 @@ impl<T> Default for Grab<T> {
 impl<T: Copy> Grab<T> {
     /// What was there at the press, and how far the pointer is from it; `now` is what is there.
     pub fn drag(&mut self, response: &Response, now: T) -> Option<(T, Vec2)> {
-        let at = response
-            .interact_pointer_pos()
-            .filter(|_| response.dragged());
-        let Some(at) = at else {
+        let ends = response.drag_stopped();
+        let at = response.interact_pointer_pos();
+        let Some(at) = at.filter(|_| response.dragged() || ends) else {
             self.0 = None;
             return None;
         };
         let pressed_at = response.ctx.input(|i| i.pointer.press_origin());
-        let (from, then) = *self.0.get_or_insert((pressed_at.unwrap_or(at), now));
+        let (from, then) = (self.0).unwrap_or_else(|| (pressed_at.unwrap_or(at), now));
+        self.0 = (!ends).then_some((from, then));
         Some((then, at - from))
     }
 }
