@@ -33,6 +33,7 @@ mod shelf;
 mod shortcuts;
 mod stages;
 mod style;
+mod tabs;
 mod viewport;
 mod widgets;
 mod window;

@@ -10,7 +10,7 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use super::export::ExportSettings;
-use super::panels::Tab;
+use super::tabs::Tab;
 
 /// Files that are remembered as recent.
 const RECENT: usize = 12;

@@ -2,7 +2,7 @@
 
 use eframe::egui::{Key, Modifiers};
 
-use super::panels::Tab;
+use super::tabs::Tab;
 
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
