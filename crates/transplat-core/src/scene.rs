@@ -16,7 +16,9 @@ use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
-pub use light::{ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file};
+pub use light::{
+    ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file, wrap,
+};
 pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
 
 /// Every setting that changes the picture.

@@ -3,280 +3,33 @@
 //! Each stage remembers what it last ran with. A frame asks for a picture; a stage whose inputs are the same as last time is left out,
 //! and [`Passes`] counts those that ran.
 
-use std::borrow::Cow;
+mod frame;
+mod object;
+
 use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
-use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
-use transplat_core::present::{PLAIN, View};
-use transplat_core::rasterize::ColorSpace;
-use transplat_core::sh::with_degree;
+use transplat_core::present::View;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Part;
 
+pub use frame::{Frame, Passes, Placement};
+pub use object::LiveAsset;
+use object::{Doubts, LiveObject, Relit, ShadeKey, SidePaint, Versioned};
+
 use crate::context::{Context, Result};
 use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
-use crate::rasterize::{
-    Canvas, GpuRasterizer, Layer, Order, ResidentPaint, ResidentSh, ResidentVectors, Target,
-    read_texture,
-};
+use crate::rasterize::{Canvas, Layer, Order, ResidentSh, ResidentVectors, Target, read_texture};
 use crate::transfer::GpuTransfer;
-
-/// How often each stage ran.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Passes {
-    /// Transfers to another light.
-    pub transfer: usize,
-    /// Sorts by depth.
-    pub sort: usize,
-    /// Projections of the surfels to the screen.
-    pub project: usize,
-    /// Colourings of the surfels.
-    pub shade: usize,
-    /// Blendings of all surfels.
-    pub draw: usize,
-    /// Pictures made for the screen.
-    pub present: usize,
-    /// Maps uploaded to be seen behind the object.
-    pub backdrop: usize,
-}
-
-/// An asset on the GPU; made on any thread.
-pub struct LiveAsset {
-    rasterizer: GpuRasterizer,
-    stored: ResidentSh,
-    normals: ResidentVectors,
-}
-
-impl LiveAsset {
-    /// Uploads an asset.
-    ///
-    /// # Errors
-    /// It is too large for the adapter, or the driver failed.
-    pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
-        let degree = cloud.filled_degree();
-        let filled = if degree == cloud.sh_degree {
-            Cow::Borrowed(&cloud.sh)
-        } else {
-            Cow::Owned(with_degree(cloud.sh.clone(), cloud.sh_degree, degree))
-        };
-        Ok(Self {
-            rasterizer: GpuRasterizer::new(context, cloud)?,
-            stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),
-            normals: ResidentVectors::upload(
-                context,
-                (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array()),
-            ),
-        })
-    }
-}
-
-/// Where what is shown relit comes from.
-enum Relit {
-    /// From the GPU's own transfer.
-    Live(Box<GpuTransfer>),
-    /// From the CPU, with the colours of the channel *tau*.
-    Uploaded(ResidentSh, Vec<[f32; 3]>),
-}
-
-impl Relit {
-    fn sh(&self) -> &ResidentSh {
-        match self {
-            Self::Live(transfer) => transfer.resident(),
-            Self::Uploaded(sh, _) => sh,
-        }
-    }
-
-    fn paint(&self, part: Part) -> ResidentPaint<'_> {
-        match self {
-            Self::Live(transfer) => transfer.paint(part),
-            Self::Uploaded(sh, _) => ResidentPaint::Sh(sh, Part::Whole),
-        }
-    }
-}
-
-/// How an object stands in the scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Placement {
-    /// From its coordinates to the scene's: scaled by one factor, turned, moved.
-    pub scene_from_object: Affine3A,
-    /// Whether it is drawn.
-    pub shown: bool,
-    /// Its surfels that are not drawn, `[n]` or empty.
-    pub hidden: Arc<Vec<bool>>,
-    /// Differs where they do.
-    pub hidden_version: u64,
-}
-
-/// What is asked of a frame.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// Everything that is not the surfels' own colour.
-    pub presentation: Presentation,
-    /// Whether the left side of a comparison is the pinned look instead of the capture.
-    pub against_pinned: bool,
-    /// Whether marks are laid over the surfels.
-    pub marks: bool,
-    /// How the objects stand in the scene.
-    pub objects: Vec<Placement>,
-}
-
-/// What one side of a comparison is painted with.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum SidePaint {
-    Stored,
-    Relit(Part),
-    Pinned,
-    Normals,
-    Tau,
-    Visibility,
-    Doubts,
-    /// Depth shows no colour.
-    White,
-}
-
-/// What an object looks like on a side, besides the camera's rotation and the order, which redraw it anyway.
-#[derive(Clone, Debug, PartialEq)]
-struct ShadeKey {
-    object: u64,
-    paint: SidePaint,
-    /// Version of what it is painted with.
-    version: u64,
-    eye: Vec3,
-    space: ColorSpace,
-    /// Version of the marks over it, where there are any.
-    marks: Option<u64>,
-}
 
 #[derive(Default)]
 struct Side {
     target: Option<Target>,
     /// How each object was drawn into that.
     drawn: Derived<Vec<ShadeKey>, ()>,
-}
-
-/// Something that is shown, and a number that differs where it does.
-#[derive(Default)]
-struct Versioned<T> {
-    value: T,
-    version: u64,
-}
-
-impl<T> Versioned<T> {
-    fn set(&mut self, value: T) {
-        self.value = value;
-        self.version += 1;
-    }
-}
-
-/// Surfel colours of the channel *doubts*, and the marks with their weight.
-struct Doubts {
-    colors: Vec<[f32; 3]>,
-    marks: ResidentVectors,
-}
-
-/// An object with all that may be shown of it.
-struct LiveObject {
-    /// Differs between all objects.
-    id: u64,
-    asset: LiveAsset,
-    /// Its version is 0 until there is something relit.
-    relit: Versioned<Option<Relit>>,
-    pinned: Versioned<Option<(ResidentSh, Display)>>,
-    visibility: Versioned<Vec<[f32; 3]>>,
-    doubts: Versioned<Option<Doubts>>,
-    scene_from_object: Affine3A,
-    projected: Derived<Camera, ()>,
-}
-
-impl LiveObject {
-    fn has_relit(&self) -> bool {
-        self.relit.version > 0 && self.relit.value.is_some()
-    }
-
-    /// The camera as the object sees it.
-    fn camera(&self, frame: &Frame) -> Camera {
-        let camera = &frame.presentation.camera;
-        if self.scene_from_object == Affine3A::IDENTITY {
-            return *camera;
-        }
-        camera.seen_from(self.scene_from_object)
-    }
-
-    fn left_paint(&self, frame: &Frame) -> SidePaint {
-        let is_pinned = frame.against_pinned && self.pinned.value.is_some();
-        if is_pinned && frame.presentation.view != View::Before {
-            SidePaint::Pinned
-        } else {
-            SidePaint::Stored
-        }
-    }
-
-    fn right_paint(&self, view: View) -> SidePaint {
-        match view {
-            View::Normals => SidePaint::Normals,
-            View::Depth => SidePaint::White,
-            View::Visibility if !self.visibility.value.is_empty() => SidePaint::Visibility,
-            View::Doubts if self.doubts.value.is_some() => SidePaint::Doubts,
-            View::Visibility | View::Doubts => SidePaint::White,
-            // Until something is relit, the capture is what there is.
-            _ if !self.has_relit() => SidePaint::Stored,
-            View::Tau => SidePaint::Tau,
-            _ => SidePaint::Relit(view.part()),
-        }
-    }
-
-    fn key(&self, paint: SidePaint, frame: &Frame) -> ShadeKey {
-        let space = match (paint, &self.pinned.value) {
-            (SidePaint::Stored | SidePaint::Relit(_), _) => {
-                ColorSpace::Display(frame.presentation.display)
-            }
-            (SidePaint::Pinned, Some((_, display))) => ColorSpace::Display(*display),
-            _ => PLAIN,
-        };
-        let is_marked = frame.marks && self.doubts.value.is_some();
-        ShadeKey {
-            object: self.id,
-            paint,
-            version: match paint {
-                SidePaint::Relit(_) | SidePaint::Tau => self.relit.version,
-                SidePaint::Pinned => self.pinned.version,
-                SidePaint::Visibility => self.visibility.version,
-                SidePaint::Doubts => self.doubts.version,
-                _ => 0,
-            },
-            eye: self.camera(frame).eye,
-            space,
-            marks: is_marked.then_some(self.doubts.version),
-        }
-    }
-
-    /// Colours the surfels.
-    fn shade(&self, camera: &Camera, key: &ShadeKey) {
-        let rasterizer = &self.asset.rasterizer;
-        let resident = match (key.paint, &self.relit.value, &self.pinned.value) {
-            (SidePaint::Relit(part), Some(relit), _) => Some(relit.paint(part)),
-            (SidePaint::Tau, Some(Relit::Live(transfer)), _) => Some(transfer.ratio_paint()),
-            (SidePaint::Pinned, _, Some((sh, _))) => Some(ResidentPaint::Sh(sh, Part::Whole)),
-            (SidePaint::Stored, ..) => Some(ResidentPaint::Sh(&self.asset.stored, Part::Whole)),
-            (SidePaint::Normals, ..) => Some(ResidentPaint::Normals(&self.asset.normals)),
-            _ => None,
-        };
-        let doubts = &self.doubts.value;
-        match (resident, key.paint, &self.relit.value, doubts) {
-            (Some(resident), ..) => rasterizer.shade(camera, resident, key.space),
-            (None, SidePaint::Visibility, ..) => rasterizer.set_colors(&self.visibility.value),
-            (None, SidePaint::Doubts, _, Some(doubts)) => rasterizer.set_colors(&doubts.colors),
-            (None, SidePaint::Tau, Some(Relit::Uploaded(_, tau)), _) => rasterizer.set_colors(tau),
-            (None, ..) => rasterizer.fill_colors([1.0; 3]),
-        }
-        if let (Some(_), Some(doubts)) = (key.marks, doubts) {
-            rasterizer.shade(camera, ResidentPaint::Marks(&doubts.marks), PLAIN);
-        }
-    }
 }
 
 /// Eye and direction, the version of the places, and whether and what of each object is shown.

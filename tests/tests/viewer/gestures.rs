@@ -165,12 +165,14 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
         let light = &d.viewer().session.scene.environment;
         (light.rotation, light.tilt)
     };
+    let pose = d.viewer().session.pose;
     // All across is once around, and to the right azimuths fall.
     let by = egui::vec2(0.25 * map.width(), 7.0);
     let (rotation, tilt) = turned(&mut d, map.center(), by);
     assert!((rotation + 90.0).abs() < 1e-3 && tilt == 0.0, "{rotation}");
     let (rotation, tilt) = turned(&mut d, ball.center(), egui::vec2(40.0, -20.0));
     assert!((rotation + 70.0).abs() < 1e-3 && (tilt + 10.0).abs() < 1e-3);
+    assert_eq!(d.viewer().session.pose, pose, "the camera stays");
 }
 
 /// The highlight comes to where the pointer was: what is mirrored there gets brighter.

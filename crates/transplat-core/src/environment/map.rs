@@ -65,11 +65,12 @@ impl EnvironmentMap {
     pub fn of_directions(
         width: usize,
         height: usize,
-        radiance: impl Fn(DVec3) -> [f32; 3],
+        radiance: impl Fn(DVec3) -> [f32; 3] + Sync,
     ) -> Self {
         let blank = Self::new(width, height, vec![[0.0; 3]; width * height]);
         let direction = |i| DVec3::from_array(blank.direction(i % width, i / width));
-        let pixels = (0..width * height).map(|i| radiance(direction(i)));
+        let pixels = (0..width * height).into_par_iter();
+        let pixels = pixels.map(|i| radiance(direction(i)));
         Self::new(width, height, pixels.collect())
     }
 

@@ -66,7 +66,7 @@ fn cloud() -> SurfelCloud {
 }
 
 /// A map of its directions.
-fn map(radiance: impl Fn(DVec3) -> [f32; 3]) -> EnvironmentMap {
+fn map(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> EnvironmentMap {
     EnvironmentMap::of_directions(64, 32, radiance)
 }
 
@@ -91,14 +91,14 @@ fn usual() -> Input {
     }
 }
 
-fn with_source(radiance: impl Fn(DVec3) -> [f32; 3]) -> Result<Input> {
+fn with_source(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<Input> {
     Ok(Input {
         source: map(radiance),
         ..usual()
     })
 }
 
-fn with_target(radiance: impl Fn(DVec3) -> [f32; 3]) -> Result<Input> {
+fn with_target(radiance: impl Fn(DVec3) -> [f32; 3] + Sync) -> Result<Input> {
     Ok(Input {
         target: map(radiance),
         ..usual()

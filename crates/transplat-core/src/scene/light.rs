@@ -52,6 +52,11 @@ impl Default for EnvironmentLight {
     }
 }
 
+/// An angle in degrees from -180 to 180.
+pub fn wrap(degrees: f64) -> f64 {
+    (degrees + 180.0).rem_euclid(360.0) - 180.0
+}
+
 impl EnvironmentLight {
     /// A light as it is.
     pub fn of(file: impl Into<PathBuf>) -> Self {
@@ -99,12 +104,7 @@ impl EnvironmentLight {
     /// Turns and tilts the light so that what lies in a direction of the map, as it is in its file, comes from a direction of the Z-up world;
     /// as high or as low as a tilt brings it, where the two do not reach. Of two ways the one that tilts less.
     pub fn bring(&mut self, in_map: DVec3, to_world: DVec3) {
-        let mirrored = if self.mirror {
-            DVec3::new(in_map.x, -in_map.y, in_map.z)
-        } else {
-            in_map
-        };
-        let upright = self.up.asset_from_world().transpose() * mirrored;
+        let upright = self.up.asset_from_world().transpose() * self.mirroring() * in_map;
         // A tilt turns y and z on a circle: z is its radius times the sine of tilt and `first`.
         let (reach, first) = (upright.y.hypot(upright.z), upright.z.atan2(upright.y));
         let height = if reach > 1e-9 {
@@ -112,10 +112,7 @@ impl EnvironmentLight {
         } else {
             first
         };
-        let tilts = [height, std::f64::consts::PI - height].map(|a| {
-            let tilt = (a - first).to_degrees();
-            tilt - 360.0 * (tilt / 360.0).round()
-        });
+        let tilts = [height, std::f64::consts::PI - height].map(|a| wrap((a - first).to_degrees()));
         self.tilt = if tilts[0].abs() <= tilts[1].abs() {
             tilts[0]
         } else {
@@ -123,18 +120,18 @@ impl EnvironmentLight {
         };
         let tilted = DMat3::from_rotation_x(self.tilt.to_radians()) * upright;
         let azimuth = |d: DVec3| d.y.atan2(d.x).to_degrees();
-        let rotation = azimuth(to_world) - azimuth(tilted);
-        self.rotation = rotation - 360.0 * (rotation / 360.0).round();
+        self.rotation = wrap(azimuth(to_world) - azimuth(tilted));
     }
 
     /// From directions of an asset whose up axis is `asset_up` to directions of the map as it lies in its file, the mirror included.
     pub fn map_from_asset(&self, asset_up: UpAxis) -> DMat3 {
-        let turn = (asset_up.asset_from_world() * self.world_from_map()).transpose();
-        if self.mirror {
-            DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0)) * turn
-        } else {
-            turn
-        }
+        self.mirroring() * (asset_up.asset_from_world() * self.world_from_map()).transpose()
+    }
+
+    /// From directions of the map as it lies in its file to those of the mirrored one, or back.
+    fn mirroring(&self) -> DMat3 {
+        let y = if self.mirror { -1.0 } else { 1.0 };
+        DMat3::from_diagonal(DVec3::new(1.0, y, 1.0))
     }
 
     /// What the light's radiance is multiplied by, per channel.
@@ -232,26 +229,24 @@ mod tests {
                     ..EnvironmentLight::of("a.hdr")
                 };
                 light.bring(*in_map, to_world);
-                let mirrored = if mirror {
-                    DVec3::new(in_map.x, -in_map.y, in_map.z)
-                } else {
-                    *in_map
+                let comes_from = |light: &EnvironmentLight| {
+                    light.map_from_asset(UpAxis::PlusZ).transpose() * *in_map
                 };
-                let came = light.world_from_map() * mirrored;
-                let upright = light.up.asset_from_world().transpose() * mirrored;
-                let reach = upright.y.hypot(upright.z);
-                if to_world.z.abs() <= reach {
-                    assert!(
-                        came.distance(to_world) < 1e-6,
-                        "{in_map} {to_world}: {came}"
-                    );
-                } else {
-                    // As near as a tilt brings it.
-                    assert!(
-                        (came.z.abs() - reach).abs() < 1e-6,
-                        "{in_map} {to_world}: {came}"
-                    );
-                }
+                let came = comes_from(&light);
+                // No other tilt brings it nearer to that height.
+                let nearest = (0..360).map(|tilt| {
+                    let light = EnvironmentLight {
+                        tilt: f64::from(tilt),
+                        ..light.clone()
+                    };
+                    (comes_from(&light).z - to_world.z).abs()
+                });
+                let nearest = nearest.fold(f64::INFINITY, f64::min);
+                assert!((came.z - to_world.z).abs() < nearest + 1e-9);
+                // And it is turned there.
+                let flat = |d: DVec3| DVec3::new(d.x, d.y, 0.0).normalize();
+                let off = flat(came).distance(flat(to_world));
+                assert!(off < 1e-6, "{in_map} {to_world}: {came}");
                 assert!(light.tilt.abs() <= 180.0 && light.rotation.abs() <= 180.0);
             }
         }

@@ -233,7 +233,6 @@ impl DirectionalTransfer {
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
-        let mean = light.mean;
         let light = asset.incident(light, settings, None);
         let radiance = asset.captured_radiance();
         let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
@@ -272,7 +271,7 @@ impl DirectionalTransfer {
             light_gain,
             source_was_black,
             trust,
-            mean,
+            mean: light.mean,
             least: light.least,
             fill,
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
@@ -334,21 +333,16 @@ impl DirectionalTransfer {
 
     /// By how much each surfel's front changes in matte light. `[n]`
     pub fn ratio(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
-        let start = self.mean_ratio(light.mean);
         let light = self.asset.incident(light, &self.settings, None);
-        self.bounce(&light, start)
-            .into_iter()
-            .map(|t| t[0])
-            .collect()
+        self.bounce(&light).into_iter().map(|t| t[0]).collect()
     }
 
     /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
     /// to the others.
     pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
         let asset = &*self.asset;
-        let start = self.mean_ratio(light.mean);
         let light = asset.incident(light, &self.settings, None);
-        let tau = self.bounce(&light, start);
+        let tau = self.bounce(&light);
         let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
         self.shown((&light, part), tau, &radiance, unseen)
     }
@@ -406,9 +400,9 @@ impl DirectionalTransfer {
     }
 
     /// How much the matte light changes on each side: a fixed point, since what one surfel gains lights others. `[n]`
-    fn bounce(&self, light: &Incident<'_>, start: [f32; 3]) -> Vec<FrontAndBack> {
+    fn bounce(&self, light: &Incident<'_>) -> Vec<FrontAndBack> {
         let asset = &*self.asset;
-        let mut tau = vec![[start; 2]; asset.bake.len()];
+        let mut tau = vec![[self.mean_ratio(light.mean); 2]; asset.bake.len()];
         let mut radiance = Vec::new();
         for _ in 0..self.turns() {
             asset.radiance(&tau).collect_into_vec(&mut radiance);

@@ -68,21 +68,16 @@ impl SceneTransfer {
                 let object_from_scene = self.bake.objects[i].turn().inverse();
                 let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
                 let light = transfer.light(target.for_directional()?);
-                let mean = light.mean;
                 let mut light = (transfer.asset).incident(light, &transfer.settings, Some(around));
                 light.others = self.others_of(i);
-                Ok((
-                    (light, mean),
-                    vec![[[0.0; 3]; 2]; transfer.asset.bake.len()],
-                ))
+                Ok((light, vec![[[0.0; 3]; 2]; transfer.asset.bake.len()]))
             })
             .collect::<Result<Vec<_>>>()?
             .into_iter()
             .unzip();
-        let (lights, means): (Vec<_>, Vec<_>) = lights.into_iter().unzip();
         let each = self.objects.iter().zip(&lights).zip(&mut taus);
         for (((object, light), tau), first) in each.zip(self.first_turn(&lights)) {
-            let bounced = |i: usize| first[i].map(|side| times(side, means[0]));
+            let bounced = |i: usize| first[i].map(|side| times(side, lights[0].mean));
             object.turn_with(light, bounced, tau);
         }
         let mut radiance = Vec::new();

@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock};
 use anyhow::Result;
 use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{Beam, EnvironmentMap, Illumination};
+use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment;
 use transplat_core::scene::{ESTIMATE, EVEN, EnvironmentLight, is_estimate, is_even, is_file};
@@ -130,6 +130,8 @@ pub struct Environment {
     pub warnings: Vec<String>,
     /// What brings its mean luminance to middle grey: for thumbnails.
     pub thumbnail_gain: f32,
+    /// Where the strongest of its suns is in the map, or what else is brightest; even light has no such place.
+    pub brightest: Option<Vec3>,
     /// The whole map where there is no file.
     map: Option<Arc<EnvironmentMap>>,
 }
@@ -171,6 +173,7 @@ impl Environment {
             size: [0, 0],
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
+            brightest: None,
             map: Some(Arc::new(EnvironmentMap::even_backdrop())),
         }
     }
@@ -211,6 +214,7 @@ impl Environment {
             id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
             path,
             is_even: false,
+            brightest: illumination.beams.as_ref().and_then(brightest),
             illumination,
             size: [map.width(), map.height()],
             warnings,
@@ -218,19 +222,6 @@ impl Environment {
             small,
             map: None,
         }
-    }
-
-    /// Where the strongest of its suns is in the map, or where most of its light comes from if it has none. Even light has no such place.
-    pub fn brightest(&self) -> Option<Vec3> {
-        let beams = self.illumination.beams.as_ref().filter(|_| !self.is_even)?;
-        let among = if beams.suns.is_empty() {
-            &beams.cells
-        } else {
-            &beams.suns
-        };
-        let power = |b: &&Beam| b.energy.iter().sum::<f32>();
-        let most = among.iter().max_by(|a, b| power(a).total_cmp(&power(b)));
-        most.map(|beam| beam.direction)
     }
 
     /// Whether it was read from a file.
@@ -246,6 +237,17 @@ impl Environment {
             &self.path
         })
     }
+}
+
+fn brightest(beams: &Beams) -> Option<Vec3> {
+    let among = if beams.suns.is_empty() {
+        &beams.cells
+    } else {
+        &beams.suns
+    };
+    let power = |b: &&Beam| luminance(b.energy);
+    let most = among.iter().max_by(|a, b| power(a).total_cmp(&power(b)));
+    most.map(|beam| beam.direction)
 }
 
 /// A light's name for the user.

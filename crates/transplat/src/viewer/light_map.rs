@@ -5,10 +5,11 @@ use std::f32::consts::{PI, TAU};
 use eframe::egui::{self, Color32, ColorImage, Rect, Sense, Stroke, TextureHandle, Ui, pos2};
 use glam::{DMat3, Vec3};
 use transplat_core::color::Display;
+use transplat_core::environment::EnvironmentMap;
 
 use super::environments::Environment;
 use super::navigation;
-use super::probes::{color, map_of};
+use super::probes::{color, image};
 use super::session::{Session, TARGET};
 use super::widgets::{Grab, named};
 
@@ -32,8 +33,8 @@ struct Key {
 }
 
 impl LightMap {
-    /// The map, as wide as there is room.
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, side: usize) {
+    /// The map, as wide as there is room. Returns whether it turned the light.
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, side: usize) -> bool {
         let width = ui.available_width();
         let size = egui::vec2(width, 0.5 * width);
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
@@ -55,9 +56,8 @@ impl LightMap {
         let ahead = across_azimuth((session.pose.azimuth as f32 + 180.0).to_radians());
         let texture = self.texture(ui, &light, &key);
         paint_turned(ui, rect, texture, ahead - 0.5);
-        let brightest = light
-            .brightest()
-            .map(|d| key.map_from_world.transpose().as_mat3() * d);
+        let world_from_map = key.map_from_world.transpose().as_mat3();
+        let brightest = light.brightest.map(|d| world_from_map * d);
         if let Some(d) = brightest {
             let x = (across(d) - ahead + 0.5).rem_euclid(1.0);
             let y = d.z.clamp(-1.0, 1.0).acos() / PI;
@@ -83,6 +83,7 @@ impl LightMap {
         response
             .on_hover_cursor(egui::CursorIcon::ResizeHorizontal)
             .on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
+        turned.is_some()
     }
 
     fn texture(&mut self, ui: &Ui, light: &Environment, key: &Key) -> &TextureHandle {
@@ -109,13 +110,12 @@ fn across(d: Vec3) -> f32 {
 }
 
 fn picture(light: &Environment, key: &Key) -> ColorImage {
-    let map_from_world = key.map_from_world.as_mat3();
+    let map = EnvironmentMap::of_directions(WIDTH, WIDTH / 2, |d| {
+        let radiance = light.small.sample((key.map_from_world * d).as_vec3());
+        std::array::from_fn(|c| radiance[c] * key.gain[c])
+    });
     let display = Display::default();
-    map_of(WIDTH, |d| {
-        let radiance = light.small.sample(map_from_world * d);
-        let tinted = std::array::from_fn(|c| radiance[c] * key.gain[c]);
-        color(display.encode(tinted))
-    })
+    image(&map, |radiance| color(display.encode(radiance)))
 }
 
 /// A map that begins so far across itself.

@@ -3,10 +3,12 @@
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV, framed};
 use transplat_core::scene::EnvironmentLight;
+pub use transplat_core::scene::wrap;
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 
-/// Degrees of turn for a point of drag.
+/// Degrees of turn for a point of drag: of the camera, and of a light.
 const DEGREES_A_POINT: f64 = 0.4;
+const LIGHT_DEGREES_A_POINT: f64 = 0.5;
 
 /// Where one looks from: azimuth and elevation in degrees.
 pub type Viewpoint = [f64; 2];
@@ -46,11 +48,6 @@ pub fn look_from(pose: &mut CameraPose, from: Viewpoint) {
 pub fn orbit(pose: &mut CameraPose, drag: Vec2) {
     pose.azimuth = wrap(pose.azimuth - f64::from(drag.x) * DEGREES_A_POINT);
     pose.elevation = (pose.elevation + f64::from(drag.y) * DEGREES_A_POINT).clamp(-90.0, 90.0);
-}
-
-/// An angle in degrees from -180 to 180.
-pub fn wrap(degrees: f64) -> f64 {
-    (degrees + 180.0).rem_euclid(360.0) - 180.0
 }
 
 /// The camera's right and up in the asset's coordinates, and what a point of the viewport is there at the pivot.
@@ -108,9 +105,8 @@ pub fn eye(pose: &CameraPose, up: UpAxis) -> Vec3 {
 
 /// Turns and tilts a light as a drag by so many points does.
 pub fn turn_light(light: &mut EnvironmentLight, by: Vec2) {
-    const DEGREES_PER_POINT: f64 = 0.5;
-    light.rotation = wrap(light.rotation + DEGREES_PER_POINT * f64::from(by.x));
-    light.tilt = wrap(light.tilt + DEGREES_PER_POINT * f64::from(by.y));
+    light.rotation = wrap(light.rotation + LIGHT_DEGREES_A_POINT * f64::from(by.x));
+    light.tilt = wrap(light.tilt + LIGHT_DEGREES_A_POINT * f64::from(by.y));
 }
 
 /// Makes a point the pivot and leaves the camera where it is, turned to the point.

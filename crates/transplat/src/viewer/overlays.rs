@@ -222,6 +222,7 @@ impl Viewer {
             {
                 (light.rotation, light.tilt) = (rotation, tilt);
                 navigation::turn_light(light, Vec2::new(by.x, by.y));
+                self.preferences.knows_how_to_turn_the_light = true;
             }
         }
     }

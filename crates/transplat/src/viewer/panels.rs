@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.separator();
     // What is left beside a control's name and number.
     ui.spacing_mut().slider_width =
-        (ui.available_width() - style::NAME_WIDTH - 94.0).clamp(80.0, 260.0);
+        (ui.available_width() - style::NAME_WIDTH - style::NUMBER_WIDTH).clamp(80.0, 260.0);
     egui::ScrollArea::vertical()
         .id_salt(viewer.preferences.tab as usize)
         .auto_shrink([false, false])

@@ -1,7 +1,7 @@
 //! What the method sees of the lights: a grey and a mirror ball under each, and each environment beside what the transfer takes of it.
 
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
-use glam::{DMat3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use transplat_core::bake::patches::directions;
 use transplat_core::color::Display;
@@ -92,13 +92,18 @@ impl Probe {
         };
         // The maps as they lie in their file, one beside the other: what is lost is seen at once.
         let draw_maps = || {
-            let map = map_of(MAP_WIDTH, |d| {
-                let radiance = light.small.sample(d);
-                encode(std::array::from_fn(|c| radiance[c] * key.gain[c]))
-            });
+            let radiance = |d: DVec3| {
+                let radiance = light.small.sample(d.as_vec3());
+                std::array::from_fn(|c| radiance[c] * key.gain[c])
+            };
             let asset_from_map = turn.transpose();
             let taken = taken_in(&key.oriented.light, &key.transfer);
-            let seen = map_of(MAP_WIDTH, |d| encode(taken(asset_from_map * d)));
+            let of = |radiance: &(dyn Fn(DVec3) -> [f32; 3] + Sync)| {
+                let map = EnvironmentMap::of_directions(MAP_WIDTH, MAP_WIDTH / 2, radiance);
+                image(&map, encode)
+            };
+            let map = of(&radiance);
+            let seen = of(&|d| taken(asset_from_map * d.as_vec3()));
             (load("map", map), load("seen", seen))
         };
         let (map, seen) = maps.unwrap_or_else(draw_maps);
@@ -138,17 +143,10 @@ fn taken_in<'a>(
     }
 }
 
-/// A picture of all directions, twice as wide as high, azimuth 0 in the middle.
-pub fn map_of(width: usize, color: impl Fn(Vec3) -> Color32 + Sync) -> ColorImage {
-    let height = width / 2;
-    picture([width, height], |x, y| {
-        let (sin_t, cos_t) = (std::f32::consts::PI * (y as f32 + 0.5) / height as f32).sin_cos();
-        let azimuth = std::f32::consts::PI * (1.0 - 2.0 * (x as f32 + 0.5) / width as f32);
-        color(Vec3::new(
-            sin_t * azimuth.cos(),
-            sin_t * azimuth.sin(),
-            cos_t,
-        ))
+/// A map as a picture.
+pub fn image(map: &EnvironmentMap, encode: impl Fn([f32; 3]) -> Color32 + Sync) -> ColorImage {
+    picture([map.width(), map.height()], |x, y| {
+        encode(map.pixels()[y * map.width() + x])
     })
 }
 
@@ -196,8 +194,7 @@ pub fn color(encoded: [f32; 3]) -> Color32 {
 pub fn thumbnail(context: &egui::Context, light: &Environment, width: usize) -> TextureHandle {
     let map: EnvironmentMap = light.small.reduced(width);
     let display = Display::default();
-    let image = picture([map.width(), map.height()], |x, y| {
-        let radiance = map.pixels()[y * map.width() + x];
+    let image = image(&map, |radiance| {
         color(display.encode(radiance.map(|v| v * light.thumbnail_gain)))
     });
     let name = light.path.display().to_string();

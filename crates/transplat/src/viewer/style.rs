@@ -1,7 +1,8 @@
 //! How the window looks: what of egui's style is changed, for both themes.
 
-use eframe::egui::{self, Color32, FontDefinitions, FontId, TextStyle, Theme, vec2};
-use eframe::egui::{FontData, FontFamily};
+use eframe::egui::{
+    self, Color32, FontData, FontDefinitions, FontFamily, FontId, TextStyle, Theme, vec2,
+};
 use lucide_icons::LUCIDE_FONT_BYTES;
 
 /// Sizes of text in points: what is read, what stands beside it, and icons.
@@ -14,6 +15,9 @@ const ICONS: &str = "lucide";
 
 /// Width of the names of controls, so that the controls stand below each other.
 pub const NAME_WIDTH: f32 = 96.0;
+
+/// Room for the number behind a slider, and the gaps around it.
+pub const NUMBER_WIDTH: f32 = 94.0;
 
 /// Height of a tab.
 pub const TAB_HEIGHT: f32 = 48.0;

@@ -337,11 +337,11 @@ impl Viewport {
             return;
         };
         let up = session.scene_up();
-        let normal = session.scene_normal(object, pick.surfel);
-        let (Some(normal), Some(brightest)) = (normal, session.light(TARGET).brightest()) else {
-            session
-                .info("there is no brightest light to be placed, or the object is not baked yet");
-            return;
+        let Some(brightest) = session.light(TARGET).brightest else {
+            return session.info("even light has no highlight to be put there");
+        };
+        let Some(normal) = session.scene_normal(object, pick.surfel) else {
+            return session.info("a highlight can be put there once the object is baked");
         };
         let to_eye = (navigation::eye(&session.pose, up) - pick.position).normalize_or_zero();
         // What mirrors is the side that is seen.

@@ -38,6 +38,8 @@ pub(in crate::transfer) struct Incident<'a> {
     suns: Vec<(Beam, Vec<bool>)>,
     /// Irradiance, with epsilon's share. `[n]`
     pub irradiance: Vec<FrontAndBack>,
+    /// Irradiance of the light, [`DirectionalLight::mean`].
+    pub mean: [f32; 3],
     /// Epsilon's share.
     pub least: [f32; 3],
     terms: Terms,
@@ -138,6 +140,7 @@ impl DirectionalAsset {
                 .map(|s| (*s, self.seen_from(s, terms, among)))
                 .collect(),
             irradiance: Vec::new(),
+            mean: light.mean,
             least: light.least,
             terms,
             skips: settings.skips,

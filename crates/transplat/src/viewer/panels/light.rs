@@ -15,8 +15,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         let sides = [TARGET, SOURCE];
         let width = (ui.available_width() - ui.spacing().item_spacing.x) / sides.len() as f32;
         for side in sides {
-            let text = format!("{}{}", SIDES[side][..1].to_uppercase(), &SIDES[side][1..]);
-            let button = Button::selectable(viewer.shown.light == side, text);
+            let button = Button::selectable(viewer.shown.light == side, SIDES[side]);
             let size = egui::vec2(width, ui.spacing().interact_size.y);
             if ui.add_sized(size, button).clicked() {
                 viewer.shown.light = side;
@@ -34,7 +33,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         file(ui, &light.path);
     }
     if !light.is_even {
-        viewer.maps[side].show(ui, &mut viewer.session, side);
+        let turned = viewer.maps[side].show(ui, &mut viewer.session, side);
+        viewer.preferences.knows_how_to_turn_the_light |= turned;
     }
     let session = &mut viewer.session;
     for warning in &light.warnings {
