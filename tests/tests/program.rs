@@ -227,6 +227,19 @@ fn a_transparent_png_is_straight_and_an_exr_premultiplied() {
 }
 
 #[test]
+fn the_version_tells_what_was_built_and_what_draws() {
+    for flag in ["--version", "-V"] {
+        let told = run(&[flag]);
+        let text = String::from_utf8_lossy(&told.stdout);
+        assert!(told.status.success());
+        let (first, second) = text.trim().split_once('\n').expect("two lines");
+        assert!(first.starts_with("transplat 0.1.0"), "{first}");
+        let adapter = second.strip_prefix("adapter: ").expect("the adapter");
+        assert!(!adapter.is_empty() && !adapter.starts_with("none"));
+    }
+}
+
+#[test]
 fn info_knows_every_kind() {
     let folder = Folder::empty();
     let splat = folder.write("a.ply", small_splat(50));

@@ -16,11 +16,14 @@ use transplat_core::surfels::UpAxis;
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
 #[command(
-    version,
+    disable_version_flag = true,
     args_conflicts_with_subcommands = true,
     after_help = "Examples:\n  transplat                              the viewer, with the bundled scene\n  transplat knot.ply city.hdr            the viewer, with a splat and a light to relight it by\n  transplat knot.ply --source city.hdr   the same, with the light it was captured under"
 )]
 pub struct Cli {
+    /// Print the version, the commit that it was built from, and the graphics adapter that it would use
+    #[arg(long, short = 'V')]
+    pub version: bool,
     #[command(subcommand)]
     pub command: Option<Command>,
     #[command(flatten)]

@@ -19,11 +19,29 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-use cli::{Cli, Command};
+use cli::{Cli, Command, DeviceChoice};
+
+/// The version, the commit that it was built from where that is known, and the adapter that `--device gpu` would take.
+fn version() -> String {
+    let commit = option_env!("TRANSPLAT_COMMIT").map(|c| format!(" ({c})"));
+    let adapter = match device::Device::open(DeviceChoice::Gpu) {
+        Ok(device) => device.name(),
+        Err(why) => format!("none ({why:#})"),
+    };
+    format!(
+        "transplat {}{}\nadapter: {adapter}",
+        env!("CARGO_PKG_VERSION"),
+        commit.unwrap_or_default()
+    )
+}
 
 /// Runs what the command line asks for.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    if cli.version {
+        println!("{}", version());
+        return ExitCode::SUCCESS;
+    }
     let result = match &cli.command {
         Some(Command::Relight(args)) => commands::relight::run(args),
         Some(Command::Render(args)) => commands::render::run(args),

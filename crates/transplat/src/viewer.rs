@@ -73,6 +73,7 @@ pub fn open(startup: Startup, software_only: bool) -> Result<()> {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")
             .with_app_id("transplat")
+            .with_icon(icon()?)
             .with_inner_size([1280.0, 800.0])
             .with_min_inner_size([800.0, 520.0])
             .with_drag_and_drop(true),
@@ -88,6 +89,13 @@ pub fn open(startup: Startup, software_only: bool) -> Result<()> {
     created.map_err(|error| anyhow!("{}", plain(&error.to_string())))?;
     let fatal = fatal.lock().unwrap_or_else(|p| p.into_inner()).take();
     fatal.map_or(Ok(()), |text| Err(anyhow!("{text}")))
+}
+
+/// The program's own, for the task bar.
+fn icon() -> Result<egui::IconData> {
+    Ok(eframe::icon_data::from_png_bytes(include_bytes!(
+        "../../../assets/icon.png"
+    ))?)
 }
 
 /// What a window's failure means in plain words.

@@ -1,6 +1,7 @@
 //! `cargo xtask run` and `cargo xtask test`: each does all set-up on a fresh Debian machine that has only Rust.
 
 mod checks;
+mod dist;
 mod setup;
 
 use std::path::Path;
@@ -8,6 +9,7 @@ use std::process::{Command, ExitCode};
 
 const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments the viewer on the bundled scene, or where there is no display, pictures of it
 cargo xtask test              format, lints, docs, unit, parity and picture tests, the program on the bundled scene
+cargo xtask dist              a package for Debian and an archive for other Linux systems, in target/dist
 cargo xtask setup             only install what is missing";
 
 /// What a task yields: success, or a message.
@@ -18,6 +20,7 @@ fn main() -> ExitCode {
     let outcome = match arguments.first().map(String::as_str) {
         Some("run") => run(&arguments[1..]),
         Some("test") => checks::test(),
+        Some("dist") => dist::dist(),
         Some("setup") => setup::setup(has_display()),
         Some(other) => Err(format!("unknown command {other}\n{HELP}")),
         None => Err(HELP.into()),

@@ -6,10 +6,10 @@ use std::process::Command;
 use crate::Outcome;
 
 /// Debian's packages for a Vulkan loader and drivers, a software one among them.
-const DRIVER: [&str; 2] = ["libvulkan1", "mesa-vulkan-drivers"];
+pub const DRIVER: [&str; 2] = ["libvulkan1", "mesa-vulkan-drivers"];
 
 /// Debian's packages that a window needs besides, with a library that each brings. A desktop has them already.
-const WINDOW: [(&str, &str); 7] = [
+pub const WINDOW: [(&str, &str); 7] = [
     ("libx11-6", "libX11.so.6"),
     ("libx11-xcb1", "libX11-xcb.so.1"),
     ("libxcb1", "libxcb.so.1"),

@@ -33,8 +33,8 @@ pub struct Beams {
 /// Compact sources that are taken out of a map, at most.
 pub const MAX_SUNS: usize = 8;
 
-/// A compact source holds at least this share of all light.
-pub const SUN_SHARE: f64 = 0.01;
+/// A compact source holds at least this share of all light: what holds less throws no shadow whose edge would be seen.
+pub const SUN_SHARE: f64 = 0.025;
 
 /// Radius of the disc around the brightest pixel that a compact source lies in, in degrees.
 pub const SUN_RADIUS: f64 = 4.0;

@@ -1,0 +1,33 @@
+//! Tells the program which commit it is built from, where that is known.
+
+use std::process::Command;
+
+fn main() {
+    println!("cargo::rerun-if-env-changed=TRANSPLAT_COMMIT");
+    let named = std::env::var("TRANSPLAT_COMMIT").ok();
+    if let Some(commit) = named.filter(|c| !c.is_empty()).or_else(commit) {
+        println!("cargo::rustc-env=TRANSPLAT_COMMIT={commit}");
+    }
+}
+
+/// That of the repository, with a `+` where the sources are not as committed.
+fn commit() -> Option<String> {
+    let here = git(&["rev-parse", "--short=9", "HEAD"])?;
+    // What moves when another commit is checked out or made.
+    for moved in ["HEAD", "logs/HEAD"] {
+        let path = git(&["rev-parse", "--git-path", moved])?;
+        println!("cargo::rerun-if-changed={path}");
+    }
+    let changed = git(&["status", "--porcelain", "--untracked-files=no"])?;
+    Some(if changed.is_empty() {
+        here
+    } else {
+        format!("{here}+")
+    })
+}
+
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| text.trim().to_owned())
+}

@@ -1,0 +1,322 @@
+//! What is given to those who do not build: a package for Debian, and an archive for any other Linux.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use crate::setup::{DRIVER, WINDOW};
+use crate::{Outcome, command, must, root};
+
+/// Where they are made, in the root.
+const OUT: &str = "target/dist";
+
+/// What of the assets the program opens; the rest is the README's.
+const ASSETS: [&str; 8] = [
+    "README.md",
+    "breakfast.ply",
+    "breakfast_cameras.json",
+    "city.hdr",
+    "interior.hdr",
+    "sunset.hdr",
+    "teapot.ply",
+    "teapot_cameras.json",
+];
+
+/// Builds the program and packs it: `transplat_VERSION_ARCHITECTURE.deb`, and `transplat-VERSION-MACHINE-linux.tar.gz` with the same
+/// tree, which runs from wherever it is unpacked.
+pub fn dist() -> Outcome {
+    if !cfg!(target_os = "linux") {
+        return Err("packages are made on Linux; elsewhere build the program: cargo build --release --package transplat (see the README)".into());
+    }
+    must("cargo build --release --locked --package transplat", &[])?;
+    let version = env!("CARGO_PKG_VERSION");
+    let machine = std::env::consts::ARCH;
+    let name = format!("transplat-{version}-{machine}-linux");
+    let out = root().join(OUT);
+    remove(&out)?;
+    let tree = out.join(&name);
+    lay(&tree)?;
+    let archive = format!("{OUT}/{name}.tar.gz");
+    // The same sources give the same files: no names, no times but the commit's.
+    let time = output("git", &["log", "-1", "--format=%ct"]).unwrap_or_else(|_| "0".into());
+    let time = time.trim();
+    must(
+        &format!(
+            "tar --create --gzip --file {archive} --sort=name --owner=0 --group=0 --numeric-owner --mtime=@{time} --directory {OUT} {name}"
+        ),
+        &[],
+    )?;
+    let package = deb(&tree, version, time)?;
+    let size = |path: &str| fs::metadata(root().join(path)).map_or(0, |m| m.len() / 1_000_000);
+    println!(
+        "\n{package}  {} MB: sudo apt install ./{package}\n{archive}  {} MB: unpack, then start bin/transplat in it",
+        size(&package),
+        size(&archive)
+    );
+    Ok(())
+}
+
+/// Lays the files as they lie in `/usr`.
+fn lay(tree: &Path) -> Outcome {
+    let program = tree.join("bin/transplat");
+    copy(&root().join("target/release/transplat"), &program)?;
+    must("strip", &[program.display().to_string()])?;
+    let share = tree.join("share");
+    let assets = share.join("transplat/assets");
+    for name in ASSETS {
+        copy(&root().join("assets").join(name), &assets.join(name))?;
+    }
+    copy_folder(&root().join("assets/truth"), &assets.join("truth"))?;
+    // The first picture waits for no bake.
+    for splat in ["teapot.ply", "breakfast.ply"] {
+        let splat = assets.join(splat).display().to_string();
+        let bake = format!("{splat}.best.bake");
+        let line = format!("{} bake --device cpu --quiet", program.display());
+        must(&line, &[splat, "-o".into(), bake])?;
+    }
+    let package = root().join("crates/xtask/package");
+    for (from, to) in [
+        (
+            package.join("transplat.desktop"),
+            "applications/transplat.desktop",
+        ),
+        (package.join("transplat.xml"), "mime/packages/transplat.xml"),
+        (
+            root().join("assets/icon.svg"),
+            "icons/hicolor/scalable/apps/transplat.svg",
+        ),
+        (
+            root().join("assets/icon.png"),
+            "icons/hicolor/128x128/apps/transplat.png",
+        ),
+        (root().join("README.md"), "doc/transplat/README.md"),
+        (root().join("CHANGELOG.md"), "doc/transplat/CHANGELOG.md"),
+        (root().join("docs/method.md"), "doc/transplat/method.md"),
+        (root().join("LICENSE"), "doc/transplat/copyright"),
+    ] {
+        copy(&from, &share.join(to))?;
+    }
+    write(&share.join("doc/transplat/third_party.txt"), &licences()?)
+}
+
+/// The Debian package of a tree, and its name.
+fn deb(tree: &Path, version: &str, time: &str) -> Result<String, String> {
+    let architecture = match std::env::consts::ARCH {
+        "x86_64" => "amd64",
+        "aarch64" => "arm64",
+        other => other,
+    };
+    let packed = root().join(OUT).join("deb");
+    fs::create_dir_all(packed.join("DEBIAN")).map_err(|e| e.to_string())?;
+    copy_folder(tree, &packed.join("usr"))?;
+    let libraries = WINDOW.iter().map(|(package, _)| (*package).to_owned());
+    let depends: Vec<String> = [
+        format!("libc6 (>= {})", needed_glibc(&tree.join("bin/transplat"))?),
+        "libgcc-s1".into(),
+    ]
+    .into_iter()
+    .chain(libraries)
+    .collect();
+    let kilobytes = size_of_folder(tree)? / 1024;
+    write(
+        &packed.join("DEBIAN/control"),
+        &format!(
+            "Package: transplat
+Version: {version}
+Architecture: {architecture}
+Maintainer: The transplat developers <transplat@localhost>
+Installed-Size: {kilobytes}
+Depends: {}
+Recommends: {}, xdg-desktop-portal
+Suggests: ffmpeg
+Section: graphics
+Priority: optional
+Description: see a captured object under another light
+ An interactive viewer with live relighting of Gaussian splats, and a command
+ line that relights and draws them. From a trained splat and the light that it
+ was captured in, it shows the object under any other light, at once.
+",
+            depends.join(", "),
+            DRIVER.join(", "),
+        ),
+    )?;
+    let package = format!("{OUT}/transplat_{version}_{architecture}.deb");
+    println!("> dpkg-deb --build {package}");
+    let built = command(
+        "dpkg-deb",
+        &[
+            "--build",
+            "--root-owner-group",
+            &format!("{OUT}/deb"),
+            &package,
+        ],
+    )
+    .env("SOURCE_DATE_EPOCH", time)
+    .status();
+    remove(&packed)?;
+    match built {
+        Ok(status) if status.success() => Ok(package),
+        Ok(status) => Err(format!("dpkg-deb failed: {status}")),
+        Err(error) => Err(format!("dpkg-deb could not be started: {error}")),
+    }
+}
+
+/// The newest version of the C library that a program names: `GLIBC_2.34` is 2.34.
+fn needed_glibc(program: &Path) -> Result<String, String> {
+    let bytes = fs::read(program).map_err(|e| format!("{}: {e}", program.display()))?;
+    let newest = glibc_versions(&bytes).max().unwrap_or((2, 17));
+    Ok(format!("{}.{}", newest.0, newest.1))
+}
+
+fn glibc_versions(bytes: &[u8]) -> impl Iterator<Item = (u32, u32)> {
+    const NAME: &[u8] = b"GLIBC_";
+    let found = bytes.windows(NAME.len()).enumerate();
+    let starts = found
+        .filter(|(_, w)| *w == NAME)
+        .map(|(i, _)| i + NAME.len());
+    starts.filter_map(|start| {
+        let rest = &bytes[start..];
+        let end = rest.iter().position(|b| *b == 0)?;
+        let (major, minor) = std::str::from_utf8(&rest[..end]).ok()?.split_once('.')?;
+        let minor = minor.split('.').next()?;
+        Some((major.parse().ok()?, minor.parse().ok()?))
+    })
+}
+
+/// What the licences of all that is linked in ask to be told: each crate with its licence, and each text once.
+fn licences() -> Result<String, String> {
+    let tree = output(
+        "cargo",
+        &[
+            "tree",
+            "--package=transplat",
+            "--edges=normal",
+            "--prefix=none",
+            "--no-dedupe",
+            "--format={p}\t{l}",
+        ],
+    )?;
+    let mut crates: Vec<&str> = tree.lines().filter(|l| !l.contains("(/")).collect();
+    crates.sort_unstable();
+    crates.dedup();
+    let mut listed = String::from("transplat is made with these crates.\n\n");
+    let mut texts: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for line in &crates {
+        let (package, licence) = line.split_once('\t').unwrap_or((line, ""));
+        let mut words = package.split(' ');
+        let (name, version) = (
+            words.next().unwrap_or_default(),
+            words.next().unwrap_or_default().trim_start_matches('v'),
+        );
+        listed += &format!("{name} {version}: {licence}\n");
+        for text in licence_texts(&format!("{name}-{version}"))? {
+            texts.entry(text).or_default().push(name.to_owned());
+        }
+    }
+    for (text, of) in texts {
+        listed += &format!("\n{}\n{}\n\n{text}\n", "-".repeat(80), of.join(", "));
+    }
+    Ok(listed)
+}
+
+/// The licence files of a crate, and of the fonts in it.
+fn licence_texts(package: &str) -> Result<Vec<String>, String> {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| std::env::home_dir().map(|h| h.join(".cargo")));
+    let sources = home.unwrap_or_default().join("registry/src");
+    let mut texts = Vec::new();
+    for registry in entries(&sources)? {
+        for folder in ["", "fonts", "font"] {
+            let folder = registry.join(package).join(folder);
+            if !folder.is_dir() {
+                continue;
+            }
+            for file in entries(&folder)? {
+                let name = file.file_name().unwrap_or_default().to_string_lossy();
+                let name = name.to_uppercase();
+                let told = ["LICENSE", "LICENCE", "COPYING", "NOTICE", "OFL", "UFL"];
+                if file.is_file()
+                    && told.iter().any(|t| name.starts_with(t))
+                    && let Ok(text) = fs::read_to_string(&file)
+                {
+                    texts.push(text.replace("\r\n", "\n").trim().to_owned());
+                }
+            }
+        }
+    }
+    Ok(texts)
+}
+
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let read = fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut paths: Vec<PathBuf> = read.flatten().map(|e| e.path()).collect();
+    paths.sort();
+    Ok(paths)
+}
+
+fn copy(from: &Path, to: &Path) -> Outcome {
+    let folder = to.parent().unwrap_or(to);
+    let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
+    let told = |e| format!("{}: {e}", from.display());
+    copied.map(|_| ()).map_err(told)
+}
+
+fn copy_folder(from: &Path, to: &Path) -> Outcome {
+    for path in entries(from)? {
+        let to = to.join(path.file_name().unwrap_or_default());
+        if path.is_dir() {
+            copy_folder(&path, &to)?;
+        } else {
+            copy(&path, &to)?;
+        }
+    }
+    Ok(())
+}
+
+fn size_of_folder(folder: &Path) -> Result<u64, String> {
+    let mut bytes = 0;
+    for path in entries(folder)? {
+        bytes += if path.is_dir() {
+            size_of_folder(&path)?
+        } else {
+            fs::metadata(&path).map_err(|e| e.to_string())?.len()
+        };
+    }
+    Ok(bytes)
+}
+
+fn write(path: &Path, text: &str) -> Outcome {
+    let folder = path.parent().unwrap_or(path);
+    let written = fs::create_dir_all(folder).and_then(|()| fs::write(path, text));
+    written.map_err(|e| format!("{}: {e}", path.display()))
+}
+
+fn remove(folder: &Path) -> Outcome {
+    match fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(format!("{}: {error}", folder.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What a command prints.
+fn output(program: &str, arguments: &[&str]) -> Result<String, String> {
+    let output = command(program, arguments)
+        .output()
+        .map_err(|e| format!("{program} could not be started: {e}"))?;
+    if !output.status.success() {
+        return Err(format!("{program} failed: {}", output.status));
+    }
+    String::from_utf8(output.stdout).map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_newest_version_of_the_c_library_is_asked_for() {
+        let names = b"\0GLIBC_2.2.5\0GLIBC_2.34\0GLIBC_2.9\0GLIBC_PRIVATE\0";
+        assert_eq!(super::glibc_versions(names).max(), Some((2, 34)));
+    }
+}
