@@ -280,3 +280,49 @@ fn without_an_adapter_it_is_said_in_plain_words() {
         "{text}"
     );
 }
+
+#[test]
+fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
+    let folder = Folder::empty();
+    folder.write("a.ply", small_splat(50));
+    folder.write("cut.ply", &small_splat(50)[..2000]);
+    let tries: [(&str, &str); 7] = [
+        (r#"{"splats": []}"#, "names no splats"),
+        (
+            r#"{"splats": ["a.ply"], "turntible": 2}"#,
+            "unknown field `turntible`",
+        ),
+        (r#"{"splats": ["a.ply"]}"#, "a camera is needed"),
+        (
+            r#"{"splats": ["a.ply", "./a.ply"], "turntable": 1}"#,
+            "called a already",
+        ),
+        (
+            r#"{"splats": ["a.ply"], "lights": ["even"], "turntable": 1}"#,
+            "what it was captured under is missing",
+        ),
+        (
+            r#"{"splats": ["a.ply"], "turntable": 99999999}"#,
+            "more than",
+        ),
+        (
+            r#"{"splats": ["cut.ply", "a.ply"], "source": "even", "lights": ["even"], "turntable": 1}"#,
+            "not drawn: cut:",
+        ),
+    ];
+    for (i, (batch, expected)) in tries.iter().enumerate() {
+        let batch = folder.write(&format!("{i}.json"), batch.as_bytes());
+        let line = "render --batch {} --size 8x8 --device cpu -o {}";
+        run_told(&args(line, &[&batch, &folder.name("out")]), 1, &[expected]);
+    }
+    assert!(fs::exists(folder.name("out/a/even/000.png")).is_ok_and(|there| there));
+    let splat = folder.name("a.ply");
+    run_told(
+        &args(
+            "render {} --turntable 1 --part 1/2 -o {}",
+            &[&splat, &splat],
+        ),
+        2,
+        &["--batch"],
+    );
+}

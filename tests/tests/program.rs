@@ -152,6 +152,65 @@ fn frames_keep_their_numbers_and_their_pixels() {
     assert!(!folder.path("some").join("000.png").exists());
 }
 
+#[test]
+fn a_batch_is_drawn_in_parts_goes_on_and_is_the_same_as_in_one_go() {
+    let folder = Folder::empty();
+    folder.write("a.ply", small_splat(80));
+    folder.write("b.ply", small_splat(120));
+    fs::copy(asset("sunset.hdr"), folder.name("sunset.hdr")).expect("room");
+    let batch = folder.write(
+        "batch.json",
+        br#"{"splats": ["a.ply", {"asset": "b.ply", "source": "even"}], "source": "sunset.hdr",
+            "lights": ["sunset.hdr", "even"], "turntable": 3}"#,
+    );
+    let draw = |out: &str, part: &str| {
+        run_json(&args(
+            "render --batch {} --part {} --size 24x16 --device cpu -o {}",
+            &[&batch, part, &folder.name(out)],
+        ))
+    };
+    let read = |out: &str| -> Vec<(String, Vec<u8>)> {
+        let pictures = ["a", "b"].iter().flat_map(|splat| {
+            let of_light = |light: &str| {
+                let name = move |frame| format!("{splat}/{light}/00{frame}.png");
+                (0..3).map(name).collect::<Vec<_>>()
+            };
+            [of_light("sunset"), of_light("even")].concat()
+        });
+        pictures
+            .map(|name| {
+                let path = folder.name(&format!("{out}/{name}"));
+                let bytes = fs::read(&path).unwrap_or_else(|why| panic!("{name}: {why}"));
+                (name, bytes)
+            })
+            .collect()
+    };
+    let whole = draw("whole", "1/1");
+    assert_eq!(whole["pictures"], 12);
+    let parts: Vec<u64> = (1..=5)
+        .map(|part| draw("parts", &format!("{part}/5"))["pictures"].as_u64())
+        .map(|pictures| pictures.expect("a number"))
+        .collect();
+    assert_eq!(parts.iter().sum::<u64>(), 12, "{parts:?}");
+    assert!(read("whole") == read("parts"));
+
+    // What is there is left, whatever it is; what is missing is drawn.
+    let (gone, other) = ("parts/b/even/001.png", "parts/a/even/002.png");
+    fs::remove_file(folder.name(gone)).expect("it was drawn");
+    fs::write(folder.name(other), b"of mine").expect("room");
+    let again = draw("parts", "1/1");
+    assert_eq!(
+        (&again["pictures"], &again["pictures_there"]),
+        (&1.into(), &11.into())
+    );
+    assert_eq!(
+        fs::read(folder.name(other)).expect("it is there"),
+        b"of mine"
+    );
+    let of_gone = fs::read(folder.name(gone)).expect("it is drawn again");
+    assert!(of_gone == fs::read(folder.name("whole/b/even/001.png")).expect("it is there"));
+}
+
 fn exr_pixels(path: &str) -> Vec<[f32; 4]> {
     let exr = exr::prelude::read_first_rgba_layer_from_file(
         path,

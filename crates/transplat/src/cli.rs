@@ -1,5 +1,6 @@
 //! The command line: a stable contract.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -50,9 +51,9 @@ pub enum Command {
     Relight(RelightArgs),
     /// Draw pictures of an asset, as captured or relit.
     #[command(
-        after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o pictures\n\nPictures are named NNN.png by frame, from 000; with several targets in a folder for each. PNG is display-encoded with straight alpha; EXR is linear and premultiplied (and blended in linear light)."
+        after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o pictures\n\nPictures are named NNN.png by frame, from 000; with several targets in a folder for each. PNG is display-encoded with straight alpha; EXR is linear and premultiplied (and blended in linear light).\n\nA batch:\n  transplat render --batch shots.json --part 1/8 -o pictures\nshots.json: {\"splats\": [\"knot.ply\", {\"asset\": \"vase.ply\", \"source\": \"estimate\"}], \"source\": \"city.hdr\", \"lights\": [\"sunset.hdr\", \"hdris/\"], \"turntable\": 24}, with \"cameras\": FILE instead of a turntable and, where settings are wanted, \"look\": FILE. Paths are relative to it."
     )]
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
     #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
     Bake(BakeArgs),
@@ -241,6 +242,15 @@ pub struct RenderArgs {
     /// Only these frames, with their own numbers
     #[arg(long, value_name = "A-B", value_parser = parse_frames)]
     pub frames: Option<[usize; 2]>,
+    /// Draw a file of splats, lights and cameras, each with each, into DIR/SPLAT/LIGHT/NNN.png; pictures that are there are left
+    #[arg(long, value_name = "BATCH.json", conflicts_with_all = ["asset", "target", "bake", "frames", "layers", "plate"])]
+    pub batch: Option<PathBuf>,
+    /// Only this part of a batch, from 1: how several machines share one
+    #[arg(long, value_name = "K/N", requires = "batch", value_parser = parse_part)]
+    pub part: Option<[usize; 2]>,
+    /// Only these pictures: target and frame
+    #[arg(skip)]
+    pub only: Option<HashSet<(String, usize)>>,
     #[command(flatten)]
     pub out: OutputArgs,
 }
@@ -508,6 +518,15 @@ fn parse_size(text: &str) -> Result<[usize; 2], String> {
         .and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     size.filter(|s: &[usize; 2]| s.iter().all(|v| (1..=16384).contains(v)))
         .ok_or_else(|| "WIDTHxHEIGHT is expected, each from 1 to 16384".into())
+}
+
+fn parse_part(text: &str) -> Result<[usize; 2], String> {
+    let parts = text.split_once('/');
+    let numbers = parts.and_then(|(k, n)| Some([k.trim().parse().ok()?, n.trim().parse().ok()?]));
+    match numbers {
+        Some([part, of]) if (1..=of).contains(&part) => Ok([part, of]),
+        _ => Err("expected a part and how many there are, such as 1/8, from 1 to that many".into()),
+    }
 }
 
 fn parse_frames(text: &str) -> Result<[usize; 2], String> {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 pub mod bake;
+pub mod batch;
 pub mod estimate;
 pub mod info;
 pub mod probe;

@@ -1,5 +1,18 @@
 //! `transplat`: relight a captured object.
 
-fn main() -> std::process::ExitCode {
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    quiet_graphics_libraries();
     transplat::main()
+}
+
+/// Vulkan's and GL's libraries write complaints to stderr, before each result, where a session's folder for sockets is not set: over SSH, in
+/// containers, on render farms. Any folder quiets them.
+#[allow(unsafe_code)]
+fn quiet_graphics_libraries() {
+    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: nothing else runs yet that could read the environment.
+        unsafe { std::env::set_var("XDG_RUNTIME_DIR", std::env::temp_dir()) };
+    }
 }

@@ -20,6 +20,8 @@ pub struct Summary {
     pub quiet: bool,
     /// Whether timings are wanted precisely.
     pub json: bool,
+    /// What is worked on, where that is more than one thing.
+    pub subject: Option<String>,
     fields: Map<String, Value>,
     stages_ms: Map<String, Value>,
     targets: Vec<(String, f32)>,
@@ -79,7 +81,9 @@ impl Summary {
 
     /// Notes a target light and how many stops its mean irradiance lies above the source's: strength is not exposure.
     pub fn target(&mut self, name: &str, stops_over_source: f32) {
-        self.targets.push((name.to_owned(), stops_over_source));
+        let subject = self.subject.as_ref();
+        let name = subject.map_or_else(|| name.to_owned(), |of| format!("{of}, {name}"));
+        self.targets.push((name, stops_over_source));
     }
 
     /// Notes something that this scene did not need.

@@ -11,6 +11,12 @@ use crate::summary::Summary;
 
 pub fn run(args: &BakeArgs) -> Result<()> {
     let mut summary = Summary::new("bake", &args.out);
+    let told = bake(args, &mut summary)?;
+    summary.finish(&told)
+}
+
+/// Bakes, and says what was written.
+pub fn bake(args: &BakeArgs, summary: &mut Summary) -> Result<String> {
     let mut scene = look_of(&args.asset.options, None)?;
     scene.transfer.method = args.preset.unwrap_or_default();
     refuse_overwriting(
@@ -18,11 +24,11 @@ pub fn run(args: &BakeArgs) -> Result<()> {
         &[&args.output],
     )?;
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let bake = pipeline.bake(None, &mut summary)?;
+    let pipeline = Pipeline::load(&args.asset, scene, summary)?;
+    let bake = pipeline.bake(None, summary)?;
     summary.time("export", || save_bake(&args.output, &pipeline.cloud, &bake))?;
     summary.set("output", args.output.display().to_string());
-    summary.finish(&format!(
+    Ok(format!(
         "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",
         args.output.display(),
         bake.method().preset(),

@@ -19,7 +19,7 @@ use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::transfer::Part;
 
 use crate::cli::{PictureFormat, RenderArgs, usage};
-use crate::commands::{make_folder, refuse_overwriting};
+use crate::commands::{batch, make_folder, refuse_overwriting};
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
 use crate::pipeline::settings::{
@@ -32,7 +32,29 @@ use crate::summary::Summary;
 pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
+    if let Some(file) = &args.batch {
+        return batch::run(file, args);
+    }
+    if args.part.is_some() {
+        usage("--part is of a --batch");
+    }
     let mut summary = Summary::new("render", &args.out);
+    let written = draw(args, &mut summary)?;
+    summary.set("pictures", written);
+    summary.finish(&format!(
+        "wrote {} to {}",
+        pictures_in_words(written),
+        args.output.display()
+    ))
+}
+
+/// `1 picture`, `2 pictures`.
+pub fn pictures_in_words(count: usize) -> String {
+    format!("{count} picture{}", if count == 1 { "" } else { "s" })
+}
+
+/// Draws what is asked for, and yields how many pictures that were.
+pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
     let (asset, light) = with_scene_as_look(&args.asset, &args.light);
     let args = &RenderArgs {
         asset,
@@ -62,8 +84,8 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
         );
     }
-    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let frames = frames(args, &pipeline, &mut summary)?;
+    let pipeline = Pipeline::load(&args.asset, scene, summary)?;
+    let frames = frames(args, &pipeline, summary)?;
     let output = Output::new(args, frames.len(), targets.len())?;
     let cameras = args.camera.cameras.as_deref();
     let photographs = photographs(pipeline.scene.plate.as_deref());
@@ -93,13 +115,13 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         || pipeline.scene.shadow_catcher
         || (pipeline.scene.match_strength && pipeline.scene.background == Background::Environment);
     let lights = if needs_lights && relit {
-        Some(pipeline.lights(&args.light, &mut summary)?)
+        Some(pipeline.lights(&args.light, summary)?)
     } else {
         None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
     let bake = if needs_bake {
-        Some(pipeline.bake(args.light.bake.as_deref(), &mut summary)?)
+        Some(pipeline.bake(args.light.bake.as_deref(), summary)?)
     } else {
         summary.skip("bake", "this view needs no visibility");
         None
@@ -120,7 +142,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
     if pipeline.scene.shadow_catcher && lights.is_some() {
-        studio.ground = Some(pipeline.bake_ground(&mut summary)?);
+        studio.ground = Some(pipeline.bake_ground(summary)?);
     }
     let mut shots = Shots {
         args,
@@ -131,22 +153,15 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         pipeline: &pipeline,
     };
     let written = match (&lights, &bake) {
-        (Some(lights), Some(bake)) if view.needs_relit() => {
-            shots.relit(lights, bake, &mut summary)?
-        }
+        (Some(lights), Some(bake)) if view.needs_relit() => shots.relit(lights, bake, summary)?,
         _ => {
             if relit {
                 summary.skip("transfer", "this view shows no relit colour");
             }
-            shots.as_captured(&targets, lights.as_ref(), &mut summary)?
+            shots.as_captured(&targets, lights.as_ref(), summary)?
         }
     };
-    summary.set("pictures", written);
-    summary.finish(&format!(
-        "wrote {written} picture{} to {}",
-        if written == 1 { "" } else { "s" },
-        args.output.display()
-    ))
+    Ok(written)
 }
 
 /// What is to be shown; a command line that does not say enough ends the program.
@@ -383,7 +398,7 @@ impl<'a> Output<'a> {
             path,
             format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
-            folder_per_target: !is_file && (targets > 1 || in_folder),
+            folder_per_target: !is_file && (targets > 1 || in_folder || args.only.is_some()),
         })
     }
 
@@ -584,8 +599,18 @@ impl Shots<'_> {
             make_folder(&self.output.folder(target))?;
         }
         let bar = summary.progress_bar("drawing");
+        let mut written = 0;
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
+            let named = || (target.unwrap_or_default().to_owned(), frame.number);
+            if self
+                .args
+                .only
+                .as_ref()
+                .is_some_and(|only| !only.contains(&named()))
+            {
+                continue;
+            }
             self.set_plate(frame)?;
             let path = self.output.picture(target, frame.number);
             let factor = usize::from(self.args.supersample);
@@ -601,7 +626,8 @@ impl Shots<'_> {
                 ),
                 PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
             })?;
+            written += 1;
         }
-        Ok(self.frames.len())
+        Ok(written)
     }
 }
