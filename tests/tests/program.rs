@@ -1,9 +1,10 @@
 //! The program's commands: what they write and what they tell.
 
 use std::fs;
+use std::process::Command;
 
 use transplat_core::files::load_asset;
-use transplat_tests::{Folder, args, asset, run, run_json, run_told, small_splat};
+use transplat_tests::{Folder, args, asset, program, run, run_json, run_told, small_splat};
 
 #[test]
 fn relight_writes_the_layout_that_came_in() {
@@ -209,6 +210,62 @@ fn a_batch_is_drawn_in_parts_goes_on_and_is_the_same_as_in_one_go() {
     );
     let of_gone = fs::read(folder.name(gone)).expect("it is drawn again");
     assert!(of_gone == fs::read(folder.name("whole/b/even/001.png")).expect("it is there"));
+}
+
+/// An encoder that keeps what it is given: a film is then its frames, one after the other.
+#[cfg(unix)]
+#[test]
+fn a_film_holds_the_frames_or_says_what_it_needs() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::empty();
+    let splat = folder.write("a.ply", small_splat(80));
+    let encoder = folder.write(
+        "ffmpeg",
+        "#!/bin/sh\nfor last; do :; done\nexec /bin/cat > \"$last\"\n",
+    );
+    fs::set_permissions(&encoder, fs::Permissions::from_mode(0o755)).expect("it is ours");
+    let draw = |path: &str, out: &str| {
+        let line = "render {} --turntable 3 --size 20x12 --device cpu -o {}";
+        Command::new(program())
+            .args(args(line, &[&splat, out]))
+            .env("PATH", path)
+            .output()
+            .expect("the program starts")
+    };
+    let (here, pictures, film) = (
+        folder.name(""),
+        folder.name("pictures/"),
+        folder.name("a.webm"),
+    );
+    for out in [&pictures, &film] {
+        let told = draw(&here, out);
+        assert!(
+            told.status.success(),
+            "{}",
+            String::from_utf8_lossy(&told.stderr)
+        );
+    }
+    let frames = (0..3).flat_map(|i| {
+        let picture = image::open(folder.name(&format!("pictures/00{i}.png")));
+        picture.expect("a picture").into_rgba8().into_raw()
+    });
+    assert!(fs::read(&film).expect("a film") == frames.collect::<Vec<u8>>());
+
+    // Without an encoder, and with one that fails, nothing is left.
+    let none = draw("", &folder.name("b.mp4"));
+    let message = String::from_utf8_lossy(&none.stderr).into_owned();
+    assert!(
+        none.status.code() == Some(1) && message.contains("needs the program ffmpeg"),
+        "{message}"
+    );
+    folder.write("ffmpeg", "#!/bin/sh\necho out of ink >&2\nexit 3\n");
+    let failed = draw(&here, &folder.name("b.mp4"));
+    let message = String::from_utf8_lossy(&failed.stderr).into_owned();
+    assert!(
+        failed.status.code() == Some(1) && message.contains("out of ink"),
+        "{message}"
+    );
+    assert!(!fs::exists(folder.name("b.mp4")).expect("the folder is there"));
 }
 
 fn exr_pixels(path: &str) -> Vec<[f32; 4]> {

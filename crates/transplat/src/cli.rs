@@ -14,6 +14,8 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::{EPSILON, Method, Terms};
 use transplat_core::surfels::UpAxis;
 
+use crate::film::FRAME_RATE;
+
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
 #[command(
@@ -209,9 +211,12 @@ pub struct RenderArgs {
     pub light: LightArgs,
     #[command(flatten)]
     pub camera: CameraArgs,
-    /// Folder for the pictures, or the one picture's name
+    /// Folder for the pictures, or the one picture's name; a name that ends in .mp4, .webm or .webp makes a film of them (with ffmpeg)
     #[arg(short, long, value_name = "DIR|FILE")]
     pub output: PathBuf,
+    /// Frames a second of a film
+    #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
+    pub frame_rate: u32,
     /// Picture size; default: the camera file's, else 800x800
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[usize; 2]>,

@@ -4,6 +4,7 @@ mod bundled;
 mod cli;
 mod commands;
 mod device;
+mod film;
 mod ground_truth;
 mod layers;
 mod metrics;

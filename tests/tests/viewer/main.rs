@@ -592,6 +592,23 @@ fn exports_write_what_they_say() {
     assert_eq!(count(".png"), 4 + lights);
     d.after(|v| v.export(Task::ContactSheet));
     assert_eq!(count(".png"), 5 + lights);
+    // Below each picture is its light's name, and behind that nothing where nothing is wanted.
+    d.viewer().export_settings().transparent = true;
+    d.viewer().export_settings().pattern = "clear".into();
+    d.after(|v| v.export(Task::ContactSheet));
+    let sheet = image::open(folder.join("clear.png"))
+        .expect("a sheet")
+        .into_rgba8();
+    let columns = (lights as f64).sqrt().ceil() as u32;
+    assert_eq!(sheet.width(), 80 * columns);
+    assert_eq!(
+        sheet.height(),
+        (60 + 14) * (lights as u32).div_ceil(columns)
+    );
+    let caption = image::imageops::crop_imm(&sheet, 0, 60, 80, 14).to_image();
+    let written = caption.pixels().filter(|p| p[3] > 0 && p[0] > 128).count();
+    assert!((20..600).contains(&written), "{written}");
+    d.viewer().export_settings().transparent = false;
     let relit = d.folder.path("relit.ply");
     d.after(|v| v.export(Task::Splat(relit.clone())));
     let bytes = |path| fs::metadata(path).expect("it is there").len();

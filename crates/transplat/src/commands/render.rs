@@ -20,6 +20,7 @@ use transplat_core::transfer::Part;
 
 use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{batch, make_folder, refuse_overwriting};
+use crate::film::{Film, FilmFormat};
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
 use crate::pipeline::settings::{
@@ -41,11 +42,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let mut summary = Summary::new("render", &args.out);
     let written = draw(args, &mut summary)?;
     summary.set("pictures", written);
-    summary.finish(&format!(
-        "wrote {} to {}",
-        pictures_in_words(written),
-        args.output.display()
-    ))
+    let what = match FilmFormat::of(&args.output) {
+        Some(_) if args.output.is_file() => format!("{written} frames"),
+        _ => pictures_in_words(written),
+    };
+    summary.finish(&format!("wrote {what} to {}", args.output.display()))
 }
 
 /// `1 picture`, `2 pictures`.
@@ -348,8 +349,8 @@ fn plate_of(plate: &Path, picture: Option<&str>) -> Result<PathBuf> {
 }
 
 /// Files that are not written; a folder would hardly be called so.
-const OTHER_PICTURES: [&str; 9] = [
-    "jpg", "jpeg", "tif", "tiff", "bmp", "gif", "webp", "tga", "hdr",
+const OTHER_PICTURES: [&str; 11] = [
+    "jpg", "jpeg", "tif", "tiff", "bmp", "gif", "tga", "hdr", "avi", "mov", "mkv",
 ];
 
 /// Where pictures go.
@@ -357,6 +358,8 @@ struct Output<'a> {
     path: &'a Path,
     format: PictureFormat,
     is_file: bool,
+    /// The file holds all pictures.
+    is_film: bool,
     folder_per_target: bool,
 }
 
@@ -366,12 +369,25 @@ impl<'a> Output<'a> {
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let named = PictureFormat::from_str(&extension, true).ok();
         let is_folder = path.is_dir() || path.to_string_lossy().ends_with('/');
-        let is_file = named.is_some() && !is_folder;
+        let is_film = FilmFormat::of(path).is_some() && !is_folder;
+        let is_file = is_film || named.is_some() && !is_folder;
         let is_other = OTHER_PICTURES.contains(&&*extension.to_lowercase());
         if is_other && !is_folder {
-            bail!("{}: a picture is .png or .exr", path.display());
+            bail!(
+                "{}: a picture is .png or .exr, a film .mp4, .webm or .webp",
+                path.display()
+            );
         }
-        if is_file && frames * targets.max(1) > 1 {
+        if is_film && targets > 1 {
+            bail!(
+                "{}: {targets} targets do not fit into one film; make one of each",
+                path.display()
+            );
+        }
+        if is_film && (args.layers || args.format == Some(PictureFormat::Exr)) {
+            usage("a film holds display values: neither --layers nor --format exr");
+        }
+        if is_file && !is_film && frames * targets.max(1) > 1 {
             bail!(
                 "{}: {} pictures do not fit into one file; give a folder",
                 path.display(),
@@ -398,6 +414,7 @@ impl<'a> Output<'a> {
             path,
             format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
+            is_film,
             folder_per_target: !is_file && (targets > 1 || in_folder || args.only.is_some()),
         })
     }
@@ -600,6 +617,7 @@ impl Shots<'_> {
         }
         let bar = summary.progress_bar("drawing");
         let mut written = 0;
+        let mut film = None;
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             let named = || (target.unwrap_or_default().to_owned(), frame.number);
@@ -616,6 +634,16 @@ impl Shots<'_> {
             let factor = usize::from(self.args.supersample);
             let raster =
                 summary.time("rasterize", || self.studio.take(&frame.camera, factor, lit))?;
+            if self.output.is_film {
+                let size = [raster.width, raster.height];
+                let film = match &mut film {
+                    Some(film) => film,
+                    none => none.insert(Film::new(&path, size, self.args.frame_rate)?),
+                };
+                summary.time("export", || film.add(&raster))?;
+                written += 1;
+                continue;
+            }
             summary.time("export", || match self.output.format {
                 PictureFormat::Png => write_png(
                     &path,
@@ -627,6 +655,9 @@ impl Shots<'_> {
                 PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
             })?;
             written += 1;
+        }
+        if let Some(film) = film {
+            summary.time("export", || film.finish())?;
         }
         Ok(written)
     }

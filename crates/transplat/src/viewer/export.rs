@@ -1,6 +1,8 @@
 //! Pictures and splats out, off the interface's thread: each picture goes the way of `transplat render` with the same look.
 
+mod label;
 mod run;
+mod sheet;
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
@@ -26,6 +28,7 @@ use super::environments::Environment;
 use super::jobs::{Handle, Kind};
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET};
 use crate::device::Transfer;
+use crate::film::{FRAME_RATE, FilmFormat};
 use crate::pipeline::object::name_of;
 
 /// Format of saved pictures.
@@ -96,6 +99,10 @@ pub struct ExportSettings {
     pub folder: String,
     pub frames: usize,
     pub turn: Turn,
+    /// A turntable as a film, or as numbered pictures.
+    pub film: Option<FilmFormat>,
+    /// Of the film, a second.
+    pub frame_rate: u32,
 }
 
 impl Default for ExportSettings {
@@ -112,6 +119,8 @@ impl Default for ExportSettings {
             folder: folder.map_or(".".into(), |f| f.display().to_string()),
             frames: 36,
             turn: Turn::default(),
+            film: None,
+            frame_rate: FRAME_RATE,
         }
     }
 }
@@ -127,7 +136,7 @@ pub enum Task {
     EachLight,
     /// One file with a picture a light of the shelf.
     ContactSheet,
-    /// Numbered frames.
+    /// Numbered frames, or a film.
     Turntable,
     /// The relit splat.
     Splat(PathBuf),
@@ -139,6 +148,8 @@ impl Task {
         let mut settings = settings.clone();
         match self {
             Self::Clipboard => settings.format = Format::Png8,
+            // A film holds display values too.
+            Self::Turntable if settings.film.is_some() => settings.format = Format::Png8,
             Self::Screenshot(Some(path)) => {
                 let extension = path.extension().unwrap_or_default().to_string_lossy();
                 let format = match &*extension.to_lowercase() {

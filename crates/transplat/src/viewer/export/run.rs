@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result, bail};
 use transplat_core::bake::Bake;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::camera::{Camera, CameraPose};
-use transplat_core::color::{Display, Encoding};
+use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
     ExrFloats, PngBits, folder_of, is_same_file, look_text, save_look, write_exr, write_layers,
@@ -23,6 +23,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
 use crate::commands::render::MAX_SAMPLES;
+use crate::film::Film;
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
@@ -139,14 +140,14 @@ impl Snapshot {
         Ok(Some(Arc::new(bake::bake(&device, &wanted, &report)?)))
     }
 
-    fn need_shelf(&self) -> Result<()> {
+    pub(super) fn need_shelf(&self) -> Result<()> {
         if self.shelf.is_empty() {
             bail!("the shelf holds no light yet; drop environments on the window first");
         }
         Ok(())
     }
 
-    fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
+    pub(super) fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
         let studio = self.studio(view)?;
         let lit = self.lit(&self.scene, view, target)?;
         self.take(&studio, &self.pose, &lit)
@@ -341,7 +342,7 @@ impl Snapshot {
         Ok(())
     }
 
-    fn write(&self, path: &Path, raster: &Raster) -> Result<()> {
+    pub(super) fn write(&self, path: &Path, raster: &Raster) -> Result<()> {
         self.make_folder(path)?;
         let (width, height) = (raster.width, raster.height);
         let png = |bits| write_png(path, width, height, &present::straight(raster), bits);
@@ -355,7 +356,11 @@ impl Snapshot {
     }
 
     /// A file's name by the pattern; one that is taken gets a number, nothing is written over.
-    fn named(&self, light: &str, view: View, frame: Option<usize>) -> PathBuf {
+    pub(super) fn named(&self, light: &str, view: View, frame: Option<usize>) -> PathBuf {
+        self.named_as(light, view, frame, self.settings.format.extension())
+    }
+
+    fn named_as(&self, light: &str, view: View, frame: Option<usize>, extension: &str) -> PathBuf {
         let view = serde_json::to_value(view).ok();
         let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");
         let mut stem = self
@@ -374,72 +379,7 @@ impl Snapshot {
             }
         }
         let stem = stem.replace("{n}", "");
-        free_name(
-            Path::new(&self.settings.folder),
-            &stem,
-            self.settings.format.extension(),
-        )
-    }
-
-    /// Pictures in rows, as wide as high about, each with its light's map in the corner.
-    fn contact_sheet(&self, handle: &Handle<Outcome>) -> Result<Made> {
-        self.need_shelf()?;
-        let count = self.shelf.len();
-        let columns = (count as f64).sqrt().ceil() as usize;
-        let rows = count.div_ceil(columns);
-        let [width, height] = self.settings.size;
-        if width * columns * height * rows > MAX_SAMPLES {
-            bail!("{count} pictures of {width} x {height} make too large a sheet; lower the size");
-        }
-        let blank = if self.settings.format.is_linear() {
-            0.0
-        } else {
-            0.1
-        };
-        let mut sheet = Raster {
-            width: width * columns,
-            height: height * rows,
-            pixels: vec![[blank, blank, blank, 1.0]; width * columns * height * rows],
-            depth: Vec::new(),
-        };
-        for (i, light) in self.shelf.iter().enumerate() {
-            handle_step(handle, i, count)?;
-            let mut picture = self.picture(self.scene.view, light)?;
-            self.add_map(&mut picture, light);
-            let origin = (i / columns) * height * sheet.width + (i % columns) * width;
-            for (y, row) in picture.pixels.chunks_exact(width).enumerate() {
-                sheet.pixels[origin + y * sheet.width..][..width].copy_from_slice(row);
-            }
-        }
-        let path = self.named("lights", self.scene.view, None);
-        self.write(&path, &sheet)?;
-        Ok(Made::Files(vec![path]))
-    }
-
-    fn add_map(&self, picture: &mut Raster, light: &Environment) {
-        let edge = picture.width.min(picture.height) / 20;
-        let room = picture.height - edge;
-        let height = (picture.width / 8).min(room);
-        let width = 2 * height;
-        if width < 2 || width + edge > picture.width {
-            return;
-        }
-        let map = EnvironmentMap::reduced(&light.small, width);
-        let display = Display::default();
-        for y in 0..height {
-            for x in 0..width {
-                let (mx, my) = (x * map.width() / width, y * map.height() / height);
-                let radiance =
-                    map.pixels()[my * map.width() + mx].map(|v| v * light.thumbnail_gain);
-                let [r, g, b] = if self.settings.format.is_linear() {
-                    radiance
-                } else {
-                    display.encode(radiance).map(|v| v.min(1.0))
-                };
-                let at = (picture.height - edge - height + y) * picture.width + edge + x;
-                picture.pixels[at] = [r, g, b, 1.0];
-            }
-        }
+        free_name(Path::new(&self.settings.folder), &stem, extension)
     }
 
     fn turntable(&self, handle: &Handle<Outcome>) -> Result<Made> {
@@ -453,6 +393,16 @@ impl Snapshot {
             Turn::Light => None,
         };
         let mut written = Vec::new();
+        let mut film = match self.settings.film {
+            Some(format) => {
+                let path = self.named_as(&target.name(), view, None, format.extension());
+                self.make_folder(&path)?;
+                let film = Film::new(&path, self.settings.size, self.settings.frame_rate)?;
+                written.push(path);
+                Some(film)
+            }
+            None => None,
+        };
         for frame in 0..frames {
             handle_step(handle, frame, frames)?;
             let turn = 360.0 * frame as f64 / frames as f64;
@@ -469,9 +419,16 @@ impl Snapshot {
                     &turned
                 }
             };
+            if let Some(film) = &mut film {
+                film.add(&self.take(&studio, &pose, lit)?)?;
+                continue;
+            }
             let path = self.named(&target.name(), view, Some(frame));
             self.save_shot(&path, &studio, (&scene, &pose), (target, lit))?;
             written.push(path);
+        }
+        if let Some(film) = film {
+            film.finish()?;
         }
         Ok(Made::Files(written))
     }
@@ -497,7 +454,7 @@ impl Snapshot {
     }
 }
 
-fn handle_step(handle: &Handle<Outcome>, done: usize, of: usize) -> Result<()> {
+pub(super) fn handle_step(handle: &Handle<Outcome>, done: usize, of: usize) -> Result<()> {
     if handle.progress(done as f64 / of as f64).is_break() {
         bail!("cancelled");
     }

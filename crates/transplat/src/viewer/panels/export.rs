@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Ui};
 
+use crate::film::FilmFormat;
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
@@ -113,7 +114,7 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
     task
 }
 
-/// A whole turn in numbered frames.
+/// A whole turn, in numbered frames or as a film.
 fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
@@ -125,6 +126,22 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         ui.selectable_value(&mut settings.turn, Turn::Light, "light")
             .on_hover_text("The light goes round the object.");
     });
-    let tip = "Numbered frames of a whole turn.";
-    button(ui, "Save turntable", tip).then_some(Task::Turntable)
+    choice(
+        ui,
+        "Saved as",
+        "Numbered pictures in the format above; or a film, which the program ffmpeg makes where it is installed. WebM and WebP can be transparent.",
+        &mut settings.film,
+        &[
+            ("numbered pictures", None),
+            ("film, MP4", Some(FilmFormat::Mp4)),
+            ("film, WebM", Some(FilmFormat::WebM)),
+            ("film, WebP", Some(FilmFormat::WebP)),
+        ],
+    );
+    if settings.film.is_some() {
+        let drag = number(&mut settings.frame_rate, 1..=240).suffix(" frames a second");
+        let response = ui.add(drag).on_hover_text("How fast the film is played.");
+        named(&response, egui::Role::SpinButton, "Frame rate");
+    }
+    button(ui, "Save turntable", "A whole turn.").then_some(Task::Turntable)
 }
