@@ -58,5 +58,6 @@ pub mod sh;
 pub mod surfels;
 pub mod synthetic;
 pub mod transfer;
+pub mod upright;
 
 pub use error::{Error, Result};

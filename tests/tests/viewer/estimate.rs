@@ -6,11 +6,14 @@ use std::time::Instant;
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
+use glam::{DMat3, DQuat, DVec3};
 use transplat_core::estimate::STAND_IN_TRUST;
+use transplat_core::files::{load_asset, write_splat};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
+use transplat_core::synthetic;
 use transplat_tests::driver::{Driver, PATIENCE};
-use transplat_tests::{asset, small_splat};
+use transplat_tests::{asset, run_json, small_splat};
 
 /// Opens a splat of which nobody says what it was captured under.
 fn open_own(d: &mut Driver) -> PathBuf {
@@ -154,4 +157,41 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     d.after(|v| v.open(Path::new(&scene)));
     let session = &d.viewer().session;
     assert!(session.object().source.is_estimate() && session.source_is_assumed());
+}
+
+#[test]
+fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was() {
+    let mut d = Driver::bundled();
+    assert!(!d.viewer().session.scene.match_strength);
+    // The teapot on its plate, as a trainer whose Y points down would have it.
+    let (cloud, _) = load_asset(asset("teapot.ply").as_ref()).expect("the bundled splat");
+    let turn = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, DVec3::NEG_Y));
+    let lying = synthetic::turned(&cloud, turn);
+    let path = d.folder.path("lying.ply");
+    write_splat(&lying, &lying.sh, &path).expect("room for it");
+    // What is written here names an axis, as files of trainers do not.
+    let mut bytes = fs::read(&path).expect("it is there");
+    let name = b"Vertical axis";
+    let named = bytes.windows(name.len()).position(|w| w == name);
+    bytes[named.expect("it is named")] = b'-';
+    fs::write(&path, bytes).expect("room for it");
+    d.after(|v| v.open(&path));
+    let session = &d.viewer().session;
+    assert_eq!(session.object().up, Some(UpAxis::MinusY));
+    assert!(session.scene.match_strength);
+    let told: String = session.messages.iter().map(|m| m.text.clone()).collect();
+    assert!(
+        told.contains("set upright") && told.contains("matched"),
+        "{told}"
+    );
+    // One that stands is left, and light that is told is as strong as it is.
+    open_own(&mut d);
+    d.settle();
+    assert_eq!(d.viewer().session.object().up, None);
+    let city = asset("city.hdr");
+    d.after(|v| v.session.set_light(0, city.into()));
+    assert!(!d.viewer().session.scene.match_strength);
+    // The command says what it takes for granted.
+    let told = run_json(&["info", &path.display().to_string()]);
+    assert!(told["warnings"].to_string().contains("--up=-y"), "{told}");
 }

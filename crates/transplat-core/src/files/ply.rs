@@ -59,12 +59,9 @@ pub(super) fn read(
     }
     let names = header.properties.iter().map(|p| p.name.clone()).collect();
     let finished = rows.finish(names, header.comments.clone());
-    let (mut cloud, report, surfel_of_row) = finished.map_err(invalid)?;
-    let up = header
-        .comments
-        .iter()
-        .find_map(|comment| up_axis_of(comment));
-    cloud.up = up.unwrap_or_default();
+    let (mut cloud, mut report, surfel_of_row) = finished.map_err(invalid)?;
+    report.up = (header.comments.iter()).find_map(|comment| up_axis_of(comment));
+    cloud.up = report.up.unwrap_or_default();
     Ok(((cloud, report, surfel_of_row), header))
 }
 

@@ -32,6 +32,8 @@ pub struct AssetReport {
     pub left_out: Vec<usize>,
     /// 3DGS: median of shortest over second axis. 0 is flat; relighting needs well under 0.3.
     pub median_flatness: Option<f32>,
+    /// Which way is up, where the file says so.
+    pub up: Option<UpAxis>,
 }
 
 /// A file with a larger share of broken rows is refused: it is not a splat with a few bad surfels.
@@ -220,6 +222,7 @@ impl Builder {
             comments,
             left_out,
             median_flatness,
+            up: None,
         };
         let order = neighborhood_order(&cloud.positions);
         cloud.rearrange(&order);

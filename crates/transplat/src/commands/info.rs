@@ -17,6 +17,7 @@ use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
 use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::object::LoadedObject;
+use crate::pipeline::warnings::up_warning;
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -31,6 +32,9 @@ pub fn run(args: &InfoArgs) -> Result<()> {
         FileKind::Ply => {
             let (cloud, file) = summary.time("load", || load_asset(path))?;
             asset(&cloud, &file, &mut summary, &mut lines);
+            up_warning(path, &cloud, &file)
+                .into_iter()
+                .for_each(|w| summary.warn(w));
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
                 let object = LoadedObject::of(cloud, file, Object::default());
@@ -149,8 +153,7 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         cloud.len(),
         cloud.sh_degree
     ));
-    let tells_up = |c: &String| c.to_lowercase().starts_with("vertical axis");
-    let why = if found.comments.iter().any(tells_up) {
+    let why = if found.up.is_some() {
         "the file says so"
     } else {
         "assumed; the file does not say: see --up"

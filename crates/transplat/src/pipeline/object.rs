@@ -22,7 +22,7 @@ use transplat_core::transfer::PreparedTransfer;
 
 use super::bake::{self, PartOf, Wanted};
 use super::estimate::estimate_as_json;
-use super::warnings::asset_warnings;
+use super::warnings::{asset_warnings, up_warning};
 use crate::device::Device;
 use crate::summary::Summary;
 
@@ -92,6 +92,11 @@ impl LoadedObject {
         let (cloud, file) = summary.time("load", || load_asset(asset))?;
         for warning in asset_warnings(asset, &file) {
             summary.warn(warning);
+        }
+        if settings.up.is_none() {
+            up_warning(asset, &cloud, &file)
+                .into_iter()
+                .for_each(|w| summary.warn(w));
         }
         if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
             summary.warn(format!(

@@ -12,6 +12,7 @@ use transplat_core::files::{AssetFile, load_asset};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::upright::up_from_ground;
 
 use super::capture::{Capture, Part};
 use crate::pipeline::object::part_of;
@@ -32,6 +33,8 @@ pub struct Asset {
     pub load_ms: f64,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
+    /// What the ground in it says otherwise, where the file says nothing.
+    pub up_of_ground: Option<UpAxis>,
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
@@ -77,7 +80,12 @@ impl Asset {
             ),
         };
         let file_up = cloud.up;
+        let up_of_ground = match file.report.up {
+            None if part.is_none() => up_from_ground(&cloud).filter(|up| *up != file_up),
+            _ => None,
+        };
         Ok(Self {
+            up_of_ground,
             cut: object.cut.clone(),
             part,
             bounds: cloud.bounds(),

@@ -5,7 +5,9 @@ use std::sync::{Arc, Weak};
 
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
-use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even};
+use transplat_core::scene::{
+    ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
+};
 use transplat_gpu::live::LiveAsset;
 
 use super::asset::{Asset, OpenedWith, reading_of, told};
@@ -14,7 +16,7 @@ use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
 use super::navigation;
 use super::object::ObjectState;
-use super::session::{Event, Session, TARGET};
+use super::session::{Event, SOURCE, Session, TARGET};
 use super::stages::DROP_IT;
 use crate::pipeline::estimate;
 
@@ -323,7 +325,9 @@ impl Session {
         let object = &mut self.scene.objects[at];
         if let OpenedWith::Object(opened, _) = &opened_with {
             *object = told((**opened).clone(), asked, object.clone());
+            self.propose(at, &asset);
         }
+        let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());
         // Where nobody tells it, and as long as what is told cannot be read.
         object.source.file.get_or_insert(ESTIMATE.into());
@@ -363,6 +367,27 @@ impl Session {
         self.look_at_opened(&opened_with);
     }
 
+    /// Sets what nobody told of a splat that is opened, and says so: which way is up, by the ground in it, and where its light is not known
+    /// the strength of the light that it is relit by.
+    fn propose(&mut self, at: usize, asset: &Asset) {
+        let object = &mut self.scene.objects[at];
+        if let (None, Some(up)) = (object.up, asset.up_of_ground) {
+            object.up = Some(up);
+            let name = up.name();
+            self.info(format!(
+                "it was set upright: the ground in it faces {name}; the panel Asset has its up axis"
+            ));
+        }
+        let is_unknown = self.scene.objects[at].source.is_estimate();
+        if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
+            self.scene.match_strength = true;
+            self.matches_by_itself = true;
+            self.info(
+                "how strong the light of its capture was is not known: what it is relit by is matched to it; the panel Light has the switch",
+            );
+        }
+    }
+
     /// Says what a splat takes the place of, where others stay.
     fn tell_replaced(&mut self, at: usize, path: &Path) {
         let last = self.states[at].asset.as_ref().map(|a| a.path.clone());
@@ -399,6 +424,11 @@ impl Session {
     /// Puts a light on a side; it is shown once it is loaded.
     pub fn set_light(&mut self, side: usize, path: PathBuf) {
         self.environments.request(&path);
+        if side == SOURCE && self.matches_by_itself && is_file(&path) {
+            // Told, it is as strong as it is.
+            self.scene.match_strength = false;
+            self.matches_by_itself = false;
+        }
         self.side_mut(side).set_file(path);
     }
 

@@ -168,6 +168,8 @@ pub struct Session {
     /// The settings.
     pub scene: Scene,
     pub pose: CameraPose,
+    /// Whether the lights' strengths are matched since nobody told the source's.
+    pub(super) matches_by_itself: bool,
     /// Where a scene that is still being opened was last looked at from, by itself.
     pub(super) framed: Option<CameraPose>,
     /// What is made of each of the scene's objects.
@@ -241,6 +243,7 @@ impl Session {
                 orthographic: false,
                 roll: 0.0,
             },
+            matches_by_itself: false,
             framed: None,
             selected: 0,
             adds_splats: false,
