@@ -137,8 +137,8 @@ struct Message<E> {
     ended: bool,
 }
 
-/// Runs what keeps all cores busy for long in a pool of its own, so that what is opened meanwhile does not wait for it.
-pub fn beside_the_rest<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+/// Runs work in a pool of its own: neither the interface, which has small things to compute too, nor what is opened meanwhile waits for it.
+fn beside_the_rest<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     match rayon::ThreadPoolBuilder::new().build() {
         Ok(pool) => pool.install(work),
         Err(_) => work(),
@@ -167,7 +167,7 @@ impl<E: Send + 'static> Jobs<E> {
     }
 
     /// Starts one; `finish` makes an event of its result.
-    pub fn start<T>(
+    pub fn start<T: Send>(
         &mut self,
         kind: Kind,
         label: impl Into<String>,
@@ -191,7 +191,8 @@ impl<E: Send + 'static> Jobs<E> {
             signals,
         });
         std::thread::spawn(move || {
-            let result = catch_unwind(AssertUnwindSafe(|| work(&handle)));
+            let work = || beside_the_rest(|| work(&handle));
+            let result = catch_unwind(AssertUnwindSafe(work));
             let internal = |_| Err(anyhow!("an internal error; the scene is as it was"));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
@@ -244,5 +245,35 @@ impl<E: Send + 'static> Jobs<E> {
         for job in self.running.iter().filter(|j| j.kind == kind) {
             job.cancel();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use rayon::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn the_interface_computes_while_a_job_keeps_all_cores_busy() {
+        let mut jobs = Jobs::<Result<()>>::new(&egui::Context::default());
+        let (begun, has_begun) = channel();
+        let long = Duration::from_millis(1500);
+        let work = move |_: &Handle<_>| {
+            let _ = begun.send(());
+            (0..4 * rayon::current_num_threads())
+                .into_par_iter()
+                .for_each(|_| std::thread::sleep(long / 4));
+            Ok(())
+        };
+        jobs.start(Kind::Export, "long work", work, |result| result);
+        has_begun.recv().expect("it begins");
+        let start = Instant::now();
+        let sum: usize = (0..1000usize).into_par_iter().sum();
+        assert_eq!(sum, 499_500);
+        assert!(start.elapsed() < long / 3, "{:?}", start.elapsed());
+        assert!(jobs.is_running(Kind::Export));
     }
 }

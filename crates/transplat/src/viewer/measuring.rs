@@ -1,10 +1,10 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use transplat_core::extremes;
 use transplat_core::settings::Method;
 
-use super::jobs::{Handle, Kind, Work, beside_the_rest};
+use super::jobs::{Handle, Kind, Work};
 use super::object::Measured;
 use super::session::{Outcome, Session};
 use crate::device::Device;
@@ -51,7 +51,7 @@ impl Session {
                     is_new: true,
                 })
             };
-            beside_the_rest(measure).map_err(|e| e.context("nothing could be measured"))
+            measure().context("nothing could be measured")
         };
         self.start(kind, label, work, move |session, measured| {
             if let Some(at) = session.at(id) {
@@ -72,8 +72,7 @@ impl Session {
                 if handle.progress(i as f64 / cases.len() as f64).is_break() {
                     bail!("cancelled");
                 }
-                let each = || Method::ALL.map(|method| extremes::run(case, method, None));
-                outcomes.extend(beside_the_rest(each));
+                outcomes.extend(Method::ALL.map(|method| extremes::run(case, method, None)));
             }
             Ok(extremes::in_words(&outcomes))
         };

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use transplat_core::bake::patches;
 use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
 use crate::pipeline::bake::{self, Baked, Wanted};
 use crate::viewer::capture::kept_beside;
-use crate::viewer::jobs::{Handle, Kind, Work, beside_the_rest};
+use crate::viewer::jobs::{Handle, Kind, Work};
 use crate::viewer::object::BakeKey;
 use crate::viewer::session::{Outcome, Session};
 
@@ -112,14 +113,11 @@ impl Session {
             };
             let (device, progress) = (background.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
-            let bake = || {
-                if let Some(part) = &part {
-                    let of_whole = part.of_whole(&device, wanted.skips, &progress)?;
-                    wanted.part_of = Some(of_whole);
-                }
-                bake::refined(&device, &wanted, saved, &progress, preview)
-            };
-            beside_the_rest(bake).map_err(|error| error.context("the bake failed"))
+            if let Some(part) = &part {
+                let of_whole = part.of_whole(&device, wanted.skips, &progress);
+                wanted.part_of = Some(of_whole.context("the bake failed")?);
+            }
+            bake::refined(&device, &wanted, saved, &progress, preview).context("the bake failed")
         };
         self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
     }
