@@ -286,7 +286,7 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
     let folder = Folder::empty();
     folder.write("a.ply", small_splat(50));
     folder.write("cut.ply", &small_splat(50)[..2000]);
-    let tries: [(&str, &str); 7] = [
+    let tries: [(&str, &str); 9] = [
         (r#"{"splats": []}"#, "names no splats"),
         (
             r#"{"splats": ["a.ply"], "turntible": 2}"#,
@@ -303,19 +303,31 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
         ),
         (
             r#"{"splats": ["a.ply"], "turntable": 99999999}"#,
-            "more than",
+            "1 to 100000 views",
+        ),
+        (
+            r#"{"splats": ["a.ply"], "turntable": 0}"#,
+            "1 to 100000 views",
         ),
         (
             r#"{"splats": ["cut.ply", "a.ply"], "source": "even", "lights": ["even"], "turntable": 1}"#,
             "not drawn: cut:",
         ),
+        (
+            r#"{"splats": ["a.ply"], "source": "even", "lights": ["gone.hdr", "even"], "turntable": 1}"#,
+            "not drawn: a, gone:",
+        ),
     ];
     for (i, (batch, expected)) in tries.iter().enumerate() {
         let batch = folder.write(&format!("{i}.json"), batch.as_bytes());
         let line = "render --batch {} --size 8x8 --device cpu -o {}";
-        run_told(&args(line, &[&batch, &folder.name("out")]), 1, &[expected]);
+        let out = folder.name(&format!("out{i}"));
+        run_told(&args(line, &[&batch, &out]), 1, &[expected]);
     }
-    assert!(fs::exists(folder.name("out/a/even/000.png")).is_ok_and(|there| there));
+    for out in ["out7", "out8"] {
+        let picture = folder.name(&format!("{out}/a/even/000.png"));
+        assert!(fs::exists(picture).is_ok_and(|there| there), "{out}");
+    }
     let splat = folder.name("a.ply");
     run_told(
         &args(

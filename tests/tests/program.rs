@@ -208,6 +208,13 @@ fn a_batch_is_drawn_in_parts_goes_on_and_is_the_same_as_in_one_go() {
         fs::read(folder.name(other)).expect("it is there"),
         b"of mine"
     );
+    // Pictures of other settings are not mixed with those.
+    let line = "render --batch {} --size 16x16 --device cpu -o {}";
+    run_told(
+        &args(line, &[&batch, &folder.name("parts")]),
+        1,
+        &["other settings"],
+    );
     let of_gone = fs::read(folder.name(gone)).expect("it is drawn again");
     assert!(of_gone == fs::read(folder.name("whole/b/even/001.png")).expect("it is there"));
 }

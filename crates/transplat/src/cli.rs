@@ -1,6 +1,7 @@
 //! The command line: a stable contract.
 
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -266,7 +267,7 @@ pub struct CameraArgs {
     #[arg(long, value_name = "TRANSFORMS.json|DIR", conflicts_with_all = ["turntable", "eye"])]
     pub cameras: Option<PathBuf>,
     /// N views around the object
-    #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = parse_views)]
     pub turntable: Option<u32>,
     /// One camera here, in the asset's coordinates
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
@@ -523,6 +524,14 @@ fn parse_size(text: &str) -> Result<[usize; 2], String> {
         .and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     size.filter(|s: &[usize; 2]| s.iter().all(|v| (1..=16384).contains(v)))
         .ok_or_else(|| "WIDTHxHEIGHT is expected, each from 1 to 16384".into())
+}
+
+/// Views around an object.
+pub const VIEWS: RangeInclusive<u32> = 1..=100_000;
+
+fn parse_views(text: &str) -> Result<u32, String> {
+    let views = text.parse().ok().filter(|views| VIEWS.contains(views));
+    views.ok_or_else(|| format!("expected 1 to {} views", VIEWS.end()))
 }
 
 fn parse_part(text: &str) -> Result<[usize; 2], String> {

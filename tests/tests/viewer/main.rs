@@ -409,6 +409,14 @@ fn the_work_of_last_time_comes_back() {
     let session = &d.viewer().session;
     assert_eq!(session.asset().map(|a| a.cloud.len()), Some(100));
     assert!((session.scene.environment.rotation - 70.0).abs() < 1e-6);
+    // A start that names something else sets it aside.
+    let mut d = Driver::open(started(&[&splat]), Folder::empty());
+    assert!(d.viewer().session.scene.environment.rotation == 0.0 && !work.exists());
+    d.click("File");
+    d.click("Work before this");
+    d.settle();
+    assert!((d.viewer().session.scene.environment.rotation - 70.0).abs() < 1e-6);
+    d.viewer().keep_work();
     fs::rename(&splat, folder.path("moved.ply")).expect("it is there");
     let mut d = Driver::open(started(&[]), Folder::empty());
     let mut messages = d.viewer().session.messages.iter();

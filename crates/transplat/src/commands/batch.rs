@@ -4,15 +4,18 @@
 //! that share a folder.
 
 use std::collections::HashSet;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use serde::Deserialize;
-use transplat_core::files::{FileKind, file_kind, folder_of, load_cameras, load_look};
+use transplat_core::files::{
+    FileKind, file_kind, folder_of, is_same_file, load_cameras, load_look, write_atomically,
+};
 use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
 
-use crate::cli::{AssetArgs, BakeArgs, CameraArgs, LightArgs, OutputArgs, RenderArgs};
+use crate::cli::{AssetArgs, BakeArgs, CameraArgs, LightArgs, OutputArgs, RenderArgs, VIEWS};
 use crate::commands::bake::bake;
 use crate::commands::make_folder;
 use crate::commands::render::{draw, pictures_in_words};
@@ -27,6 +30,9 @@ const MOST_PICTURES: usize = 10_000_000;
 
 /// Folder in the output that bakes are kept in, for all parts.
 const BAKES: &str = "bakes";
+
+/// What the pictures in the output are drawn with.
+const SETTINGS: &str = "settings.txt";
 
 /// The file.
 #[derive(Debug, Deserialize)]
@@ -78,6 +84,7 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let [part, of] = args.part.unwrap_or([1, 1]);
     // Those of one splat and light lie together: a part prepares few.
     let mine = &all[all.len() * (part - 1) / of..all.len() * part / of];
+    check_settings(file, args)?;
     let extension = args.format.map_or("png", |f| f.extension());
     let is_missing = |p: &&Picture| {
         let folder = args.output.join(&names[p.splat]);
@@ -96,22 +103,29 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
             continue;
         }
         summary.subject = Some(names[at].clone());
-        let lights = lights.iter();
-        let lit: Vec<PathBuf> = lights
+        let lit: Vec<&(String, PathBuf)> = (lights.iter())
             .filter(|(name, _)| only.iter().any(|(light, _)| light == name))
-            .map(|(_, path)| path.clone())
             .collect();
-        let drawn = batch.arguments(splat, lit, args).and_then(|mut args| {
+        let mut draw = |lit: Vec<PathBuf>| -> Result<usize> {
+            let mut args = batch.arguments(splat, lit, args)?;
             args.light.bake = kept_bake(&args, &names[at], &mut summary)?;
             args.output = args.output.join(&names[at]);
             make_folder(&args.output)?;
-            args.only = Some(only);
+            args.only = Some(only.clone());
             draw(&args, &mut summary)
-        });
-        // What is wrong with one splat is not to keep the others from being drawn.
-        match drawn {
+        };
+        // What is wrong with one splat or light is not to keep the others from being drawn.
+        match draw(lit.iter().map(|(_, path)| path.clone()).collect()) {
             Ok(count) => written += count,
-            Err(why) => failed.push(format!("{}: {why:#}", names[at])),
+            Err(why) if lit.len() < 2 => failed.push(format!("{}: {why:#}", names[at])),
+            Err(_) => {
+                for (name, path) in lit {
+                    match draw(vec![path.clone()]) {
+                        Ok(count) => written += count,
+                        Err(why) => failed.push(format!("{}, {name}: {why:#}", names[at])),
+                    }
+                }
+            }
         }
     }
     let there = mine.len() - missing.len();
@@ -155,6 +169,13 @@ fn load(path: &Path) -> Result<Batch> {
     if batch.splats.is_empty() {
         bail!("{}: names no splats", path.display());
     }
+    if batch.turntable.is_some_and(|views| !VIEWS.contains(&views)) {
+        let (least, most) = VIEWS.into_inner();
+        bail!(
+            "{}: a turntable has {least} to {most} views",
+            path.display()
+        );
+    }
     if batch.cameras.is_some() && batch.turntable.is_some() {
         bail!(
             "{}: has cameras and a turntable; one of them is meant",
@@ -172,6 +193,39 @@ fn load(path: &Path) -> Result<Batch> {
         *p = folder.join(&*p);
     });
     Ok(batch)
+}
+
+/// Refuses to add to pictures that were drawn with other settings; which splats and lights there are may change.
+fn check_settings(file: &Path, args: &RenderArgs) -> Result<()> {
+    let told = || file.display().to_string();
+    let text = std::fs::read(file).with_context(told)?;
+    let mut of_batch: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_slice(&text).with_context(told)?;
+    of_batch.retain(|key, _| !["splats", "lights"].contains(&&**key));
+    let of_command = RenderArgs {
+        output: PathBuf::new(),
+        batch: None,
+        part: None,
+        out: OutputArgs {
+            quiet: false,
+            json: false,
+        },
+        ..args.clone()
+    };
+    let of_batch = serde_json::Value::Object(of_batch);
+    let settings = format!("{of_batch:#}\n{of_command:#?}\n");
+    make_folder(&args.output)?;
+    let kept = args.output.join(SETTINGS);
+    match std::fs::read_to_string(&kept) {
+        Ok(known) if known != settings => bail!(
+            "{}: the pictures there were drawn with other settings ({SETTINGS} has them); choose another folder, or remove that file to mix them",
+            args.output.display()
+        ),
+        Ok(_) => Ok(()),
+        Err(_) => Ok(write_atomically(&kept, |out| {
+            out.write_all(settings.as_bytes())
+        })?),
+    }
 }
 
 impl Splat {
@@ -212,6 +266,14 @@ impl Batch {
                 false => lights.push(path.clone()),
             }
         }
+        // One that is named, and lies in a folder that is named too, is meant once.
+        let mut each: Vec<PathBuf> = Vec::new();
+        for light in lights {
+            if !each.iter().any(|known| is_same_file(known, &light)) {
+                each.push(light);
+            }
+        }
+        let lights = each;
         if lights.is_empty() && !self.lights.is_empty() {
             bail!("the folders of lights hold no environment (.hdr, .exr)");
         }
@@ -288,8 +350,10 @@ impl Batch {
                 options: args.asset.options.clone(),
             },
             light: LightArgs {
-                // The objects of a scene tell theirs.
                 source: match is_look {
+                    // As captured, nothing needs to be told.
+                    _ if lit.is_empty() => None,
+                    // The objects of a scene tell theirs.
                     true => source[0].clone().or_else(|| source[1].clone()),
                     false => source.into_iter().flatten().next().cloned(),
                 },

@@ -171,7 +171,9 @@ impl Viewer {
             }
         }
         let is_named = !startup.files.is_empty() || startup.settings.is_some();
-        if !is_named && startup.bake.is_none() && self.bring_back_work() {
+        if is_named || startup.bake.is_some() {
+            self.set_work_aside();
+        } else if self.bring_back_work() {
             return;
         }
         let mut scene = self.session.scene.clone();

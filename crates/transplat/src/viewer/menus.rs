@@ -74,6 +74,12 @@ impl Viewer {
                 }
             }
         });
+        let before = self.work_aside().filter(|path| path.is_file());
+        if let Some(path) = before
+            && entry(ui, "Work before this")
+        {
+            self.open(&path);
+        }
         for (name, splat) in [
             ("Bundled scene", BUNDLED_SPLAT),
             ("Bundled scene, trained", BUNDLED_TRAINED_SPLAT),

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
 use glam::Vec2;
 use transplat_core::present::View;
@@ -319,6 +320,7 @@ impl Viewer {
                 let asked_again = ui.input(|i| i.modifiers.command && i.key_pressed(Key::O));
                 if std::mem::take(&mut field.is_new) || asked_again {
                     response.request_focus();
+                    select_stem(context, response.id, &field.text);
                 }
                 open &= !ui.input(|i| i.key_pressed(Key::Escape));
                 if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
@@ -387,6 +389,17 @@ impl Viewer {
             Color32::WHITE,
         );
     }
+}
+
+/// Selects of a path what is to be typed anew: the name of its file, without what that ends in.
+fn select_stem(context: &egui::Context, field: egui::Id, text: &str) {
+    let cursor = |part: &str| CCursor::new(part.chars().count());
+    let start = text.rfind(['/', '\\']).map_or(0, |at| at + 1);
+    let end = text[start..].rfind('.').map_or(text.len(), |at| start + at);
+    let mut state = egui::TextEdit::load_state(context, field).unwrap_or_default();
+    let range = CCursorRange::two(cursor(&text[..start]), cursor(&text[..end]));
+    state.cursor.set_char_range(Some(range));
+    state.store(context, field);
 }
 
 fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {

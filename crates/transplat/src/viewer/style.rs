@@ -1,5 +1,6 @@
 //! How the window looks: what of egui's style is changed, for both themes.
 
+use eframe::egui::style::ScrollStyle;
 use eframe::egui::{
     self, Color32, FontData, FontDefinitions, FontFamily, FontId, TextStyle, Theme, vec2,
 };
@@ -39,6 +40,8 @@ pub fn apply(context: &egui::Context) {
     context.all_styles_mut(|style| {
         // A plain wheel moves the shelf, which goes one way only.
         style.always_scroll_the_only_direction = true;
+        // Where there is more to see, that is seen.
+        style.spacing.scroll = ScrollStyle::thin();
         for text in [TextStyle::Body, TextStyle::Button] {
             style.text_styles.insert(text, FontId::proportional(BODY));
         }

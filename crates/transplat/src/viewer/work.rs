@@ -1,6 +1,6 @@
 //! The work of last time: kept while the program runs, and there again at the next start that names nothing else.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
@@ -32,6 +32,24 @@ impl Viewer {
         // What is done from here on does not take its place.
         self.work = None;
         false
+    }
+
+    /// Sets the work of last time aside, where the start names something else: what is done now is kept in its place.
+    pub(super) fn set_work_aside(&mut self) {
+        if let (Some(path), Some(aside)) = (&self.work, self.work_aside())
+            && path.is_file()
+            && let Err(why) = std::fs::rename(path, &aside)
+        {
+            self.session
+                .error(format!("{}: {why}; it is not kept", path.display()));
+            // It is not to be lost to what is done now.
+            self.work = None;
+        }
+    }
+
+    /// Where work is that was set aside.
+    pub(super) fn work_aside(&self) -> Option<PathBuf> {
+        Some(self.work.as_ref()?.with_file_name("work_before.json"))
     }
 
     /// Keeps the work as it is now, if anything was done.

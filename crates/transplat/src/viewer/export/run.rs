@@ -21,7 +21,7 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::Method;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use super::{ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
+use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
 use crate::commands::render::MAX_SAMPLES;
 use crate::film::Film;
 use crate::layers::Layers;
@@ -363,9 +363,12 @@ impl Snapshot {
     fn named_as(&self, light: &str, view: View, frame: Option<usize>, extension: &str) -> PathBuf {
         let view = serde_json::to_value(view).ok();
         let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");
-        let mut stem = self
-            .settings
-            .pattern
+        let pattern = match self.settings.pattern.trim() {
+            // A file without a name is hidden.
+            "" => ExportSettings::default().pattern,
+            pattern => pattern.to_owned(),
+        };
+        let mut stem = pattern
             .replace("{asset}", &self.name)
             .replace("{light}", light)
             .replace("{view}", view)
