@@ -45,7 +45,10 @@ pub fn main() -> ExitCode {
     }
     let result = match &cli.command {
         Some(Command::Relight(args)) => commands::relight::run(args),
-        Some(Command::Render(args)) => commands::render::run(args),
+        Some(Command::Render(args)) => match &args.batch {
+            Some(file) => commands::batch::run(file, args),
+            None => commands::render::run(args),
+        },
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Estimate(args)) => commands::estimate::run(args),
         Some(Command::Probe(args)) => commands::probe::run(args),

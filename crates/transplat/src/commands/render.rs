@@ -19,7 +19,7 @@ use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::transfer::Part;
 
 use crate::cli::{PictureFormat, RenderArgs, usage};
-use crate::commands::{batch, make_folder, refuse_overwriting};
+use crate::commands::{make_folder, refuse_overwriting};
 use crate::film::{Film, FilmFormat};
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
@@ -33,9 +33,6 @@ use crate::summary::Summary;
 pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
-    if let Some(file) = &args.batch {
-        return batch::run(file, args);
-    }
     if args.part.is_some() {
         usage("--part is of a --batch");
     }

@@ -124,6 +124,7 @@ impl Session {
             None => {}
         }
         self.match_states(&scene.objects);
+        self.told_by_look = true;
         self.scene = scene;
         self.selected = self.selected.min(self.scene.objects.len() - 1);
     }
@@ -210,6 +211,9 @@ impl Session {
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let label = format!("loading {name}");
+        if matches!(opened_with, OpenedWith::Object(..)) {
+            self.told_by_look = false;
+        }
         let asked = self.scene.objects[at].clone();
         let object = match &opened_with {
             OpenedWith::Object(object, _) => (**object).clone(),
@@ -379,7 +383,8 @@ impl Session {
             ));
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
-        if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
+        let is_to_be_matched = is_unknown && !self.told_by_look && !self.scene.match_strength;
+        if is_to_be_matched && self.scene.objects.len() == 1 {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             self.info(
