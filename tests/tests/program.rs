@@ -217,6 +217,17 @@ fn a_batch_is_drawn_in_parts_goes_on_and_is_the_same_as_in_one_go() {
     );
     let of_gone = fs::read(folder.name(gone)).expect("it is drawn again");
     assert!(of_gone == fs::read(folder.name("whole/b/even/001.png")).expect("it is there"));
+
+    // A look has a light of its own.
+    folder.write(
+        "look.json",
+        r#"{"asset": "a.ply", "source": {"file": "even"}, "target": {"file": "sunset.hdr"}}"#,
+    );
+    let alone = folder.write("alone.json", r#"{"splats": ["look.json"], "turntable": 2}"#);
+    let line = "render --batch {} --size 8x8 --device cpu -o {}";
+    let told = run_json(&args(line, &[&alone, &folder.name("alone")]));
+    assert_eq!(told["pictures"], 2);
+    assert!(fs::exists(folder.name("alone/look/001.png")).expect("the folder is there"));
 }
 
 /// An encoder that keeps what it is given: a film is then its frames, one after the other.

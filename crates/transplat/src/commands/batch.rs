@@ -6,6 +6,7 @@
 use std::collections::HashSet;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
 
 use anyhow::{Context as _, Result, bail};
 use serde::Deserialize;
@@ -15,7 +16,9 @@ use transplat_core::files::{
 use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
 
-use crate::cli::{AssetArgs, BakeArgs, CameraArgs, LightArgs, OutputArgs, RenderArgs, VIEWS};
+use crate::cli::{
+    AssetArgs, AssetOptions, BakeArgs, CameraArgs, LightArgs, OutputArgs, RenderArgs, VIEWS,
+};
 use crate::commands::bake::bake;
 use crate::commands::make_folder;
 use crate::commands::render::{draw, pictures_in_words};
@@ -84,13 +87,13 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let [part, of] = args.part.unwrap_or([1, 1]);
     // Those of one splat and light lie together: a part prepares few.
     let mine = &all[all.len() * (part - 1) / of..all.len() * part / of];
-    check_settings(file, args)?;
     let extension = args.format.map_or("png", |f| f.extension());
     let is_missing = |p: &&Picture| {
         let folder = args.output.join(&names[p.splat]);
         let folder = folder.join(p.light.as_deref().unwrap_or_default());
         !folder.join(format!("{:03}.{extension}", p.frame)).is_file()
     };
+    check_settings(file, args, all.iter().any(|p| !is_missing(&p)))?;
     let missing: Vec<&Picture> = mine.iter().filter(is_missing).collect();
     let mut written = 0;
     let mut failed = Vec::new();
@@ -106,13 +109,22 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
         let lit: Vec<&(String, PathBuf)> = (lights.iter())
             .filter(|(name, _)| only.iter().any(|(light, _)| light == name))
             .collect();
+        let of = |path: &PathBuf, name: &str| lights.iter().any(|(n, p)| n == name && p == path);
         let mut draw = |lit: Vec<PathBuf>| -> Result<usize> {
             let mut args = batch.arguments(splat, lit, args)?;
             args.light.bake = kept_bake(&args, &names[at], &mut summary)?;
             args.output = args.output.join(&names[at]);
             make_folder(&args.output)?;
+            let wanted = only.iter().filter(|(light, _)| {
+                lights.is_empty() || args.light.target.iter().any(|path| of(path, light))
+            });
+            let wanted = wanted.count();
             args.only = Some(only.clone());
-            draw(&args, &mut summary)
+            let drawn = draw(&args, &mut summary)?;
+            if drawn < wanted {
+                bail!("{drawn} of {} were drawn", pictures_in_words(wanted));
+            }
+            Ok(drawn)
         };
         // What is wrong with one splat or light is not to keep the others from being drawn.
         match draw(lit.iter().map(|(_, path)| path.clone()).collect()) {
@@ -196,7 +208,7 @@ fn load(path: &Path) -> Result<Batch> {
 }
 
 /// Refuses to add to pictures that were drawn with other settings; which splats and lights there are may change.
-fn check_settings(file: &Path, args: &RenderArgs) -> Result<()> {
+fn check_settings(file: &Path, args: &RenderArgs, is_begun: bool) -> Result<()> {
     let told = || file.display().to_string();
     let text = std::fs::read(file).with_context(told)?;
     let mut of_batch: serde_json::Map<String, serde_json::Value> =
@@ -217,12 +229,12 @@ fn check_settings(file: &Path, args: &RenderArgs) -> Result<()> {
     make_folder(&args.output)?;
     let kept = args.output.join(SETTINGS);
     match std::fs::read_to_string(&kept) {
-        Ok(known) if known != settings => bail!(
+        Ok(known) if is_begun && known != settings => bail!(
             "{}: the pictures there were drawn with other settings ({SETTINGS} has them); choose another folder, or remove that file to mix them",
             args.output.display()
         ),
-        Ok(_) => Ok(()),
-        Err(_) => Ok(write_atomically(&kept, |out| {
+        Ok(known) if known == settings => Ok(()),
+        _ => Ok(write_atomically(&kept, |out| {
             out.write_all(settings.as_bytes())
         })?),
     }
@@ -398,12 +410,20 @@ fn kept_bake(args: &RenderArgs, name: &str, summary: &mut Summary) -> Result<Opt
     let folder = args.output.join(BAKES);
     make_folder(&folder)?;
     let preset = scene.transfer.method.preset();
-    let file = folder.join(format!("{name}.{preset}.{}.bake", scene.directions));
+    // Of the splat as it is now.
+    let told = std::fs::metadata(asset).with_context(|| asset.display().to_string())?;
+    let changed = told.modified().ok();
+    let changed = changed.and_then(|time| Some(time.duration_since(UNIX_EPOCH).ok()?.as_millis()));
+    let stamp = format!("{:x}-{:x}", told.len(), changed.unwrap_or_default());
+    let file = folder.join(format!("{name}.{stamp}.{preset}.{}.bake", scene.directions));
     if !file.is_file() {
         let options = BakeArgs {
             asset: AssetArgs {
                 asset: Some(asset.to_owned()),
-                options: args.asset.options.clone(),
+                options: AssetOptions {
+                    directions: Some(scene.directions),
+                    ..args.asset.options.clone()
+                },
             },
             preset: Some(scene.transfer.method),
             output: file.clone(),

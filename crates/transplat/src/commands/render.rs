@@ -402,6 +402,8 @@ impl<'a> Output<'a> {
             );
         }
         let in_folder = args.light.target.iter().any(|t| t.is_dir());
+        // Those of its lights; a look's own has no name there.
+        let of_batch = args.only.is_some() && !args.light.target.is_empty();
         let asked = args.format.or(named.filter(|_| is_file));
         let layered = args.layers.then_some(PictureFormat::Exr);
         if layered.is_some() && asked.is_some_and(|f| f != PictureFormat::Exr) {
@@ -412,7 +414,7 @@ impl<'a> Output<'a> {
             format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
             is_film,
-            folder_per_target: !is_file && (targets > 1 || in_folder || args.only.is_some()),
+            folder_per_target: !is_file && (targets > 1 || in_folder || of_batch),
         })
     }
 
@@ -617,7 +619,8 @@ impl Shots<'_> {
         let mut film = None;
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
-            let named = || (target.unwrap_or_default().to_owned(), frame.number);
+            let light = target.filter(|_| !self.args.light.target.is_empty());
+            let named = || (light.unwrap_or_default().to_owned(), frame.number);
             if self
                 .args
                 .only
