@@ -7,14 +7,13 @@ use std::time::Instant;
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
-use transplat::viewer::Startup;
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::{load_asset, write_splat};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_core::synthetic;
 use transplat_tests::driver::{Driver, PATIENCE};
-use transplat_tests::{Folder, asset, run_json, small_splat};
+use transplat_tests::{asset, run_json, small_splat};
 
 /// Opens a splat of which nobody says what it was captured under.
 fn open_own(d: &mut Driver) -> PathBuf {
@@ -191,16 +190,6 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     assert_eq!(d.viewer().session.object().up, None);
     let city = asset("city.hdr");
     d.after(|v| v.session.set_light(0, city.into()));
-    assert!(!d.viewer().session.scene.match_strength);
-    // A look tells all settings.
-    let look = d.folder.write("plain.json", "{}");
-    let files = vec![path.clone(), look.into()];
-    let started = Startup {
-        files,
-        ..Startup::default()
-    };
-    let mut d = Driver::open(started, Folder::empty());
-    d.settle();
     assert!(!d.viewer().session.scene.match_strength);
     // The command says what it takes for granted.
     let told = run_json(&["info", &path.display().to_string()]);
