@@ -10,20 +10,17 @@ fn main() {
     }
 }
 
-/// That of the repository, with a `+` where the sources are not as committed.
+/// That of the repository, where it is these sources'.
 fn commit() -> Option<String> {
     let here = git(&["rev-parse", "--short=9", "HEAD"])?;
+    // Sources that lie in another repository are of none of its commits.
+    git(&["ls-files", "--error-unmatch", "build.rs"])?;
     // What moves when another commit is checked out or made.
     for moved in ["HEAD", "logs/HEAD"] {
         let path = git(&["rev-parse", "--git-path", moved])?;
         println!("cargo::rerun-if-changed={path}");
     }
-    let changed = git(&["status", "--porcelain", "--untracked-files=no"])?;
-    Some(if changed.is_empty() {
-        here
-    } else {
-        format!("{here}+")
-    })
+    Some(here)
 }
 
 fn git(arguments: &[&str]) -> Option<String> {

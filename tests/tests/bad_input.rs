@@ -286,7 +286,8 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
     let folder = Folder::empty();
     folder.write("a.ply", small_splat(50));
     folder.write("cut.ply", &small_splat(50)[..2000]);
-    let tries: [(&str, &str); 9] = [
+    folder.write("bare.json", "{}");
+    let tries: [(&str, &str); 10] = [
         (r#"{"splats": []}"#, "names no splats"),
         (
             r#"{"splats": ["a.ply"], "turntible": 2}"#,
@@ -315,16 +316,32 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
         ),
         (
             r#"{"splats": ["a.ply"], "source": "even", "lights": ["gone.hdr", "even"], "turntable": 1}"#,
-            "not drawn: a, gone:",
+            "not drawn: gone:",
+        ),
+        // A look that does not say enough is one splat's matter too.
+        (
+            r#"{"splats": ["bare.json", "a.ply"], "source": "even", "lights": ["even"], "turntable": 1}"#,
+            "not drawn: bare: the splat to work on is needed",
         ),
     ];
     for (i, (batch, expected)) in tries.iter().enumerate() {
         let batch = folder.write(&format!("{i}.json"), batch.as_bytes());
         let line = "render --batch {} --size 8x8 --device cpu -o {}";
         let out = folder.name(&format!("out{i}"));
-        run_told(&args(line, &[&batch, &out]), 1, &[expected]);
+        let told = run_told(
+            &[&args(line, &[&batch, &out])[..], &["--json"]].concat(),
+            1,
+            &[expected],
+        );
+        if expected.starts_with("not drawn") {
+            let told: serde_json::Value = serde_json::from_slice(&told.stdout).expect("one object");
+            assert_eq!(
+                (&told["pictures"], &told["failed"][1]),
+                (&1.into(), &().into())
+            );
+        }
     }
-    for out in ["out7", "out8"] {
+    for out in ["out7", "out8", "out9"] {
         let picture = folder.name(&format!("{out}/a/even/000.png"));
         assert!(fs::exists(picture).is_ok_and(|there| there), "{out}");
     }

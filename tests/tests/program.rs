@@ -367,7 +367,8 @@ fn the_version_tells_what_was_built_and_what_draws() {
         let text = String::from_utf8_lossy(&told.stdout);
         assert!(told.status.success());
         let (first, second) = text.trim().split_once('\n').expect("two lines");
-        assert!(first.starts_with("transplat 0.1.0"), "{first}");
+        let version = concat!("transplat ", env!("CARGO_PKG_VERSION"));
+        assert!(first.starts_with(version), "{first}");
         let adapter = second.strip_prefix("adapter: ").expect("the adapter");
         assert!(!adapter.is_empty() && !adapter.starts_with("none"));
     }

@@ -327,7 +327,7 @@ impl Bounds {
 
     /// Middle of the box that leaves out 0.5 % of the points at either end of each axis, and the radius that holds
     /// 99.5 % of the points around it; all of them, unless the rest is far away.
-    fn of(points: &[Vec3]) -> Self {
+    pub(crate) fn of(points: &[Vec3]) -> Self {
         if points.is_empty() {
             return Self {
                 center: Vec3::ZERO,

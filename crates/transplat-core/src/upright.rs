@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Surfels that are looked at, at most.
 const MOST_SURFELS: usize = 50_000;
@@ -13,8 +13,8 @@ const LEAST_OPACITY: f32 = 0.1;
 /// Cosine between an axis and the normals of what lies flat across it.
 const FLAT: f32 = 0.9;
 
-/// Thickness of the ground, relative to the capture's largest extent.
-const THICKNESS: f64 = 0.04;
+/// Thickness of the ground, in the capture's radius.
+const THICKNESS: f64 = 0.06;
 
 /// Of all surface, what may lie below the ground: haze, and what shines through.
 const MOST_BELOW: f64 = 0.1;
@@ -25,17 +25,25 @@ const LEAST_EVIDENCE: f64 = 0.08;
 /// How much more evident it is than any other: a room's walls are planes too.
 const LEAST_LEAD: f64 = 2.0;
 
+/// Which way is up in a capture whose file does not tell (`told`), where that is another than is assumed: by the ground in it.
+pub fn proposed_up(cloud: &SurfelCloud, told: Option<UpAxis>) -> Option<UpAxis> {
+    let is_untold = told.is_none();
+    let up = is_untold.then(|| up_from_ground(cloud)).flatten();
+    up.filter(|up| *up != cloud.up)
+}
+
 /// The axis that points up from the ground, where a capture has one: a thin flat layer, much of its surface, with the rest on one side.
 /// None for a thing alone, and where walls are as good.
 pub fn up_from_ground(cloud: &SurfelCloud) -> Option<UpAxis> {
     let pieces = Piece::of(cloud);
-    let extent = (0..3).map(|axis| spread(&pieces, axis)).fold(0.0, f64::max);
-    if extent <= 0.0 || !extent.is_finite() {
+    let places: Vec<Vec3> = pieces.iter().map(|p| p.position).collect();
+    let radius = f64::from(Bounds::of(&places).radius);
+    if radius <= 0.0 || !radius.is_finite() {
         return None;
     }
     let mut found: Vec<(f64, UpAxis)> = UpAxis::ALL
         .iter()
-        .map(|(_, up)| (evidence(&pieces, *up, extent), *up))
+        .map(|(_, up)| (evidence(&pieces, *up, radius), *up))
         .collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let [(best, up), (second, _), ..] = found[..] else {
@@ -67,31 +75,11 @@ impl Piece {
     }
 }
 
-/// Extent along an axis of all surface but the outermost half percent on either side.
-fn spread(pieces: &[Piece], axis: usize) -> f64 {
-    let mut along: Vec<(f32, f64)> = (pieces.iter())
-        .map(|p| (p.position[axis], p.area))
-        .collect();
-    along.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let total: f64 = along.iter().map(|(_, area)| area).sum();
-    let end = |along: &[(f32, f64)]| {
-        let mut left = 0.005 * total;
-        let found = along.iter().find(|(_, area)| {
-            left -= area;
-            left <= 0.0
-        });
-        found.map_or(0.0, |(at, _)| f64::from(*at))
-    };
-    let low = end(&along);
-    along.reverse();
-    end(&along) - low
-}
-
 /// Share of the surface that lies in the ground, times what is above it less what is below; 0 where too much is.
-fn evidence(pieces: &[Piece], up: UpAxis, extent: f64) -> f64 {
+fn evidence(pieces: &[Piece], up: UpAxis, radius: f64) -> f64 {
     let up = up.direction();
     let height = |p: &Piece| f64::from(p.position.dot(up));
-    let step = extent * THICKNESS / 2.0;
+    let step = radius * THICKNESS / 2.0;
     let layer_of = |p: &Piece| (height(p) / step).floor();
     let is_flat = |p: &Piece| p.normal.dot(up).abs() > FLAT;
     // The layer with most of what lies flat; floaters may be anywhere, so that layers are sorted and not counted from the lowest.

@@ -1,6 +1,5 @@
 //! The command line: a stable contract.
 
-use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -25,7 +24,7 @@ use crate::film::FRAME_RATE;
     after_help = "Examples:\n  transplat                              the viewer, with the bundled scene\n  transplat knot.ply city.hdr            the viewer, with a splat and a light to relight it by\n  transplat knot.ply --source city.hdr   the same, with the light it was captured under"
 )]
 pub struct Cli {
-    /// Print the version, the commit that it was built from, and the graphics adapter that it would use
+    /// Print the version, the commit that it was built from, and the graphics adapter that --device gpu takes
     #[arg(long, short = 'V')]
     pub version: bool,
     #[command(subcommand)]
@@ -254,9 +253,6 @@ pub struct RenderArgs {
     /// Only this part of a batch, from 1: how several machines share one
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = parse_part)]
     pub part: Option<[usize; 2]>,
-    /// Only these pictures: target and frame
-    #[arg(skip)]
-    pub only: Option<HashSet<(String, usize)>>,
     #[command(flatten)]
     pub out: OutputArgs,
 }
@@ -534,12 +530,17 @@ fn parse_views(text: &str) -> Result<u32, String> {
     views.ok_or_else(|| format!("expected 1 to {} views", VIEWS.end()))
 }
 
+/// Parts of a batch, at most.
+const MOST_PARTS: usize = 1_000_000;
+
 fn parse_part(text: &str) -> Result<[usize; 2], String> {
     let parts = text.split_once('/');
     let numbers = parts.and_then(|(k, n)| Some([k.trim().parse().ok()?, n.trim().parse().ok()?]));
     match numbers {
-        Some([part, of]) if (1..=of).contains(&part) => Ok([part, of]),
-        _ => Err("expected a part and how many there are, such as 1/8, from 1 to that many".into()),
+        Some([part, of]) if (1..=of).contains(&part) && of <= MOST_PARTS => Ok([part, of]),
+        _ => Err(format!(
+            "expected a part and how many there are, such as 1/8, from 1 to that many, {MOST_PARTS} at most"
+        )),
     }
 }
 
@@ -573,13 +574,29 @@ fn parse_background(text: &str) -> Result<Background, String> {
     })
 }
 
-/// Ends the program over a wrong command line, as the parser itself does: message on stderr, exit code 2.
-pub fn usage(message: &str) -> ! {
-    clap::Error::raw(
-        clap::error::ErrorKind::MissingRequiredArgument,
-        format!("{message}\n"),
-    )
-    .exit()
+/// A command line that does not say enough, or that says too much.
+#[derive(Debug)]
+pub struct Usage(String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        out.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+impl Usage {
+    /// Ends the program as the parser does.
+    pub fn exit(&self) -> ! {
+        let kind = clap::error::ErrorKind::MissingRequiredArgument;
+        clap::Error::raw(kind, format!("{self}\n")).exit()
+    }
+}
+
+/// What is wrong with the command line, as an error.
+pub fn usage<T>(message: &str) -> anyhow::Result<T> {
+    Err(Usage(message.to_owned()).into())
 }
 
 #[cfg(test)]

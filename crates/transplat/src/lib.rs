@@ -16,11 +16,12 @@ mod sweep;
 pub mod viewer;
 mod words;
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::Parser;
 
-use cli::{Cli, Command, DeviceChoice};
+use cli::{Cli, Command, DeviceChoice, Usage};
 
 /// The version, the commit that it was built from where that is known, and the adapter that `--device gpu` would take.
 fn version() -> String {
@@ -40,7 +41,8 @@ fn version() -> String {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     if cli.version {
-        println!("{}", version());
+        // A reader that has left is no error.
+        let _ = writeln!(std::io::stdout(), "{}", version());
         return ExitCode::SUCCESS;
     }
     let result = match &cli.command {
@@ -59,6 +61,9 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
+            if let Some(usage) = error.downcast_ref::<Usage>() {
+                usage.exit();
+            }
             eprintln!("transplat: {error:#}");
             ExitCode::FAILURE
         }

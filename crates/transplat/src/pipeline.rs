@@ -55,7 +55,7 @@ pub struct Pipeline {
 impl Pipeline {
     /// Loads the objects and opens the device.
     pub fn load(args: &AssetArgs, scene: Scene, summary: &mut Summary) -> Result<Self> {
-        let assets = assets_of(args, &scene);
+        let assets = assets_of(args, &scene)?;
         let shown = scene.objects.iter().filter(|o| o.shown);
         let mut wholes = Vec::new();
         let mut load = |asset: &Path, object: &Object| {
@@ -67,7 +67,7 @@ impl Pipeline {
             .collect::<Result<_>>()?;
         let first = &scene.objects[0];
         let unshown_first = (!first.shown)
-            .then(|| load(&asset_of(args, &scene, 0), first))
+            .then(|| load(&asset_of(args, &scene, 0)?, first))
             .transpose()?;
         let device = summary.time("open device", || Device::open(args.options.device))?;
         let pipeline = Self::of(objects, unshown_first, scene, device);

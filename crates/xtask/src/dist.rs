@@ -29,16 +29,19 @@ pub fn dist() -> Outcome {
     if !cfg!(target_os = "linux") {
         return Err("packages are made on Linux; elsewhere build the program: cargo build --release --package transplat (see the README)".into());
     }
-    must("cargo build --release --locked --package transplat", &[])?;
+    // Where it is looked for below, whatever the user's own folder is.
+    let build = "cargo build --release --locked --package transplat --target-dir target";
+    must(build, &[])?;
     let version = env!("CARGO_PKG_VERSION");
     let machine = std::env::consts::ARCH;
     let name = format!("transplat-{version}-{machine}-linux");
-    let out = root().join(OUT);
-    remove(&out)?;
-    let tree = out.join(&name);
-    lay(&tree)?;
+    remove(&root().join(OUT))?;
+    let tree = root().join(OUT).join(&name);
+    lay(&tree, &format!("{OUT}/{name}"))?;
+    // Whatever the builder's own files are.
+    must(&format!("chmod -R u=rwX,go=rX {OUT}/{name}"), &[])?;
     let archive = format!("{OUT}/{name}.tar.gz");
-    // The same sources give the same files: no names, no times but the commit's.
+    // No owner's name, no times but the commit's.
     let time = output("git", &["log", "-1", "--format=%ct"]).unwrap_or_else(|_| "0".into());
     let time = time.trim();
     must(
@@ -57,11 +60,13 @@ pub fn dist() -> Outcome {
     Ok(())
 }
 
-/// Lays the files as they lie in `/usr`.
-fn lay(tree: &Path) -> Outcome {
-    let program = tree.join("bin/transplat");
-    copy(&root().join("target/release/transplat"), &program)?;
-    must("strip", &[program.display().to_string()])?;
+/// Lays the files as they lie in `/usr`; `from_root` is where that is as commands say it.
+fn lay(tree: &Path, from_root: &str) -> Outcome {
+    copy(
+        &root().join("target/release/transplat"),
+        &tree.join("bin/transplat"),
+    )?;
+    must(&format!("strip {from_root}/bin/transplat"), &[])?;
     let share = tree.join("share");
     let assets = share.join("transplat/assets");
     for name in ASSETS {
@@ -70,10 +75,10 @@ fn lay(tree: &Path) -> Outcome {
     copy_folder(&root().join("assets/truth"), &assets.join("truth"))?;
     // The first picture waits for no bake.
     for splat in ["teapot.ply", "breakfast.ply"] {
-        let splat = assets.join(splat).display().to_string();
-        let bake = format!("{splat}.best.bake");
-        let line = format!("{} bake --device cpu --quiet", program.display());
-        must(&line, &[splat, "-o".into(), bake])?;
+        let splat = format!("{from_root}/share/transplat/assets/{splat}");
+        let program = format!("{from_root}/bin/transplat");
+        let line = format!("{program} bake {splat} -o {splat}.best.bake --device cpu --quiet");
+        must(&line, &[])?;
     }
     let package = root().join("crates/xtask/package");
     for (from, to) in [

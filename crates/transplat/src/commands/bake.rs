@@ -20,7 +20,7 @@ pub fn bake(args: &BakeArgs, summary: &mut Summary) -> Result<String> {
     let mut scene = look_of(&args.asset.options, None)?;
     scene.transfer.method = args.preset.unwrap_or_default();
     refuse_overwriting(
-        assets_of(&args.asset, &scene).iter().map(|a| &**a),
+        assets_of(&args.asset, &scene)?.iter().map(|a| &**a),
         &[&args.output],
     )?;
     check_output(&args.output)?;

@@ -3,15 +3,16 @@
 //! A picture is there, whole, or it is not: so a batch goes on where it was cut off, and parts of it can be drawn by any number of machines
 //! that share a folder.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Error, Result, bail};
 use serde::Deserialize;
+use serde_json::json;
 use transplat_core::files::{
-    FileKind, file_kind, folder_of, is_same_file, load_cameras, load_look, write_atomically,
+    folder_of, load_cameras, load_environment, load_look, look_text, write_atomically,
 };
 use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
@@ -21,21 +22,21 @@ use crate::cli::{
 };
 use crate::commands::bake::bake;
 use crate::commands::make_folder;
-use crate::commands::render::{draw, pictures_in_words};
-use crate::pipeline::settings::{environments_in, look_of};
+use crate::commands::render::{Wanted, draw, pictures_in_words, settings};
+use crate::pipeline::settings::{environments_in, is_look, look_of};
 use crate::summary::Summary;
 
 /// Bytes of a batch, at most.
 const MOST_BYTES: u64 = 1 << 24;
 
 /// Pictures of a batch, at most: they are counted before they are drawn.
-const MOST_PICTURES: usize = 10_000_000;
+const MOST_PICTURES: usize = 1_000_000;
 
 /// Folder in the output that bakes are kept in, for all parts.
 const BAKES: &str = "bakes";
 
 /// What the pictures in the output are drawn with.
-const SETTINGS: &str = "settings.txt";
+const SETTINGS: &str = "settings.json";
 
 /// The file.
 #[derive(Debug, Deserialize)]
@@ -51,7 +52,7 @@ struct Batch {
     cameras: Option<PathBuf>,
     /// Or so many views around each.
     turntable: Option<u32>,
-    /// All other settings.
+    /// All other settings, of splats that are no looks.
     look: Option<PathBuf>,
 }
 
@@ -73,8 +74,8 @@ struct Captured {
 /// A picture to be drawn.
 struct Picture {
     splat: usize,
-    /// Name of its light; none as captured.
-    light: Option<String>,
+    /// Which of the lights; none as captured, or by the light of a look.
+    light: Option<usize>,
     frame: usize,
 }
 
@@ -83,85 +84,70 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
     let batch = load(file)?;
     let lights = batch.lights()?;
     let names = stems("splat", batch.splats.iter().map(Splat::asset))?;
-    let all = batch.pictures(&lights, args)?;
+    let all = batch.pictures(lights.len(), args)?;
+    let light_of = |p: &Picture| p.light.map_or("", |at| &*lights[at].0);
+    let extension = args.format.map_or("png", |f| f.extension());
+    let is_there = |p: &Picture| {
+        let folder = args.output.join(&names[p.splat]).join(light_of(p));
+        let picture = folder.join(format!("{:03}.{extension}", p.frame));
+        picture.is_file()
+    };
+    batch.keep_settings(args, || all.iter().any(is_there))?;
     let [part, of] = args.part.unwrap_or([1, 1]);
     // Those of one splat and light lie together: a part prepares few.
     let mine = &all[all.len() * (part - 1) / of..all.len() * part / of];
-    let extension = args.format.map_or("png", |f| f.extension());
-    let is_missing = |p: &&Picture| {
-        let folder = args.output.join(&names[p.splat]);
-        let folder = folder.join(p.light.as_deref().unwrap_or_default());
-        !folder.join(format!("{:03}.{extension}", p.frame)).is_file()
-    };
-    check_settings(file, args, all.iter().any(|p| !is_missing(&p)))?;
-    let missing: Vec<&Picture> = mine.iter().filter(is_missing).collect();
-    let mut written = 0;
+    let missing: Vec<&Picture> = mine.iter().filter(|p| !is_there(p)).collect();
+    // What is wrong with one splat or light is not to keep the others from being drawn.
     let mut failed = Vec::new();
-    for (at, splat) in batch.splats.iter().enumerate() {
-        let of_it = missing.iter().filter(|p| p.splat == at);
-        let only: HashSet<(String, usize)> = of_it
-            .map(|p| (p.light.clone().unwrap_or_default(), p.frame))
-            .collect();
-        if only.is_empty() {
+    let mut bad_lights = HashSet::new();
+    for at in missing
+        .iter()
+        .filter_map(|p| p.light)
+        .collect::<BTreeSet<_>>()
+    {
+        let (name, path) = &lights[at];
+        if let Some(Err(why)) = is_file(path).then(|| load_environment(path)) {
+            failed.push(format!("{name}: {why}"));
+            bad_lights.insert(at);
+        }
+    }
+    let mut written = 0;
+    for of_splat in missing.chunk_by(|a, b| a.splat == b.splat) {
+        let at = of_splat[0].splat;
+        let is_good = |p: &&&Picture| p.light.is_none_or(|light| !bad_lights.contains(&light));
+        let good: Vec<&Picture> = of_splat.iter().filter(is_good).copied().collect();
+        if good.is_empty() {
             continue;
         }
+        let used: BTreeSet<usize> = good.iter().filter_map(|p| p.light).collect();
+        let used = used.into_iter().map(|at| lights[at].1.clone()).collect();
+        let wanted: Wanted = (good.iter().map(|p| (light_of(p).to_owned(), p.frame))).collect();
         summary.subject = Some(names[at].clone());
-        let lit: Vec<&(String, PathBuf)> = (lights.iter())
-            .filter(|(name, _)| only.iter().any(|(light, _)| light == name))
-            .collect();
-        let of = |path: &PathBuf, name: &str| lights.iter().any(|(n, p)| n == name && p == path);
-        let mut draw = |lit: Vec<PathBuf>| -> Result<usize> {
-            let mut args = batch.arguments(splat, lit, args)?;
-            args.light.bake = kept_bake(&args, &names[at], &mut summary)?;
-            args.output = args.output.join(&names[at]);
-            make_folder(&args.output)?;
-            let wanted = only.iter().filter(|(light, _)| {
-                lights.is_empty() || args.light.target.iter().any(|path| of(path, light))
-            });
-            let wanted = wanted.count();
-            args.only = Some(only.clone());
-            let drawn = draw(&args, &mut summary)?;
-            if drawn < wanted {
-                bail!("{drawn} of {} were drawn", pictures_in_words(wanted));
-            }
-            Ok(drawn)
-        };
-        // What is wrong with one splat or light is not to keep the others from being drawn.
-        match draw(lit.iter().map(|(_, path)| path.clone()).collect()) {
+        let drawn = batch.draw(at, &names[at], (used, &wanted), args, &mut summary);
+        match drawn {
             Ok(count) => written += count,
-            Err(why) if lit.len() < 2 => failed.push(format!("{}: {why:#}", names[at])),
-            Err(_) => {
-                for (name, path) in lit {
-                    match draw(vec![path.clone()]) {
-                        Ok(count) => written += count,
-                        Err(why) => failed.push(format!("{}, {name}: {why:#}", names[at])),
-                    }
-                }
-            }
+            Err(why) => failed.push(format!("{}: {why:#}", names[at])),
         }
     }
     let there = mine.len() - missing.len();
     summary.set("pictures", written);
     summary.set("pictures_there", there);
     summary.set("pictures_of_batch", all.len());
-    if !failed.is_empty() {
-        bail!(
-            "{} written, {there} were there; not drawn: {}",
-            pictures_in_words(written),
-            failed.join("; ")
-        );
-    }
+    summary.set("failed", failed.clone());
+    let part = match of {
+        1 => String::new(),
+        _ => format!(", part {part} of {of} has {}", mine.len()),
+    };
     summary.finish(&format!(
-        "wrote {} to {}; {there} were there; the batch has {}{}",
+        "wrote {} to {}; {there} were there; the batch has {}{part}",
         pictures_in_words(written),
         args.output.display(),
         all.len(),
-        if of > 1 {
-            format!(", part {part} of {of} has {}", mine.len())
-        } else {
-            String::new()
-        }
-    ))
+    ))?;
+    if !failed.is_empty() {
+        bail!("not drawn: {}", failed.join("; "));
+    }
+    Ok(())
 }
 
 /// Reads a batch; its paths are resolved against its own folder.
@@ -207,44 +193,15 @@ fn load(path: &Path) -> Result<Batch> {
     Ok(batch)
 }
 
-/// Refuses to add to pictures that were drawn with other settings; which splats and lights there are may change.
-fn check_settings(file: &Path, args: &RenderArgs, is_begun: bool) -> Result<()> {
-    let told = || file.display().to_string();
-    let text = std::fs::read(file).with_context(told)?;
-    let mut of_batch: serde_json::Map<String, serde_json::Value> =
-        serde_json::from_slice(&text).with_context(told)?;
-    of_batch.retain(|key, _| !["splats", "lights"].contains(&&**key));
-    let of_command = RenderArgs {
-        output: PathBuf::new(),
-        batch: None,
-        part: None,
-        out: OutputArgs {
-            quiet: false,
-            json: false,
-        },
-        ..args.clone()
-    };
-    let of_batch = serde_json::Value::Object(of_batch);
-    let settings = format!("{of_batch:#}\n{of_command:#?}\n");
-    make_folder(&args.output)?;
-    let kept = args.output.join(SETTINGS);
-    match std::fs::read_to_string(&kept) {
-        Ok(known) if is_begun && known != settings => bail!(
-            "{}: the pictures there were drawn with other settings ({SETTINGS} has them); choose another folder, or remove that file to mix them",
-            args.output.display()
-        ),
-        Ok(known) if known == settings => Ok(()),
-        _ => Ok(write_atomically(&kept, |out| {
-            out.write_all(settings.as_bytes())
-        })?),
-    }
-}
-
 impl Splat {
     fn asset(&self) -> &Path {
         match self {
             Self::File(asset) | Self::Captured(Captured { asset, .. }) => asset,
         }
+    }
+
+    fn is_look(&self) -> bool {
+        is_look(self.asset())
     }
 
     fn source(&self) -> Option<&PathBuf> {
@@ -279,13 +236,8 @@ impl Batch {
             }
         }
         // One that is named, and lies in a folder that is named too, is meant once.
-        let mut each: Vec<PathBuf> = Vec::new();
-        for light in lights {
-            if !each.iter().any(|known| is_same_file(known, &light)) {
-                each.push(light);
-            }
-        }
-        let lights = each;
+        let mut known = HashSet::new();
+        lights.retain(|light| known.insert(light.canonicalize().unwrap_or_else(|_| light.clone())));
         if lights.is_empty() && !self.lights.is_empty() {
             bail!("the folders of lights hold no environment (.hdr, .exr)");
         }
@@ -294,91 +246,90 @@ impl Batch {
     }
 
     /// All pictures, those of one splat and light one after the other.
-    fn pictures(&self, lights: &[(String, PathBuf)], args: &RenderArgs) -> Result<Vec<Picture>> {
-        let of_all = match (&args.camera.cameras, &self.cameras) {
-            (Some(cameras), _) | (None, Some(cameras)) => Some(load_cameras(cameras)?.frames.len()),
-            (None, None) if args.camera.eye.is_some() => Some(1),
-            (None, None) => args.camera.turntable.or(self.turntable).map(|n| n as usize),
+    fn pictures(&self, lights: usize, args: &RenderArgs) -> Result<Vec<Picture>> {
+        let camera = self.camera(args);
+        let of_all = match (&camera.cameras, camera.eye) {
+            (Some(cameras), _) => Some(load_cameras(cameras)?.frames.len()),
+            (None, Some(_)) => Some(1),
+            (None, None) => camera.turntable.map(|views| views as usize),
         };
-        let names: Vec<Option<String>> = match lights {
-            [] => vec![None],
-            lights => lights.iter().map(|(name, _)| Some(name.clone())).collect(),
+        let lights: Vec<Option<usize>> = match lights {
+            0 => vec![None],
+            count => (0..count).map(Some).collect(),
         };
         let mut pictures = Vec::new();
-        for splat in 0..self.splats.len() {
+        for (splat, named) in self.splats.iter().enumerate() {
             let frames = match of_all {
                 Some(frames) => frames,
-                None if self.has_camera(splat, args)? => 1,
+                None if self.has_camera(named, args)? => 1,
                 None => bail!(
                     "{}: a camera is needed: \"cameras\" or \"turntable\" in the batch, or a look with one in it",
-                    self.splats[splat].asset().display()
+                    named.asset().display()
                 ),
             };
-            if pictures.len() + names.len() * frames > MOST_PICTURES {
+            if pictures.len() + lights.len() * frames > MOST_PICTURES {
                 bail!("a batch of more than {MOST_PICTURES} pictures; make several of it");
             }
-            for light in &names {
-                pictures.extend((0..frames).map(|frame| Picture {
+            for light in lights.iter().copied() {
+                let of_frame = |frame| Picture {
                     splat,
-                    light: light.clone(),
+                    light,
                     frame,
-                }));
+                };
+                pictures.extend((0..frames).map(of_frame));
             }
         }
         Ok(pictures)
     }
 
-    /// Whether a look tells where it is seen from.
-    fn has_camera(&self, splat: usize, args: &RenderArgs) -> Result<bool> {
-        let asset = self.splats[splat].asset();
-        let own = matches!(file_kind(asset)?, FileKind::Look).then_some(asset);
-        let looks = [args.light.look.as_deref(), self.look.as_deref(), own];
-        for look in looks.into_iter().flatten() {
-            if load_look(look)?.camera.is_some() {
-                return Ok(true);
-            }
+    /// The cameras; what the command line says wins.
+    fn camera(&self, args: &RenderArgs) -> CameraArgs {
+        let told = &args.camera;
+        if told.cameras.is_some() || told.turntable.is_some() || told.eye.is_some() {
+            return told.clone();
         }
-        Ok(false)
+        CameraArgs {
+            cameras: self.cameras.clone(),
+            turntable: self.turntable,
+            ..told.clone()
+        }
+    }
+
+    /// The look of splats that are none themselves.
+    fn look<'a>(&'a self, args: &'a RenderArgs) -> Option<&'a PathBuf> {
+        args.light.look.as_ref().or(self.look.as_ref())
+    }
+
+    /// Whether a look tells where it is seen from.
+    fn has_camera(&self, splat: &Splat, args: &RenderArgs) -> Result<bool> {
+        let look = match splat.is_look() {
+            true => Some(splat.asset()),
+            false => self.look(args).map(PathBuf::as_path),
+        };
+        Ok(match look {
+            Some(look) => load_look(look)?.camera.is_some(),
+            None => false,
+        })
     }
 
     /// What draws a splat under some of the lights; what the command line says wins.
     fn arguments(&self, splat: &Splat, lit: Vec<PathBuf>, args: &RenderArgs) -> Result<RenderArgs> {
-        let of_command = args.camera.cameras.is_some()
-            || args.camera.turntable.is_some()
-            || args.camera.eye.is_some();
-        let camera = match of_command {
-            true => args.camera.clone(),
-            false => CameraArgs {
-                cameras: self.cameras.clone(),
-                turntable: self.turntable,
-                ..args.camera.clone()
-            },
-        };
-        let source = [&args.light.source, &splat.source().cloned(), &self.source];
-        let is_look = matches!(file_kind(splat.asset())?, FileKind::Look);
+        let is_look = splat.is_look();
+        // The objects of a scene tell theirs, and as captured nothing needs to be told.
+        let of_batch = self.source.as_ref().filter(|_| !is_look);
+        let source = args.light.source.as_ref().or(splat.source()).or(of_batch);
         let args = RenderArgs {
             asset: AssetArgs {
                 asset: Some(splat.asset().to_owned()),
                 options: args.asset.options.clone(),
             },
             light: LightArgs {
-                source: match is_look {
-                    // As captured, nothing needs to be told.
-                    _ if lit.is_empty() => None,
-                    // The objects of a scene tell theirs.
-                    true => source[0].clone().or_else(|| source[1].clone()),
-                    false => source.into_iter().flatten().next().cloned(),
-                },
+                source: source.filter(|_| !lit.is_empty()).cloned(),
                 target: lit,
-                look: match is_look {
-                    true => args.light.look.clone(),
-                    false => args.light.look.clone().or_else(|| self.look.clone()),
-                },
+                look: self.look(args).filter(|_| !is_look).cloned(),
                 ..args.light.clone()
             },
-            camera,
-            batch: None,
-            part: None,
+            camera: self.camera(args),
             ..args.clone()
         };
         let told = look_of(&args.asset.options, Some(&args.light))?;
@@ -389,13 +340,72 @@ impl Batch {
         }
         Ok(args)
     }
+
+    /// Draws what is wanted of a splat, and yields how many pictures that were.
+    fn draw(
+        &self,
+        splat: usize,
+        name: &str,
+        (lit, wanted): (Vec<PathBuf>, &Wanted),
+        args: &RenderArgs,
+        summary: &mut Summary,
+    ) -> Result<usize> {
+        let mut args = self.arguments(&self.splats[splat], lit, args)?;
+        args.light.bake = kept_bake(&args, name, summary)?;
+        args.output = args.output.join(name);
+        make_folder(&args.output)?;
+        let drawn = draw(&args, Some(wanted), summary)?;
+        if drawn < wanted.len() {
+            bail!("{drawn} of {} were drawn", pictures_in_words(wanted.len()));
+        }
+        Ok(drawn)
+    }
+
+    /// Refuses to add to pictures that were drawn with other settings; which splats and lights there are may change.
+    fn keep_settings(&self, args: &RenderArgs, is_begun: impl Fn() -> bool) -> Result<()> {
+        let mut look = settings(&RenderArgs {
+            light: LightArgs {
+                look: self.look(args).cloned(),
+                ..args.light.clone()
+            },
+            ..args.clone()
+        })?;
+        look.objects[0].source.file = None;
+        let look: serde_json::Value = serde_json::from_str(&look_text(&look).map_err(Error::msg)?)?;
+        let camera = self.camera(args);
+        let cameras = camera.cameras.as_ref().and_then(|path| path.file_name());
+        let settings = json!({
+            "look": look,
+            "size": args.size,
+            "supersample": args.supersample,
+            "device": format!("{:?}", args.asset.options.device),
+            "cameras": cameras.map(|name| name.to_string_lossy()),
+            "turntable": camera.turntable,
+            "eye": camera.eye,
+            "look_at": camera.look_at,
+            "fov": camera.fov,
+        });
+        let settings = format!("{settings:#}\n");
+        make_folder(&args.output)?;
+        let kept = args.output.join(SETTINGS);
+        match std::fs::read_to_string(&kept) {
+            Ok(known) if known == settings => Ok(()),
+            Ok(_) if is_begun() => bail!(
+                "{}: the pictures there were drawn with other settings ({SETTINGS} has them); choose another folder, or remove that file to mix them",
+                args.output.display()
+            ),
+            _ => Ok(write_atomically(&kept, |out| {
+                out.write_all(settings.as_bytes())
+            })?),
+        }
+    }
 }
 
 /// The bake of a splat that is to be relit, made by whichever part needs it first; none of what is baked anew each time: scenes, and
 /// splats with settings of their own that a bake depends on.
 fn kept_bake(args: &RenderArgs, name: &str, summary: &mut Summary) -> Result<Option<PathBuf>> {
     let asset = args.asset.asset.as_deref().unwrap_or(Path::new(""));
-    if args.light.target.is_empty() || matches!(file_kind(asset)?, FileKind::Look) {
+    if args.light.target.is_empty() || is_look(asset) {
         return Ok(None);
     }
     let scene = look_of(&args.asset.options, Some(&args.light))?;
@@ -404,7 +414,7 @@ fn kept_bake(args: &RenderArgs, name: &str, summary: &mut Summary) -> Result<Opt
         && first.cut.is_empty()
         && scene.objects.len() == 1
         && scene.transfer.skips == Skips::default();
-    if !is_plain || args.view.is_some_and(|view| !view.needs_relit()) {
+    if !is_plain || !args.view.unwrap_or(scene.view).needs_relit() {
         return Ok(None);
     }
     let folder = args.output.join(BAKES);
@@ -439,16 +449,16 @@ fn kept_bake(args: &RenderArgs, name: &str, summary: &mut Summary) -> Result<Opt
 
 /// The names that files give to folders of pictures; two of one name are refused, since a part of the batch would not know which is which.
 fn stems<'a>(what: &str, files: impl Iterator<Item = &'a Path>) -> Result<Vec<String>> {
-    let mut names: Vec<String> = Vec::new();
-    for file in files {
+    let mut known = HashSet::from([BAKES.to_owned(), SETTINGS.to_owned()]);
+    let named = |file: &Path| {
         let name = file.file_stem().unwrap_or_default().to_string_lossy();
-        if names.iter().any(|known| **known == name) || (what == "splat" && name == BAKES) {
+        if !known.insert(name.to_string()) {
             bail!(
                 "{}: a {what} of the batch is called {name} already; its pictures need a name of their own",
                 file.display()
             );
         }
-        names.push(name.into_owned());
-    }
-    Ok(names)
+        Ok(name.into_owned())
+    };
+    files.map(named).collect()
 }

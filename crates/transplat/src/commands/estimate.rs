@@ -13,7 +13,7 @@ use crate::summary::Summary;
 pub fn run(args: &EstimateArgs) -> Result<()> {
     let mut summary = Summary::new("estimate", &args.out);
     let scene = look_of(&args.asset.options, None)?;
-    let assets = assets_of(&args.asset, &scene);
+    let assets = assets_of(&args.asset, &scene)?;
     let inputs = args.bake.iter().chain(&assets).map(|p| &**p);
     refuse_overwriting(inputs, &[&args.output])?;
     let extension = args.output.extension().unwrap_or_default();

@@ -32,9 +32,9 @@ pub fn run(args: &InfoArgs) -> Result<()> {
         FileKind::Ply => {
             let (cloud, file) = summary.time("load", || load_asset(path))?;
             asset(&cloud, &file, &mut summary, &mut lines);
-            up_warning(path, &cloud, &file)
-                .into_iter()
-                .for_each(|w| summary.warn(w));
+            if let Some(warning) = up_warning(path, &cloud, &file) {
+                summary.warn(warning);
+            }
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
                 let object = LoadedObject::of(cloud, file, Object::default());

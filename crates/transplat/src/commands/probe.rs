@@ -32,7 +32,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let mut summary = Summary::new("probe", &args.out);
     let (asset, light) = with_scene_as_look(&args.asset, &LightArgs::default());
     let scene = look_of(&asset.options, Some(&light))?;
-    let assets = assets_of(&asset, &scene);
+    let assets = assets_of(&asset, &scene)?;
     let inputs = light.inputs(&scene, &[]).map(PathBuf::from);
     let beyond = [&args.environment, &args.clipped_like];
     let beyond = beyond.into_iter().flatten().cloned();
@@ -129,7 +129,7 @@ fn place(pipeline: &Pipeline, at: &str) -> Result<Place> {
     if let Some(&[x, y, z]) = numbers.as_deref() {
         let at = Vec3::new(x, y, z);
         if !at.is_finite() {
-            usage("--at: three numbers X,Y,Z are expected, or the name of an object");
+            return usage("--at: three numbers X,Y,Z are expected, or the name of an object");
         }
         return Ok(Place { at, object: None });
     }

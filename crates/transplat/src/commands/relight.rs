@@ -27,11 +27,11 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let named = targets_of(&light, &scene)?;
     let shown = || scene.objects.iter().filter(|o| o.shown);
     if shown().any(|o| o.source.file.is_none()) || named.is_empty() {
-        usage(
+        return usage(
             "relight needs --source and --target (each an environment; --source estimate for a light that nobody knows)",
         );
     }
-    let assets = assets_of(&asset, &scene);
+    let assets = assets_of(&asset, &scene)?;
     let names = object_names(&scene, &assets);
     let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
     let output = Output::new(&args.output, names, is_for_many)?;

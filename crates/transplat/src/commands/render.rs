@@ -1,5 +1,6 @@
 //! `transplat render`: pictures of an asset, as captured or relit.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -34,10 +35,10 @@ pub const MAX_SAMPLES: usize = 1 << 28;
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     if args.part.is_some() {
-        usage("--part is of a --batch");
+        return usage("--part is of a --batch");
     }
     let mut summary = Summary::new("render", &args.out);
-    let written = draw(args, &mut summary)?;
+    let written = draw(args, None, &mut summary)?;
     summary.set("pictures", written);
     let what = match FilmFormat::of(&args.output) {
         Some(_) if args.output.is_file() => format!("{written} frames"),
@@ -51,8 +52,11 @@ pub fn pictures_in_words(count: usize) -> String {
     format!("{count} picture{}", if count == 1 { "" } else { "s" })
 }
 
-/// Draws what is asked for, and yields how many pictures that were.
-pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
+/// Pictures of a batch: names of lights, none as captured or by a look's own, and frames.
+pub type Wanted = HashSet<(String, usize)>;
+
+/// Draws what is asked for, or of that what a batch wants, and yields how many pictures that were.
+pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -> Result<usize> {
     let (asset, light) = with_scene_as_look(&args.asset, &args.light);
     let args = &RenderArgs {
         asset,
@@ -70,13 +74,13 @@ pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
     check_objects(&args.asset, &scene, !targets.is_empty())?;
     let mut shown = scene.objects.iter().filter(|o| o.shown);
     let relit = shown.all(|o| o.source.file.is_some());
-    let view = view_asked(args, &scene, relit, &targets);
+    let view = view_asked(args, &scene, relit, &targets)?;
     if args.layers && view != View::After {
-        usage(
+        return usage(
             "--layers are of what is relit: they need --source and --target, and no other --view",
         );
     }
-    let assets = assets_of(&args.asset, &scene);
+    let assets = assets_of(&args.asset, &scene)?;
     if assets.len() > 1 && !relit && args.view.is_none() {
         summary.warn(
             "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
@@ -84,7 +88,11 @@ pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
     }
     let pipeline = Pipeline::load(&args.asset, scene, summary)?;
     let frames = frames(args, &pipeline, summary)?;
-    let output = Output::new(args, frames.len(), targets.len())?;
+    let mut output = Output::new(args, frames.len(), targets.len())?;
+    if wanted.is_some() {
+        // A look's own light has no name there.
+        output.folder_per_target = !args.light.target.is_empty();
+    }
     let cameras = args.camera.cameras.as_deref();
     let photographs = photographs(pipeline.scene.plate.as_deref());
     let inputs = args
@@ -144,6 +152,7 @@ pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
     }
     let mut shots = Shots {
         args,
+        wanted,
         frames: &frames,
         output: &output,
         studio,
@@ -162,41 +171,47 @@ pub fn draw(args: &RenderArgs, summary: &mut Summary) -> Result<usize> {
     Ok(written)
 }
 
-/// What is to be shown; a command line that does not say enough ends the program.
+/// What is to be shown.
+///
+/// # Errors
+/// The command line does not say enough.
 fn view_asked(
     args: &RenderArgs,
     scene: &Scene,
     relit: bool,
     targets: &[(String, PathBuf)],
-) -> View {
+) -> Result<View> {
     let has_camera = args.camera.cameras.is_some()
         || args.camera.turntable.is_some()
         || args.camera.eye.is_some()
         || scene.camera.is_some();
     if !has_camera {
-        usage(
+        return usage(
             "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
         );
     }
     if relit && targets.is_empty() {
-        usage("a light to relight by is missing: --target, or the target's file in the look");
+        return usage(
+            "a light to relight by is missing: --target, or the target's file in the look",
+        );
     }
     if !relit && !targets.is_empty() {
-        usage(
+        return usage(
             "the light of the capture is missing: --source, or the source's file in the look; --source estimate stands for one that nobody knows",
         );
     }
     if scene.background == Background::Environment && !relit {
-        usage("--background environment needs --source and --target");
+        return usage("--background environment needs --source and --target");
     }
     match (args.view, relit) {
-        (None, false) if scene.view == View::After => View::Before,
+        (None, false) if scene.view == View::After => Ok(View::Before),
         (_, false) if scene.view.needs_relit() => usage("this view needs --source and --target"),
-        _ => scene.view,
+        _ => Ok(scene.view),
     }
 }
 
-fn settings(args: &RenderArgs) -> Result<Scene> {
+/// What is set of a picture, by a look and what the command line says over it.
+pub fn settings(args: &RenderArgs) -> Result<Scene> {
     let mut scene = look_of(&args.asset.options, Some(&args.light))?;
     put(&mut scene.view, args.view);
     put(&mut scene.background, args.background);
@@ -205,7 +220,7 @@ fn settings(args: &RenderArgs) -> Result<Scene> {
         scene.background = Background::Plate;
     }
     if scene.background == Background::Plate && scene.plate.is_none() {
-        usage("--background plate needs a photograph: --plate, or the plate in the look");
+        return usage("--background plate needs a photograph: --plate, or the plate in the look");
     }
     put(&mut scene.display.tone_map, args.tone_map);
     let exposure = args.exposure.map(|stops| stops.clamp(-60.0, 60.0) as f32);
@@ -382,7 +397,7 @@ impl<'a> Output<'a> {
             );
         }
         if is_film && (args.layers || args.format == Some(PictureFormat::Exr)) {
-            usage("a film holds display values: neither --layers nor --format exr");
+            return usage("a film holds display values: neither --layers nor --format exr");
         }
         if is_file && !is_film && frames * targets.max(1) > 1 {
             bail!(
@@ -402,19 +417,17 @@ impl<'a> Output<'a> {
             );
         }
         let in_folder = args.light.target.iter().any(|t| t.is_dir());
-        // Those of its lights; a look's own has no name there.
-        let of_batch = args.only.is_some() && !args.light.target.is_empty();
         let asked = args.format.or(named.filter(|_| is_file));
         let layered = args.layers.then_some(PictureFormat::Exr);
         if layered.is_some() && asked.is_some_and(|f| f != PictureFormat::Exr) {
-            usage("--layers are written as .exr");
+            return usage("--layers are written as .exr");
         }
         Ok(Self {
             path,
             format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
             is_film,
-            folder_per_target: !is_file && (targets > 1 || in_folder || of_batch),
+            folder_per_target: !is_file && (targets > 1 || in_folder),
         })
     }
 
@@ -453,6 +466,7 @@ fn look_beside(picture: &Path) -> PathBuf {
 
 struct Shots<'a> {
     args: &'a RenderArgs,
+    wanted: Option<&'a Wanted>,
     frames: &'a [Frame],
     output: &'a Output<'a>,
     studio: Studio,
@@ -610,6 +624,12 @@ impl Shots<'_> {
         Ok(())
     }
 
+    fn wants(&self, target: Option<&str>, frame: &Frame) -> bool {
+        let light = target.filter(|_| self.output.folder_per_target);
+        let picture = (light.unwrap_or_default().to_owned(), frame.number);
+        self.wanted.is_none_or(|wanted| wanted.contains(&picture))
+    }
+
     fn take(&mut self, target: Option<&str>, lit: &Lit, summary: &mut Summary) -> Result<usize> {
         if !self.output.is_file {
             make_folder(&self.output.folder(target))?;
@@ -619,14 +639,7 @@ impl Shots<'_> {
         let mut film = None;
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
-            let light = target.filter(|_| !self.args.light.target.is_empty());
-            let named = || (light.unwrap_or_default().to_owned(), frame.number);
-            if self
-                .args
-                .only
-                .as_ref()
-                .is_some_and(|only| !only.contains(&named()))
-            {
+            if !self.wants(target, frame) {
                 continue;
             }
             self.set_plate(frame)?;

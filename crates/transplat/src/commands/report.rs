@@ -42,15 +42,17 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let parts = args.parts();
     let of_truth = parts.contains(&ReportPart::Truth);
     if of_truth && args.asset.is_some() && args.ground_truth.is_none() {
-        usage("the part truth of a splat needs --ground-truth DIR");
+        return usage("the part truth of a splat needs --ground-truth DIR");
     }
     if !of_truth && (args.unknown_light || !args.objects.is_empty()) {
-        usage("--objects and --unknown-light are of the part truth (--only truth, --ground-truth)");
+        return usage(
+            "--objects and --unknown-light are of the part truth (--only truth, --ground-truth)",
+        );
     }
     let scenes = match (&args.ground_truth, parts.contains(&ReportPart::Insertion)) {
         (_, false) => Vec::new(),
         (Some(folder), true) => TruthScene::all_in(folder)?,
-        (None, true) => usage("the part insertion needs --ground-truth DIR"),
+        (None, true) => return usage("the part insertion needs --ground-truth DIR"),
     };
     let objects = match &args.ground_truth {
         _ if !of_truth => Vec::new(),
@@ -153,7 +155,9 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
         });
     };
     let Some(source) = &args.source else {
-        usage("a report on a splat needs --source (an environment, \"estimate\" or \"even\")");
+        return usage(
+            "a report on a splat needs --source (an environment, \"estimate\" or \"even\")",
+        );
     };
     let target = match &args.target {
         Some(target) => target.clone(),

@@ -14,7 +14,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         let found = std::fs::metadata(file);
         let is_word = file.extension().is_none() && file.components().count() == 1;
         if found.is_err() && is_word {
-            usage(&format!(
+            return usage(&format!(
                 "{}: neither a command nor a file; see transplat --help",
                 file.display()
             ));
@@ -24,7 +24,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     let (options, light) = (args.options.clone(), args.light.clone());
     let are_set = look_of(&options, Some(&light))? != Scene::default() || light.preset.is_some();
     if light.target.len() > 1 {
-        usage("the viewer takes one --target; give more lights as files, for the shelf");
+        return usage("the viewer takes one --target; give more lights as files, for the shelf");
     }
     let bake = light.bake.clone();
     let settings = move |mut kept: Scene| {

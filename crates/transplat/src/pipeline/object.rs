@@ -93,10 +93,10 @@ impl LoadedObject {
         for warning in asset_warnings(asset, &file) {
             summary.warn(warning);
         }
-        if settings.up.is_none() {
-            up_warning(asset, &cloud, &file)
-                .into_iter()
-                .for_each(|w| summary.warn(w));
+        if settings.up.is_none()
+            && let Some(warning) = up_warning(asset, &cloud, &file)
+        {
+            summary.warn(warning);
         }
         if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
             summary.warn(format!(

@@ -13,28 +13,30 @@ use super::object::name_of;
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
 
 /// The splats of the objects that are shown: the first one's by the command line or else by the look.
-pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Vec<PathBuf> {
+pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Result<Vec<PathBuf>> {
     let shown = (0..scene.objects.len()).filter(|at| scene.objects[*at].shown);
-    let assets: Vec<PathBuf> = shown.map(|at| asset_of(args, scene, at)).collect();
+    let assets = shown.map(|at| asset_of(args, scene, at));
+    let assets = assets.collect::<Result<Vec<PathBuf>>>()?;
     if assets.is_empty() {
-        usage("no object of the scene is shown");
+        return usage("no object of the scene is shown");
     }
-    assets
+    Ok(assets)
 }
 
 /// An object's splat.
-pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> PathBuf {
+pub fn asset_of(args: &AssetArgs, scene: &Scene, at: usize) -> Result<PathBuf> {
     let named = args.asset.clone().filter(|_| at == 0);
     let asset = named.or_else(|| scene.objects[at].asset.clone());
-    asset.unwrap_or_else(|| {
-        usage("the splat to work on is needed: ASSET, or --look FILE with one in it")
-    })
+    match asset {
+        Some(asset) => Ok(asset),
+        None => usage("the splat to work on is needed: ASSET, or --look FILE with one in it"),
+    }
 }
 
 /// Refuses a scene that names a splat that is not there or, where it is to be relit, tells what some of its objects were captured under and
 /// not all.
 pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<()> {
-    let assets = assets_of(args, scene);
+    let assets = assets_of(args, scene)?;
     let shown = || scene.objects.iter().filter(|o| o.shown);
     for (object, asset) in shown().zip(&assets) {
         std::fs::metadata(asset).with_context(|| {
@@ -49,7 +51,7 @@ pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<
         .zip(&assets)
         .partition(|(object, _)| object.source.file.is_some());
     if let (true, false, Some((object, asset))) = (is_relit, told.is_empty(), untold.first()) {
-        usage(&format!(
+        return usage(&format!(
             "{}: what it was captured under is missing: \"source\": {{\"file\": ENV|\"estimate\"}} in the look; of the first object --source tells it, too",
             name_of(object, asset)
         ));
@@ -57,10 +59,14 @@ pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<
     Ok(())
 }
 
+/// Whether a file that may be a splat is a look.
+pub fn is_look(path: &Path) -> bool {
+    matches!(file_kind(path), Ok(FileKind::Look))
+}
+
 /// A scene that is given where a splat could be is what `--look` asks for.
 pub fn with_scene_as_look(asset: &AssetArgs, light: &LightArgs) -> (AssetArgs, LightArgs) {
     let (mut asset, mut light) = (asset.clone(), light.clone());
-    let is_look = |path: &PathBuf| matches!(file_kind(path), Ok(FileKind::Look));
     if light.look.is_none() {
         light.look = asset.asset.take_if(|path| is_look(path));
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::{AssetFile, AssetKind};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::upright::up_from_ground;
+use transplat_core::upright::proposed_up;
 
 /// A flatness above this makes normals, and so relighting, doubtful.
 const DOUBTFUL_FLATNESS: f32 = 0.1;
@@ -46,8 +46,7 @@ pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
 
 /// That an asset lies on its side, by the ground in it, where its file does not say which way is up.
 pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &AssetFile) -> Option<String> {
-    let told = file.report.up;
-    let up = up_from_ground(cloud).filter(|up| told.is_none() && *up != cloud.up)?;
+    let up = proposed_up(cloud, file.report.up)?;
     let (path, up) = (path.display(), up.name());
     Some(format!(
         "{path}: lies on its side, it seems: the ground in it faces {up} (--up={up})"

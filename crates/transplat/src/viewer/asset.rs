@@ -12,7 +12,7 @@ use transplat_core::files::{AssetFile, load_asset};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
-use transplat_core::upright::up_from_ground;
+use transplat_core::upright::proposed_up;
 
 use super::capture::{Capture, Part};
 use crate::pipeline::object::part_of;
@@ -80,10 +80,8 @@ impl Asset {
             ),
         };
         let file_up = cloud.up;
-        let up_of_ground = match file.report.up {
-            None if part.is_none() => up_from_ground(&cloud).filter(|up| *up != file_up),
-            _ => None,
-        };
+        let whole = part.is_none().then_some(&cloud);
+        let up_of_ground = whole.and_then(|cloud| proposed_up(cloud, file.report.up));
         Ok(Self {
             up_of_ground,
             cut: object.cut.clone(),

@@ -239,13 +239,21 @@ impl Environment {
     }
 }
 
+/// Cells at the very poles, whose few pixels say little, count as this wide, a cell at the horizon being 1.
+const LEAST_CELL_WIDTH: f32 = 0.1;
+
 fn brightest(beams: &Beams) -> Option<Vec3> {
     let among = if beams.suns.is_empty() {
         &beams.cells
     } else {
         &beams.suns
     };
-    let power = |b: &&Beam| luminance(b.energy);
+    // Cells are the smaller the nearer they are to the poles: by their energy a bright ceiling would lose to a dim wall.
+    let width = |b: &Beam| match beams.suns.is_empty() {
+        true => b.direction.truncate().length().max(LEAST_CELL_WIDTH),
+        false => 1.0,
+    };
+    let power = |b: &&Beam| luminance(b.energy) / width(b);
     let most = among.iter().max_by(|a, b| power(a).total_cmp(&power(b)));
     most.map(|beam| beam.direction)
 }

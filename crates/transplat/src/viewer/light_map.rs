@@ -6,11 +6,13 @@ use eframe::egui::{self, Color32, ColorImage, Rect, Sense, Stroke, TextureHandle
 use glam::{DMat3, Vec3};
 use transplat_core::color::Display;
 use transplat_core::environment::EnvironmentMap;
+use transplat_core::scene::EnvironmentLight;
+use transplat_core::surfels::UpAxis;
 
 use super::environments::Environment;
 use super::navigation;
 use super::probes::{color, image};
-use super::session::{Session, TARGET};
+use super::session::Session;
 use super::widgets::{Grab, named};
 
 /// Pixels across.
@@ -24,10 +26,11 @@ pub struct LightMap {
     grab: Grab<f64>,
 }
 
-/// All that it depends on.
+/// All that it depends on; turned, it is shown from another column on.
 #[derive(Clone, PartialEq)]
 struct Key {
     light: u64,
+    /// Of the light as if it were not turned.
     map_from_world: DMat3,
     gain: [f32; 3],
 }
@@ -39,21 +42,22 @@ impl LightMap {
         let size = egui::vec2(width, 0.5 * width);
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         named(&response, egui::Role::Image, "Map of the light");
-        let up = if side == TARGET {
-            session.scene_up()
-        } else {
-            session.up()
-        };
         let light = session.light(side).clone();
         let settings = session.side(side);
+        let rotation = settings.rotation;
+        let unturned = EnvironmentLight {
+            rotation: 0.0,
+            ..settings.clone()
+        };
         let key = Key {
             light: light.id,
-            map_from_world: settings.map_from_asset(up) * up.asset_from_world(),
+            map_from_world: unturned.map_from_asset(UpAxis::PlusZ),
             // How strong it is does not show in it.
             gain: settings.tint.map(|t| t * light.thumbnail_gain),
         };
-        // Away from the eye.
-        let ahead = across_azimuth((session.pose.azimuth as f32 + 180.0).to_radians());
+        // Away from the eye, in the map as if it were not turned.
+        let ahead = session.pose.azimuth + 180.0 - rotation;
+        let ahead = across_azimuth((ahead as f32).to_radians());
         let texture = self.texture(ui, &light, &key);
         paint_turned(ui, rect, texture, ahead - 0.5);
         let world_from_map = key.map_from_world.transpose().as_mat3();
@@ -66,7 +70,6 @@ impl LightMap {
             painter.circle_stroke(at, 7.0, Stroke::new(3.0, Color32::from_black_alpha(160)));
             painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
         }
-        let rotation = session.side(side).rotation;
         let dragged = self.grab.drag(&response, rotation);
         // To the right azimuths fall.
         let mut turned = dragged.map(|(then, by)| (then, -by.x / rect.width()));

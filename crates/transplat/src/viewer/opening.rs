@@ -124,7 +124,6 @@ impl Session {
             None => {}
         }
         self.match_states(&scene.objects);
-        self.told_by_look = true;
         self.scene = scene;
         self.selected = self.selected.min(self.scene.objects.len() - 1);
     }
@@ -211,9 +210,6 @@ impl Session {
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let label = format!("loading {name}");
-        if matches!(opened_with, OpenedWith::Object(..)) {
-            self.told_by_look = false;
-        }
         let asked = self.scene.objects[at].clone();
         let object = match &opened_with {
             OpenedWith::Object(object, _) => (**object).clone(),
@@ -328,8 +324,12 @@ impl Session {
         }
         let object = &mut self.scene.objects[at];
         if let OpenedWith::Object(opened, _) = &opened_with {
+            // A look that came meanwhile tells all there is.
+            let is_as_asked = object.source == asked.source;
             *object = told((**opened).clone(), asked, object.clone());
-            self.propose(at, &asset);
+            if is_as_asked {
+                self.propose(at, &asset);
+            }
         }
         let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());
@@ -383,8 +383,7 @@ impl Session {
             ));
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
-        let is_to_be_matched = is_unknown && !self.told_by_look && !self.scene.match_strength;
-        if is_to_be_matched && self.scene.objects.len() == 1 {
+        if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             self.info(

@@ -170,8 +170,6 @@ pub struct Session {
     pub pose: CameraPose,
     /// Whether the lights' strengths are matched since nobody told the source's.
     pub(super) matches_by_itself: bool,
-    /// Whether all settings were told since a splat was last asked for.
-    pub(super) told_by_look: bool,
     /// Where a scene that is still being opened was last looked at from, by itself.
     pub(super) framed: Option<CameraPose>,
     /// What is made of each of the scene's objects.
@@ -246,7 +244,6 @@ impl Session {
                 roll: 0.0,
             },
             matches_by_itself: false,
-            told_by_look: false,
             framed: None,
             selected: 0,
             adds_splats: false,

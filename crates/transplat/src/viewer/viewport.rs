@@ -343,7 +343,10 @@ impl Viewport {
         let Some(normal) = session.scene_normal(object, pick.surfel) else {
             return session.info("a highlight can be put there once the object is baked");
         };
-        let to_eye = (navigation::eye(&session.pose, up) - pick.position).normalize_or_zero();
+        let Some((camera, ..)) = self.camera_at(session, at) else {
+            return;
+        };
+        let to_eye = (camera.eye - pick.position).normalize_or_zero();
         // What mirrors is the side that is seen.
         let mirrored = 2.0 * normal.dot(to_eye) * normal - to_eye;
         let world_from_scene = up.asset_from_world().transpose();

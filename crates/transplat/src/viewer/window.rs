@@ -49,6 +49,8 @@ impl eframe::App for Viewer {
         egui::Panel::bottom("shelf")
             .exact_size(shelf::HEIGHT)
             .show(ui, |ui| self.shelf.show(ui, &mut self.session));
+        // Asked for by what is shown below.
+        self.session.overlays.wants_doubts = false;
         if self.shown.panels {
             egui::Panel::right("panels")
                 .default_size(324.0)
