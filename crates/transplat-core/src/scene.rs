@@ -1,6 +1,7 @@
 //! A scene: objects, what each was captured under, what they are relit by, and how that is shown. Plain data; its file form is a look.
 
 mod cut;
+mod kept;
 mod light;
 mod object;
 
@@ -16,6 +17,7 @@ use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
+pub use kept::{Bookmark, MOST_KEPT, Variant};
 pub use light::{
     ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file, wrap,
 };
@@ -56,6 +58,12 @@ pub struct Scene {
     pub shadow_catcher: bool,
     /// Where the camera is.
     pub camera: Option<CameraPose>,
+    /// What its maker wants to be known of it.
+    pub note: String,
+    /// Views to come back to.
+    pub bookmarks: Vec<Bookmark>,
+    /// Other looks of the same objects.
+    pub variants: Vec<Variant>,
 }
 
 impl Default for Scene {
@@ -77,6 +85,9 @@ impl Default for Scene {
             background_blur: 0.0,
             shadow_catcher: false,
             camera: None,
+            note: String::new(),
+            bookmarks: Vec::new(),
+            variants: Vec::new(),
         }
     }
 }
@@ -121,7 +132,8 @@ impl Scene {
             })?;
         }
         self.environment.validate("target")?;
-        self.camera.map_or(Ok(()), |c| c.validate())
+        self.camera.map_or(Ok(()), |c| c.validate())?;
+        self.validate_kept()
     }
 
     /// Objects that are put into a scene are lit by its light, unless there is to be another.

@@ -4,6 +4,7 @@ mod composing;
 mod dropping;
 mod estimate;
 mod gestures;
+mod keeping;
 mod live;
 
 use std::fs;

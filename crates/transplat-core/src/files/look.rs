@@ -11,16 +11,21 @@ use super::read::read_all;
 use super::write::{folder_of, write_atomically};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::error::{Error, Result};
+use crate::error::{self, Error};
 use crate::present::{Background, View};
-use crate::scene::{Cut, EnvironmentLight, MOST_OBJECTS, Object, Scene, is_file};
+use crate::scene::{
+    Bookmark, Cut, EnvironmentLight, MOST_OBJECTS, Object, Scene, Variant, is_file,
+};
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-const LOOK_VERSION: u32 = 3;
+const LOOK_VERSION: u32 = 4;
 
-/// The version of those that hold one object where it was captured, and neither a plate nor a rolled camera.
+/// The version of those that keep neither a note nor views nor other looks.
+const VERSION_OF_SEVERAL: u32 = 3;
+
+/// The version of those among them that hold one object where it was captured, and neither a plate nor a rolled camera.
 const VERSION_OF_ONE: u32 = 2;
 
 /// The file; what it leaves out keeps its default. What the fields are: [`Scene`], [`Object`].
@@ -62,18 +67,45 @@ struct Look {
     background_blur: f32,
     shadow_catcher: bool,
     camera: Option<CameraPose>,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    note: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    bookmarks: Vec<Marked>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    variants: Vec<Kept>,
+}
+
+/// A [`Bookmark`].
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Marked {
+    name: String,
+    camera: CameraPose,
+}
+
+/// A [`Variant`].
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    name: String,
+    look: Look,
 }
 
 impl Default for Look {
     fn default() -> Self {
-        let mut look = Self::of(Scene::default());
-        (look.linear, look.outside_from) = (None, None);
-        (look.source, look.hide) = (None, None);
-        look
+        Self::of_none(Scene::default())
     }
 }
 
 impl Look {
+    /// Without its object.
+    fn of_none(scene: Scene) -> Self {
+        let mut look = Self::of(scene);
+        (look.linear, look.outside_from) = (None, None);
+        (look.source, look.hide) = (None, None);
+        look
+    }
+
     fn of(scene: Scene) -> Self {
         let mut objects = scene.objects;
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
@@ -82,9 +114,17 @@ impl Look {
         let is_rolled = scene.camera.is_some_and(|c| c.roll != 0.0);
         let is_new = !is_one || is_rolled || scene.plate.is_some();
         let has_plate = scene.background == Background::Plate;
+        let keeps = !scene.bookmarks.is_empty() || !scene.variants.is_empty();
+        let mark = |Bookmark { name, camera }| Marked { name, camera };
+        let keep = |Variant { name, look }| Kept {
+            name,
+            look: Self::of_none(look),
+        };
         Self {
-            version: if is_new || has_plate {
+            version: if keeps || !scene.note.is_empty() {
                 LOOK_VERSION
+            } else if is_new || has_plate {
+                VERSION_OF_SEVERAL
             } else {
                 VERSION_OF_ONE
             },
@@ -110,10 +150,13 @@ impl Look {
             background_blur: scene.background_blur,
             shadow_catcher: scene.shadow_catcher,
             camera: scene.camera,
+            note: scene.note,
+            bookmarks: scene.bookmarks.into_iter().map(mark).collect(),
+            variants: scene.variants.into_iter().map(keep).collect(),
         }
     }
 
-    fn scene(self) -> std::result::Result<Scene, String> {
+    fn scene(self) -> Result<Scene, String> {
         let says_of_one = self.asset.is_some()
             || self.cut.is_some()
             || self.up.is_some()
@@ -147,6 +190,12 @@ impl Look {
                 ..Object::default()
             }],
         };
+        let mark = |Marked { name, camera }| Bookmark { name, camera };
+        let keep = |Kept { name, look }| {
+            let look = look.scene()?;
+            Ok(Variant { name, look })
+        };
+        let variants: Result<_, String> = self.variants.into_iter().map(keep).collect();
         Ok(Scene {
             objects,
             environment: self.target,
@@ -164,6 +213,9 @@ impl Look {
             background_blur: self.background_blur,
             shadow_catcher: self.shadow_catcher,
             camera: self.camera,
+            note: self.note,
+            bookmarks: self.bookmarks.into_iter().map(mark).collect(),
+            variants: variants?,
         })
     }
 }
@@ -172,7 +224,7 @@ impl Look {
 ///
 /// # Errors
 /// The file cannot be read, is no look, or a setting is out of range.
-pub fn load_look(path: &Path) -> Result<Scene> {
+pub fn load_look(path: &Path) -> error::Result<Scene> {
     let scene = parse(&read_all(path, 1 << 24)?).map_err(|e| Error::invalid(path, e))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     // Without `..` where it can be: a path is compared with others.
@@ -186,7 +238,7 @@ pub fn load_look(path: &Path) -> Result<Scene> {
 ///
 /// # Errors
 /// The file cannot be written; one that was there before is still there then.
-pub fn save_look(path: &Path, scene: &Scene) -> Result<()> {
+pub fn save_look(path: &Path, scene: &Scene) -> error::Result<()> {
     let scene = with_paths(scene.clone(), |file| relative(file, folder_of(path)));
     let text = look_text(&scene).map_err(|e| Error::invalid(path, e))?;
     write_atomically(path, |out| writeln!(out, "{text}"))
@@ -196,11 +248,11 @@ pub fn save_look(path: &Path, scene: &Scene) -> Result<()> {
 ///
 /// # Errors
 /// A path is not of characters.
-pub fn look_text(scene: &Scene) -> std::result::Result<String, String> {
+pub fn look_text(scene: &Scene) -> Result<String, String> {
     serde_json::to_string_pretty(&Look::of(scene.clone())).map_err(|e| e.to_string())
 }
 
-fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
+fn parse(text: &[u8]) -> Result<Scene, String> {
     let look: Look = serde_json::from_slice(text).map_err(|e| format!("not a look: {e}"))?;
     let version = look.version;
     if !(1..=LOOK_VERSION).contains(&version) {
@@ -208,9 +260,9 @@ fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
             "a look of version {version}; this program reads versions up to {LOOK_VERSION}"
         ));
     }
-    if version < LOOK_VERSION && look.objects.is_some() {
+    if version < VERSION_OF_SEVERAL && look.objects.is_some() {
         return Err(format!(
-            "a look that lists objects is of version {LOOK_VERSION}"
+            "a look that lists objects is of version {VERSION_OF_SEVERAL}"
         ));
     }
     let mut scene = look.scene()?;
@@ -224,6 +276,11 @@ fn parse(text: &[u8]) -> std::result::Result<Scene, String> {
 }
 
 fn with_paths(mut scene: Scene, change: impl Fn(&Path) -> PathBuf) -> Scene {
+    change_paths(&mut scene, &change);
+    scene
+}
+
+fn change_paths(scene: &mut Scene, change: &impl Fn(&Path) -> PathBuf) {
     let of_objects = scene
         .objects
         .iter_mut()
@@ -236,7 +293,9 @@ fn with_paths(mut scene: Scene, change: impl Fn(&Path) -> PathBuf) -> Scene {
     if let Some(plate) = &mut scene.plate {
         *plate = change(plate);
     }
-    scene
+    for variant in &mut scene.variants {
+        change_paths(&mut variant.look, change);
+    }
 }
 
 /// `path` as seen from `folder`, with `..` where needed; as it is where the two have no root in common.
@@ -265,7 +324,7 @@ mod tests {
     use super::*;
     use crate::scene::EVEN;
     use crate::settings::Method;
-    use crate::surfels::UpAxis;
+    use crate::surfels::{Bounds, UpAxis};
 
     #[test]
     fn what_is_cut_out_is_listed_and_comes_back() {
@@ -311,7 +370,12 @@ mod tests {
             r#"{"objects": []}"#,
             r#"{"environment": {}}"#,
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 4}"#,
+            r#"{"version": 5}"#,
+            r#"{"variants": [{"name": "a", "look": {"asset": "a.ply"}}]}"#,
+            r#"{"variants": [{"name": "a", "look": {"variants": [{"name": "b", "look": {}}]}}]}"#,
+            r#"{"variants": [{"name": "a", "look": {"display": {"exposure": 500}}}]}"#,
+            r#"{"variants": [{"look": {}}]}"#,
+            r#"{"bookmarks": [{"name": "a"}]}"#,
             r#"{"version": 2, "objects": [{}]}"#,
             r#"{"version": 3, "objects": [{}], "asset": "a.ply"}"#,
             r#"{"version": 3, "objects": [{"transform": {"scale": 0}}]}"#,
@@ -355,6 +419,40 @@ mod tests {
             scene.objects.remove(0);
         }
         assert!(parse(look_text(&scene).expect("plain data").as_bytes()).is_err());
+    }
+
+    #[test]
+    fn what_is_kept_with_a_look_comes_back() {
+        let bounds = Bounds {
+            center: Vec3::ZERO,
+            radius: 1.0,
+        };
+        let camera = CameraPose::around(&bounds, 30.0, 10.0, 3.0, 35.0);
+        let mut scene = Scene {
+            note: "for the title".into(),
+            ..Scene::default()
+        };
+        scene.objects[0].asset = Some("a.ply".into());
+        scene.environment = EnvironmentLight::of("dusk.hdr");
+        let name = "dusk".to_owned();
+        let look = scene.look_alone();
+        scene.variants.push(Variant { name, look });
+        scene.environment = EnvironmentLight::of("noon.hdr");
+        let name = "left".to_owned();
+        scene.bookmarks.push(Bookmark { name, camera });
+        let text = look_text(&scene).expect("plain data");
+        assert_eq!(parse(text.as_bytes()).expect("its own text"), scene);
+        assert!(text.contains("\"version\": 4"), "{text}");
+        let moved = with_paths(scene.clone(), |path| Path::new("x").join(path));
+        let light = moved.variants[0].look.environment.file.clone();
+        assert_eq!(light, Some("x/dusk.hdr".into()));
+        let back = scene.clone().with_look(&scene.variants[0].look);
+        assert_eq!(back.environment.file, Some("dusk.hdr".into()));
+        assert_eq!(
+            (&back.objects, &back.bookmarks),
+            (&scene.objects, &scene.bookmarks)
+        );
+        assert_eq!(back.look_alone(), scene.variants[0].look);
     }
 
     #[test]

@@ -88,6 +88,12 @@ impl Viewer {
                 session.scene.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
             }
             Action::Pin => session.pin(),
+            Action::SwapPinned => session.swap_pinned(),
+            Action::KeepView => session.keep_view(),
+            Action::NextView => session.next_view(true),
+            Action::LastView => session.next_view(false),
+            Action::NextLook => session.next_look(true),
+            Action::LastLook => session.next_look(false),
             Action::Grid => session.overlays.grid = !session.overlays.grid,
             Action::Probes => self.preferences.probes = !self.preferences.probes,
             Action::Marks => session.overlays.marks = !session.overlays.marks,
@@ -115,19 +121,19 @@ impl Viewer {
     }
 
     pub(super) fn undo(&mut self) {
-        if let Some(scene) = self.undoer.undo(&self.session.scene).cloned() {
+        if let Some(scene) = self.history.undo(&self.session.scene).cloned() {
             self.come_back_to(scene);
         }
     }
 
     pub(super) fn redo(&mut self) {
-        if let Some(scene) = self.undoer.redo(&self.session.scene).cloned() {
+        if let Some(scene) = self.history.redo(&self.session.scene).cloned() {
             self.come_back_to(scene);
         }
     }
 
     /// Settings of another time, seen from where the camera is now.
-    fn come_back_to(&mut self, scene: Scene) {
+    pub(super) fn come_back_to(&mut self, scene: Scene) {
         let camera = Some(self.session.pose);
         self.session.apply(Scene { camera, ..scene });
     }

@@ -12,6 +12,8 @@ use transplat_gpu::Context;
 use super::asset::OpenedWith;
 use super::export::{self, Task};
 use super::files::{PathField, ask};
+use super::history::History;
+use super::kept::Pictures;
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
@@ -64,7 +66,9 @@ pub struct Viewer {
     pub(super) viewport: Viewport,
     pub(super) directions_draft: Option<usize>,
     pub(super) shelf: Shelf,
-    pub(super) undoer: egui::util::undoer::Undoer<Scene>,
+    /// Of looks and views that are kept.
+    pub(super) pictures: Pictures,
+    pub(super) history: History,
     pub(super) probes: [Option<Probe>; 2],
     pub(super) maps: [LightMap; 2],
     /// How the lights were turned when one of the probes' balls was taken: rotation and tilt.
@@ -126,7 +130,8 @@ impl Viewer {
             session,
             viewport: Viewport::default(),
             directions_draft: None,
-            undoer: Default::default(),
+            pictures: Pictures::default(),
+            history: History::default(),
             probes: [None, None],
             maps: Default::default(),
             grabbed_balls: Default::default(),

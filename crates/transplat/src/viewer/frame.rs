@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use transplat_core::camera::Camera;
+use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_gpu::live::{Frame, Placement};
@@ -16,9 +16,19 @@ use crate::picture::half;
 impl Session {
     /// What a viewport of a size shows with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
+        self.frame_from(&self.pose, size, view)
+    }
+
+    /// The same, seen from elsewhere.
+    pub(super) fn frame_from(
+        &self,
+        pose: &CameraPose,
+        size: [usize; 2],
+        view: View,
+    ) -> Option<Frame> {
         let asset = self.states.iter().find_map(|s| s.asset.as_ref())?;
         let (up, bounds) = (self.scene_up(), self.scene_bounds().unwrap_or(asset.bounds));
-        let whole = Camera::from_pose(&self.pose, up, size, bounds.radius);
+        let whole = Camera::from_pose(pose, up, size, bounds.radius);
         let camera = if view == View::SideBySide {
             half(&whole)
         } else {

@@ -22,8 +22,9 @@ impl Viewer {
             ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("Edit", |ui| {
                 let scene = self.session.scene.clone();
-                self.item(ui, "Undo", Action::Undo, self.undoer.has_undo(&scene));
-                self.item(ui, "Redo", Action::Redo, self.undoer.has_redo(&scene));
+                self.item(ui, "Undo", Action::Undo, self.history.has_undo(&scene));
+                self.item(ui, "Redo", Action::Redo, self.history.has_redo(&scene));
+                ui.menu_button("History", |ui| self.history_menu(ui));
                 ui.separator();
                 if entry(ui, "Reset all settings") {
                     let kept = &self.session.scene;
@@ -43,6 +44,9 @@ impl Viewer {
                     self.session.scene = Scene {
                         objects: kept.objects.iter().map(object).collect(),
                         environment: same(&kept.environment),
+                        note: kept.note.clone(),
+                        bookmarks: kept.bookmarks.clone(),
+                        variants: kept.variants.clone(),
                         ..Preferences::default().scene()
                     };
                 }
@@ -108,6 +112,30 @@ impl Viewer {
         ui.separator();
         if ui.button("Quit").clicked() {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+    }
+
+    /// What was done, the last first; a click goes back to it.
+    fn history_menu(&mut self, ui: &mut Ui) {
+        let mut chosen = None;
+        egui::ScrollArea::vertical()
+            .max_height(360.0)
+            .show(ui, |ui| {
+                let (steps, at) = self.history.steps();
+                for (step, what) in steps.enumerate().rev() {
+                    let mut text = egui::RichText::new(what);
+                    if step > at {
+                        text = text.weak();
+                    }
+                    if ui.selectable_label(step == at, text).clicked() {
+                        chosen = Some(step);
+                    }
+                }
+            });
+        let scene = chosen.and_then(|step| self.history.go_to(step).cloned());
+        if let Some(scene) = scene {
+            self.come_back_to(scene);
+            ui.close();
         }
     }
 
@@ -198,7 +226,7 @@ impl Viewer {
         if let Some(pinned) = &mut session.pinned {
             ui.checkbox(&mut pinned.is_compared, "against pinned")
                 .on_hover_text("Compare with the pinned look instead of the capture.");
-            if button(ui, "Swap", "Exchange the pinned look with this one.") {
+            if button(ui, "Swap", "Exchange the pinned look with this one. (T)") {
                 session.swap_pinned();
             }
             if ui.button("Unpin").clicked() {

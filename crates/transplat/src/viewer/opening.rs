@@ -69,6 +69,11 @@ impl Session {
             }
             if one.asset.is_none() {
                 scene.objects = self.with_object_as(one);
+                // What is kept is of the objects.
+                let (views, looks) = (&self.scene.bookmarks, &self.scene.variants);
+                if scene.bookmarks.is_empty() && scene.variants.is_empty() {
+                    (scene.bookmarks, scene.variants) = (views.clone(), looks.clone());
+                }
             }
         }
         self.take_over(scene);

@@ -1,6 +1,7 @@
 //! A look that others are compared with, beside what it shows relit.
 
 use transplat_core::color::Display;
+use transplat_core::present::View;
 use transplat_core::transfer::Part;
 use transplat_gpu::rasterize::ResidentSh;
 
@@ -21,7 +22,34 @@ impl Session {
         }
         if self.pin_what_is_shown(self.scene.display) {
             self.pinned = Some(self.to_pin(true));
+            self.keep_look();
         }
+    }
+
+    /// Pins one of the looks that are kept: it is shown until it is relit, and then what is shown now is shown again.
+    pub fn compare_with(&mut self, at: usize) {
+        if self.scene.variants.get(at).is_some() {
+            let now = self.scene.clone();
+            self.show_look(at);
+            self.comparing = Some([now, self.scene.clone()]);
+        }
+    }
+
+    /// Pins the look that was to be compared with, once it is relit.
+    pub(super) fn pin_compared(&mut self) {
+        let Some([now, compared]) = self.comparing.take() else {
+            return;
+        };
+        if self.scene != compared {
+            // Something else was done since.
+            return;
+        }
+        if !self.is_settled() || self.not_final(View::After).is_some() {
+            self.comparing = Some([now, compared]);
+            return;
+        }
+        self.pin();
+        self.scene = now;
     }
 
     /// Exchanges the pinned settings with those of now.

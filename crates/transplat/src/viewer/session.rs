@@ -201,6 +201,8 @@ pub struct Session {
     /// Cameras of a file that was opened.
     pub cameras: Option<OpenCameras>,
     pub pinned: Option<Pinned>,
+    /// What is shown again once something is pinned to be compared with, and what that is.
+    pub(super) comparing: Option<[Scene; 2]>,
     pub overlays: Overlays,
     /// Pixels of the viewport as it was last shown.
     pub viewport: [usize; 2],
@@ -261,6 +263,7 @@ impl Session {
             plate: Derived::default(),
             cameras: None,
             pinned: None,
+            comparing: None,
             overlays: Overlays::default(),
             viewport: [960, 600],
             messages: Vec::new(),
@@ -520,6 +523,7 @@ impl Session {
         }
         self.start_backdrops();
         self.start_plate();
+        self.pin_compared();
         if let Some(error) = self.context.take_error() {
             self.error(error.to_string());
         }

@@ -1,4 +1,4 @@
-//! The light shelf: a thumbnail an environment, and the two slots.
+//! The shelf: the two slots, and a page each for lights, kept looks and kept views.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -6,18 +6,34 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui};
 
 use super::environments::{Environment, light_name};
+use super::kept::Pictures;
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 use super::widgets::{entry, named};
 
 /// Size of a thumbnail in points.
-const THUMBNAIL: egui::Vec2 = egui::vec2(112.0, 56.0);
+pub const THUMBNAIL: egui::Vec2 = egui::vec2(112.0, 56.0);
 
 /// Pixels across a thumbnail.
 const THUMBNAIL_PIXELS: usize = 224;
 
 /// The shelf's height in points.
 pub const HEIGHT: f32 = 104.0;
+
+/// Room for a name over a thumbnail, in points.
+pub const NAME_HEIGHT: f32 = 17.0;
+
+/// Width of the list of pages in points.
+const PAGES_WIDTH: f32 = 64.0;
+
+/// What the shelf shows beside the slots.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Page {
+    #[default]
+    Lights,
+    Looks,
+    Views,
+}
 
 /// What the shelf keeps from frame to frame.
 #[derive(Default)]
@@ -34,6 +50,7 @@ pub struct Shelf {
     twins: HashMap<PathBuf, PathBuf>,
     /// The one that was last brought into view.
     shown: Option<PathBuf>,
+    page: Page,
 }
 
 /// A light that is dragged along the shelf or onto a slot.
@@ -70,7 +87,7 @@ impl Shelf {
         self.thumbnails.entry(light.id).or_insert_with(new).clone()
     }
 
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, kept: &Pictures) {
         ui.horizontal_top(|ui| {
             self.slot(ui, session, SOURCE);
             ui.vertical(|ui| {
@@ -85,8 +102,15 @@ impl Shelf {
             });
             self.slot(ui, session, TARGET);
             ui.separator();
-            egui::ScrollArea::horizontal().auto_shrink([false, false]).show(ui, |ui| {
+            self.pages(ui, session);
+            let scroll = egui::ScrollArea::horizontal().id_salt(self.page as usize);
+            scroll.auto_shrink([false, false]).show(ui, |ui| {
                 ui.horizontal_top(|ui| {
+                    match self.page {
+                        Page::Looks => return kept.looks(ui, session),
+                        Page::Views => return kept.views(ui, session),
+                        Page::Lights => {}
+                    }
                     for i in 0..self.paths.len() {
                         if i >= self.paths.len() {
                             break;
@@ -98,6 +122,41 @@ impl Shelf {
             });
         });
         self.draw_dragged(ui, session);
+    }
+
+    fn pages(&mut self, ui: &mut Ui, session: &Session) {
+        let count = |n: usize| {
+            if n == 0 {
+                String::new()
+            } else {
+                format!(" {n}")
+            }
+        };
+        let (looks, views) = (&session.scene.variants, &session.scene.bookmarks);
+        ui.vertical(|ui| {
+            ui.set_width(PAGES_WIDTH);
+            ui.add_space(NAME_HEIGHT);
+            for (page, name, tip) in [
+                (
+                    Page::Lights,
+                    "Lights".to_owned(),
+                    "Environments to relight by.",
+                ),
+                (
+                    Page::Looks,
+                    format!("Looks{}", count(looks.len())),
+                    "Looks that were kept: light and picture, to come back to and to compare.",
+                ),
+                (
+                    Page::Views,
+                    format!("Views{}", count(views.len())),
+                    "Places to look from that were kept.",
+                ),
+            ] {
+                ui.selectable_value(&mut self.page, page, name)
+                    .on_hover_text(tip);
+            }
+        });
     }
 
     /// What is dragged, under the pointer.
@@ -174,7 +233,7 @@ impl Shelf {
         let mut removed = false;
         ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);
-            ui.add_space(17.0);
+            ui.add_space(NAME_HEIGHT);
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
             named(&response, egui::Role::Button, format!("Environment {name}"));
             if selected && self.shown.as_ref() != Some(&path) {
@@ -235,16 +294,22 @@ impl Shelf {
     }
 
     fn add_button(&mut self, ui: &mut Ui) {
-        ui.vertical(|ui| {
-            ui.add_space(17.0);
-            let button = egui::Button::new("+").min_size(egui::vec2(44.0, THUMBNAIL.y));
-            let response = ui
-                .add(button)
-                .on_hover_text("Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.");
-            named(&response, egui::Role::Button, "Add environments");
-            self.wants_files |= response.clicked();
-        });
+        let response = add_button(ui, "Add environments").on_hover_text(
+            "Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.",
+        );
+        self.wants_files |= response.clicked();
     }
+}
+
+/// A "+" as high as what it adds.
+pub fn add_button(ui: &mut Ui, name: &str) -> egui::Response {
+    let inside = ui.vertical(|ui| {
+        ui.add_space(NAME_HEIGHT);
+        let button = egui::Button::new("+").min_size(egui::vec2(44.0, THUMBNAIL.y));
+        ui.add(button)
+    });
+    named(&inside.inner, egui::Role::Button, name);
+    inside.inner
 }
 
 /// Whether a file is a copy of another that is called so, too.
@@ -254,7 +319,8 @@ fn is_copy(a: &Path, b: &Path) -> bool {
     is_alike && std::fs::read(a).ok() == std::fs::read(b).ok()
 }
 
-fn paint_thumbnail(
+/// A thumbnail in its frame.
+pub fn paint_thumbnail(
     ui: &Ui,
     rect: Rect,
     texture: Option<&TextureHandle>,

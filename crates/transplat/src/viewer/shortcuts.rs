@@ -24,6 +24,12 @@ pub enum Action {
     Top,
     NextCompare,
     Pin,
+    SwapPinned,
+    KeepView,
+    NextView,
+    LastView,
+    NextLook,
+    LastLook,
     Grid,
     Probes,
     Marks,
@@ -41,7 +47,7 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 37] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
     (CTRL, Key::O, Action::Open, "open files"),
     (
         CTRL_SHIFT,
@@ -80,6 +86,17 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 37] = [
         Action::Pin,
         "pin the look, to compare others with it",
     ),
+    (
+        NONE,
+        Key::T,
+        Action::SwapPinned,
+        "the pinned look and this one, in turn",
+    ),
+    (CTRL, Key::B, Action::KeepView, "keep this view"),
+    (NONE, Key::PageDown, Action::NextView, "next kept view"),
+    (NONE, Key::PageUp, Action::LastView, "kept view before"),
+    (CTRL, Key::PageDown, Action::NextLook, "next kept look"),
+    (CTRL, Key::PageUp, Action::LastLook, "kept look before"),
     (NONE, Key::G, Action::Grid, "grid"),
     (NONE, Key::L, Action::Probes, "light probes"),
     (NONE, Key::K, Action::Marks, "mark doubtful surfels"),

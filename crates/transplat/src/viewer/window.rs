@@ -4,12 +4,10 @@ use eframe::egui::{self, Key, Ui};
 
 use super::app::{STORAGE_KEY, Viewer};
 use super::files::ask;
+use super::history;
 use super::panels;
 use super::session::Dialog;
 use super::shelf;
-
-/// Once settings have stayed for a second they are a step to come back to.
-const UNDO_STEP_S: f32 = 1.05;
 
 impl eframe::App for Viewer {
     fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
@@ -25,10 +23,10 @@ impl eframe::App for Viewer {
         let time = context.input(|i| i.time);
         // While a splat is loading, its look is still to come; and a drag is one step.
         if !self.session.is_loading_asset() && !self.viewport.is_dragging() {
-            self.undoer.feed_state(time, &self.session.scene);
+            self.history.feed(time, &self.session.scene);
             // That is seen only when there is a frame.
-            if self.undoer.is_in_flux() {
-                context.request_repaint_after_secs(UNDO_STEP_S);
+            if self.history.is_in_flux() {
+                context.request_repaint_after_secs(history::STEP_S as f32 + 0.05);
             }
         }
         self.shelve_lights();
@@ -48,7 +46,9 @@ impl eframe::App for Viewer {
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
         egui::Panel::bottom("shelf")
             .exact_size(shelf::HEIGHT)
-            .show(ui, |ui| self.shelf.show(ui, &mut self.session));
+            .show(ui, |ui| {
+                (self.shelf).show(ui, &mut self.session, &self.pictures);
+            });
         // Asked for by what is shown below.
         self.session.overlays.wants_doubts = false;
         if self.shown.panels {
@@ -58,6 +58,9 @@ impl eframe::App for Viewer {
                 .show(ui, |ui| panels::show(ui, self));
         }
         let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
+        if !self.viewport.is_dragging() {
+            self.pictures.draw(ui.ctx(), &self.session);
+        }
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.show(ui, &mut self.session, hold_before);
         });

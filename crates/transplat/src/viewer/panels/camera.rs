@@ -18,6 +18,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         if button(ui, "Frame", "Shows all of the object. (F)") {
             frame(viewer);
         }
+        let tip = "Keeps where it is seen from, on the shelf. (ctrl + B)";
+        if button(ui, "Keep this view", tip) {
+            viewer.session.keep_view();
+        }
     });
     let session = &mut viewer.session;
     cameras(ui, session);

@@ -1,6 +1,6 @@
 //! How the picture looks: display, background, and how it is relit.
 
-use eframe::egui::Ui;
+use eframe::egui::{TextEdit, Ui};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
@@ -17,6 +17,24 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     background(ui, viewer);
     ui.separator();
     transfer::show(ui, viewer);
+    ui.separator();
+    kept(ui, viewer);
+}
+
+/// The look as one of several, and what is to be known of it.
+fn kept(ui: &mut Ui, viewer: &mut Viewer) {
+    let tip = "Keeps light and look as they are, on the shelf. (P also compares what comes next with it.)";
+    if button(ui, "Keep this look", tip) {
+        viewer.session.keep_look();
+    }
+    let label = ui.label("Note");
+    let note = &mut viewer.session.scene.note;
+    let edit = TextEdit::multiline(note)
+        .desired_rows(2)
+        .desired_width(f32::INFINITY);
+    ui.add(edit)
+        .labelled_by(label.id)
+        .on_hover_text("What is to be known of this look; it is saved with it.");
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {

@@ -1,0 +1,325 @@
+//! What was done, step by step, to go back to.
+
+use transplat_core::files::look_text;
+use transplat_core::scene::Scene;
+
+/// Once settings have stayed so long they are a step to come back to, in seconds.
+pub const STEP_S: f64 = 1.0;
+
+/// While they do not stay, there is one every so often.
+const LONGEST_CHANGE_S: f64 = 30.0;
+
+/// How many steps are kept.
+const MOST_STEPS: usize = 200;
+
+/// How many changes of one step are named.
+const MOST_NAMED: usize = 2;
+
+/// A state of the scene, and what led to it.
+struct Step {
+    what: String,
+    scene: Scene,
+}
+
+/// Settings that do not stay yet.
+struct Change {
+    began: f64,
+    last: f64,
+    scene: Scene,
+}
+
+/// The scene's states, the oldest first.
+#[derive(Default)]
+pub struct History {
+    steps: Vec<Step>,
+    at: usize,
+    change: Option<Change>,
+}
+
+impl History {
+    /// Learns how the scene is at a time, in seconds.
+    pub fn feed(&mut self, now: f64, scene: &Scene) {
+        match (self.steps.get(self.at), &mut self.change) {
+            (None, _) => self.take(scene),
+            (Some(step), _) if step.scene == *scene => self.change = None,
+            (_, Some(change)) => {
+                if change.scene != *scene {
+                    change.last = now;
+                    change.scene = scene.clone();
+                }
+                if now - change.last >= STEP_S || now - change.began >= LONGEST_CHANGE_S {
+                    self.take(scene);
+                }
+            }
+            (_, none) => {
+                let scene = scene.clone();
+                let (began, last) = (now, now);
+                *none = Some(Change { began, last, scene });
+            }
+        }
+    }
+
+    /// Whether something changes that is no step yet.
+    pub fn is_in_flux(&self) -> bool {
+        self.change.is_some()
+    }
+
+    /// Whether there is anything to go back to from a scene.
+    pub fn has_undo(&self, scene: &Scene) -> bool {
+        self.at > 0 || self.is_new(scene)
+    }
+
+    /// Whether what was undone can be done again.
+    pub fn has_redo(&self, scene: &Scene) -> bool {
+        self.at + 1 < self.steps.len() && !self.is_new(scene)
+    }
+
+    /// The step before a scene.
+    pub fn undo(&mut self, scene: &Scene) -> Option<&Scene> {
+        if self.is_new(scene) {
+            self.take(scene);
+        }
+        self.go_to(self.at.checked_sub(1)?)
+    }
+
+    /// The step after a scene.
+    pub fn redo(&mut self, scene: &Scene) -> Option<&Scene> {
+        if self.is_new(scene) {
+            return None;
+        }
+        self.go_to(self.at + 1)
+    }
+
+    /// One of the steps.
+    pub fn go_to(&mut self, step: usize) -> Option<&Scene> {
+        let scene = &self.steps.get(step)?.scene;
+        self.at = step;
+        self.change = None;
+        Some(scene)
+    }
+
+    /// What was done, the oldest first, and which of it the scene shows.
+    pub fn steps(
+        &self,
+    ) -> (
+        impl DoubleEndedIterator<Item = &str> + ExactSizeIterator,
+        usize,
+    ) {
+        (self.steps.iter().map(|step| step.what.as_str()), self.at)
+    }
+
+    fn is_new(&self, scene: &Scene) -> bool {
+        self.steps.get(self.at).is_some_and(|s| s.scene != *scene)
+    }
+
+    fn take(&mut self, scene: &Scene) {
+        let last = self.steps.get(self.at);
+        let what = last.map_or("at the start".into(), |last| changes(&last.scene, scene));
+        self.steps.truncate(self.at + 1);
+        let scene = scene.clone();
+        self.steps.push(Step { what, scene });
+        if self.steps.len() > MOST_STEPS {
+            self.steps.remove(0);
+        }
+        self.at = self.steps.len() - 1;
+        self.change = None;
+    }
+}
+
+/// What looks call a setting, and how it is said: the longest beginning counts.
+const WORDS: [(&str, &str); 42] = [
+    ("asset", "splat"),
+    ("background", "background"),
+    ("background_blur", "blur"),
+    ("bookmarks", "kept views"),
+    ("cut", "what is cut out"),
+    ("difference_scale", "scale of the difference"),
+    ("directions", "directions"),
+    ("display/exposure", "exposure"),
+    ("display/tone_map", "tone mapping"),
+    ("false_color", "false colours"),
+    ("hide", "what is hidden"),
+    ("linear", "colour is linear"),
+    ("lut", "colour table"),
+    ("match_strength", "match strength"),
+    ("note", "note"),
+    ("objects", "objects"),
+    ("outside_from", "what is outside"),
+    ("plate", "photograph"),
+    ("shadow_catcher", "shadow on the ground"),
+    ("source", "light of the capture"),
+    ("source/file", "captured under"),
+    ("source/mirror", "light of the capture mirrored"),
+    ("source/rotation", "light of the capture turned"),
+    ("source/strength", "strength of the capture's light"),
+    ("source/tilt", "light of the capture tilted"),
+    ("source/tint", "tint of the capture's light"),
+    ("source/up", "up in the capture's light"),
+    ("target", "light"),
+    ("target/file", "relit by"),
+    ("target/mirror", "light mirrored"),
+    ("target/rotation", "light turned"),
+    ("target/strength", "strength of the light"),
+    ("target/tilt", "light tilted"),
+    ("target/tint", "tint of the light"),
+    ("target/up", "up in the light"),
+    ("transfer", "how it is relit"),
+    ("transfer/preset", "preset"),
+    ("transfer/terms", "terms"),
+    ("up", "up axis"),
+    ("variants", "kept looks"),
+    ("view", "comparison"),
+    ("wipe", "line of the split"),
+];
+
+/// What is different between two scenes, in words.
+fn changes(before: &Scene, after: &Scene) -> String {
+    let value = |scene: &Scene| -> serde_json::Value {
+        let text = look_text(scene).unwrap_or_default();
+        serde_json::from_str(&text).unwrap_or_default()
+    };
+    let mut found = Vec::new();
+    differences(String::new(), &value(before), &value(after), &mut found);
+    let mut said: Vec<String> = Vec::new();
+    for (path, value) in found {
+        let known = WORDS.iter().filter(|(of, _)| {
+            let rest = path.strip_prefix(of);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        });
+        let words = known.max_by_key(|(of, _)| of.len());
+        let is_whole = words.is_some_and(|(of, _)| *of == path);
+        let words = words.map_or_else(|| path.replace(['/', '_'], " "), |(_, w)| (*w).to_owned());
+        let text = match value {
+            Some(value) if is_whole => format!("{words} {value}"),
+            _ => words,
+        };
+        if !said.contains(&text) {
+            said.push(text);
+        }
+    }
+    if said.len() > MOST_NAMED {
+        said.truncate(MOST_NAMED);
+        said.push("…".into());
+    }
+    said.join(", ")
+}
+
+/// The settings of a look that differ, by their paths, and what those that are simple are now.
+fn differences(
+    path: String,
+    before: &serde_json::Value,
+    after: &serde_json::Value,
+    found: &mut Vec<(String, Option<String>)>,
+) {
+    use serde_json::Value;
+    match (before, after) {
+        _ if before == after => {}
+        (Value::Object(a), Value::Object(b)) => {
+            let mut names: Vec<&String> = a.keys().chain(b.keys()).collect();
+            names.sort();
+            names.dedup();
+            for name in names.into_iter().filter(|name| *name != "version") {
+                let [a, b] = [a, b].map(|of| of.get(name).unwrap_or(&Value::Null));
+                let path = if path.is_empty() {
+                    name.clone()
+                } else {
+                    format!("{path}/{name}")
+                };
+                differences(path, a, b, found);
+            }
+        }
+        _ => found.push((path, simple(after))),
+    }
+}
+
+fn simple(value: &serde_json::Value) -> Option<String> {
+    use serde_json::Value;
+    match value {
+        Value::Bool(true) => Some("on".into()),
+        Value::Bool(false) => Some("off".into()),
+        Value::Number(number) => {
+            let text = format!("{:.2}", number.as_f64()?);
+            Some(text.trim_end_matches('0').trim_end_matches('.').to_owned())
+        }
+        Value::String(text) => {
+            let name = std::path::Path::new(text).file_stem()?;
+            Some(name.to_string_lossy().into_owned())
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use transplat_core::scene::EnvironmentLight;
+
+    use super::*;
+
+    fn exposed(stops: f32) -> Scene {
+        let mut scene = Scene::default();
+        scene.display.exposure = stops;
+        scene
+    }
+
+    #[test]
+    fn what_stays_is_a_step_and_what_is_on_its_way_is_none() {
+        let mut history = History::default();
+        history.feed(0.0, &exposed(0.0));
+        for frame in 1..20 {
+            history.feed(0.1 * f64::from(frame), &exposed(frame as f32));
+        }
+        assert!(history.is_in_flux());
+        history.feed(3.0, &exposed(19.0));
+        assert!(!history.is_in_flux());
+        history.feed(4.0, &exposed(1.5));
+        let now = exposed(1.5);
+        assert!(history.has_undo(&now) && !history.has_redo(&now));
+        // What is undone before it was a step can be done again.
+        assert_eq!(history.undo(&now), Some(&exposed(19.0)));
+        assert_eq!(history.undo(&exposed(19.0)), Some(&exposed(0.0)));
+        assert_eq!(history.undo(&exposed(0.0)), None);
+        assert_eq!(history.redo(&exposed(0.0)), Some(&exposed(19.0)));
+        assert_eq!(history.redo(&exposed(19.0)), Some(&now));
+        let (steps, at) = history.steps();
+        let steps: Vec<_> = steps.collect();
+        assert_eq!(steps, ["at the start", "exposure 19", "exposure 1.5"]);
+        assert_eq!(at, 2);
+        // Something else after an undo takes the place of what was undone.
+        assert_eq!(history.go_to(0), Some(&exposed(0.0)));
+        history.feed(5.0, &exposed(2.0));
+        history.feed(7.0, &exposed(2.0));
+        assert_eq!(history.steps().0.len(), 2);
+        for i in 0..2 * MOST_STEPS {
+            history.feed(10.0 * i as f64, &exposed(0.1 * i as f32));
+            history.feed(10.0 * i as f64 + 5.0, &exposed(0.1 * i as f32));
+        }
+        assert_eq!(history.steps().0.len(), MOST_STEPS);
+    }
+
+    #[test]
+    fn a_step_is_called_by_what_it_changed() {
+        let before = Scene::default();
+        let mut after = before.clone();
+        after.environment = EnvironmentLight {
+            rotation: 30.0,
+            ..EnvironmentLight::of("a/sunset.hdr")
+        };
+        let what = changes(&before, &after);
+        assert_eq!(what, "relit by sunset, light turned 30");
+        after.transfer.terms.shadow = false;
+        assert!(changes(&before, &after).ends_with(", …"));
+        let mut moved = before.clone();
+        moved.objects[0].transform.scale = 2.0;
+        assert!(!changes(&before, &moved).is_empty());
+        // No setting lacks its words.
+        let text = look_text(&before).expect("plain data");
+        let look: serde_json::Value = serde_json::from_str(&text).expect("a look");
+        for name in look.as_object().expect("settings").keys() {
+            let is_said = WORDS
+                .iter()
+                .any(|(of, _)| of.split('/').next() == Some(name));
+            let is_none = ["version", "camera"].contains(&name.as_str());
+            assert!(is_said || is_none, "{name}");
+        }
+    }
+}

@@ -1,0 +1,379 @@
+//! Looks and views that are kept with the scene, and their pages of the shelf.
+
+use eframe::egui::{
+    self, Align2, Color32, ColorImage, Popup, PopupCloseBehavior, Rect, Sense, TextureHandle, Ui,
+    vec2,
+};
+use transplat_core::camera::CameraPose;
+use transplat_core::present::View;
+use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Variant};
+
+use super::session::Session;
+use super::shelf::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
+use super::widgets::{entry, named};
+
+/// Pixels of a picture.
+const PIXELS: [usize; 2] = [224, 112];
+
+impl Session {
+    /// Keeps the look as it is, unless it is kept already.
+    pub fn keep_look(&mut self) {
+        let look = self.scene.look_alone();
+        let kept = &self.scene.variants;
+        if kept.iter().any(|kept| kept.look == look) {
+            return;
+        }
+        if kept.len() == MOST_KEPT {
+            return self.error(format!("a scene keeps {MOST_KEPT} looks; remove some"));
+        }
+        let light = self.environment.light.name();
+        let name = free(&light, kept.iter().map(|kept| kept.name.as_str()));
+        self.scene.variants.push(Variant { name, look });
+    }
+
+    /// Keeps where it is seen from, unless it is kept already.
+    pub fn keep_view(&mut self) {
+        let kept = &self.scene.bookmarks;
+        if kept.iter().any(|kept| kept.camera == self.pose) {
+            return;
+        }
+        if kept.len() == MOST_KEPT {
+            return self.error(format!("a scene keeps {MOST_KEPT} views; remove some"));
+        }
+        let name = free("view", kept.iter().map(|kept| kept.name.as_str()));
+        let camera = self.pose;
+        self.scene.bookmarks.push(Bookmark { name, camera });
+    }
+
+    /// Shows a look that was kept, of what is open and from where it is seen.
+    pub fn show_look(&mut self, at: usize) {
+        if let Some(kept) = self.scene.variants.get(at) {
+            self.scene = self.scene.clone().with_look(&kept.look);
+        }
+    }
+
+    /// Looks from where a view was kept.
+    pub fn show_view(&mut self, at: usize) {
+        if let Some(kept) = self.scene.bookmarks.get(at) {
+            self.pose = kept.camera;
+        }
+    }
+
+    /// The look that is shown, of those that are kept.
+    fn shown_look(&self) -> Option<usize> {
+        let look = self.scene.look_alone();
+        self.scene
+            .variants
+            .iter()
+            .position(|kept| kept.look == look)
+    }
+
+    fn shown_view(&self) -> Option<usize> {
+        let is_it = |kept: &Bookmark| kept.camera == self.pose;
+        self.scene.bookmarks.iter().position(is_it)
+    }
+
+    /// Shows the next of the looks that are kept, or the one before.
+    pub fn next_look(&mut self, is_forward: bool) {
+        let next = next(self.shown_look(), self.scene.variants.len(), is_forward);
+        next.into_iter().for_each(|at| self.show_look(at));
+    }
+
+    /// Looks from the next of the views that are kept, or the one before.
+    pub fn next_view(&mut self, is_forward: bool) {
+        let next = next(self.shown_view(), self.scene.bookmarks.len(), is_forward);
+        next.into_iter().for_each(|at| self.show_view(at));
+    }
+
+    /// A small picture of the look that is shown, from anywhere.
+    fn small_picture(&self, pose: &CameraPose) -> Option<ColorImage> {
+        let mut frame = self.frame_from(pose, PIXELS, View::After)?;
+        frame.presentation.ground.grid = None;
+        frame.marks = false;
+        let mut live = self.live();
+        live.frame(&frame);
+        let (pixels, size) = live.read_screen().ok()?;
+        let byte = |v: f32| (v * 255.0).round() as u8;
+        let pixels = pixels
+            .iter()
+            .map(|[r, g, b]| Color32::from_rgb(byte(*r), byte(*g), byte(*b)));
+        (size == PIXELS).then(|| ColorImage::new(size, pixels.collect()))
+    }
+}
+
+/// The number after one, around the end; the first one where there was none.
+fn next(at: Option<usize>, count: usize, is_forward: bool) -> Option<usize> {
+    let at = match (at, is_forward) {
+        (Some(at), true) => at + 1,
+        (Some(at), false) => at + count - 1,
+        (None, true) => 0,
+        (None, false) => count.checked_sub(1)?,
+    };
+    at.checked_rem(count)
+}
+
+/// A name that is not taken.
+fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String {
+    let is_free = |name: &String| !taken.clone().any(|taken| taken == name);
+    let numbered = (2..).map(|n| format!("{name} {n}"));
+    let mut names = std::iter::once(name.to_owned()).chain(numbered);
+    names.find(is_free).unwrap_or_default()
+}
+
+/// What a picture is of.
+#[derive(PartialEq)]
+enum Subject {
+    Look(Box<Scene>),
+    View(CameraPose),
+}
+
+/// What is to be done with something kept.
+#[derive(Clone, Copy)]
+enum Wish {
+    Show,
+    Compare,
+    Update,
+    Left,
+    Right,
+    Remove,
+}
+
+/// Pictures of what is kept, as it was last seen: a look once it was shown, a view under the light of the time.
+#[derive(Default)]
+pub struct Pictures(Vec<(Subject, TextureHandle)>);
+
+impl Pictures {
+    /// The looks that are kept.
+    pub fn looks(&self, ui: &mut Ui, session: &mut Session) {
+        let shown = session.shown_look();
+        let mut wished = None;
+        for at in 0..session.scene.variants.len() {
+            let kept = &mut session.scene.variants[at];
+            let subject = Subject::Look(Box::new(kept.look.clone()));
+            let picture = self.of(&subject);
+            let note = kept.look.note.clone();
+            let pinned = session.pinned.as_ref().filter(|p| p.is_compared);
+            let is_pinned = pinned.is_some_and(|p| p.scene.look_alone() == kept.look);
+            let badge = is_pinned.then_some("pinned");
+            let card = Card {
+                what: "Look",
+                tip: if note.is_empty() {
+                    "Click: take this look. Right click: more.".into()
+                } else {
+                    format!("{note}\n\nClick: take this look. Right click: more.")
+                },
+                is_shown: shown == Some(at),
+                badge,
+                compares: true,
+            };
+            let wish = card.show(ui, &mut kept.name, picture.as_ref());
+            wished = wish.map(|wish| (at, wish)).or(wished);
+        }
+        if add(
+            ui,
+            "Keep this look",
+            "Keeps light and look as they are. (P also compares what comes next with it.)",
+        ) {
+            session.keep_look();
+        }
+        match wished {
+            Some((at, Wish::Show)) => session.show_look(at),
+            Some((at, Wish::Compare)) => session.compare_with(at),
+            Some((at, Wish::Update)) => {
+                session.scene.variants[at].look = session.scene.look_alone()
+            }
+            Some((at, wish)) => rearrange(&mut session.scene.variants, at, wish),
+            None => {}
+        }
+    }
+
+    /// The views that are kept.
+    pub fn views(&self, ui: &mut Ui, session: &mut Session) {
+        let shown = session.shown_view();
+        let mut wished = None;
+        for at in 0..session.scene.bookmarks.len() {
+            let kept = &mut session.scene.bookmarks[at];
+            let picture = self.of(&Subject::View(kept.camera));
+            let card = Card {
+                what: "View",
+                tip: "Click: look from there. Right click: more.".into(),
+                is_shown: shown == Some(at),
+                badge: None,
+                compares: false,
+            };
+            let wish = card.show(ui, &mut kept.name, picture.as_ref());
+            wished = wish.map(|wish| (at, wish)).or(wished);
+        }
+        if add(
+            ui,
+            "Keep this view",
+            "Keeps where it is seen from. (ctrl + B)",
+        ) {
+            session.keep_view();
+        }
+        match wished {
+            Some((at, Wish::Show)) => session.show_view(at),
+            Some((at, Wish::Update)) => session.scene.bookmarks[at].camera = session.pose,
+            Some((at, wish)) => rearrange(&mut session.scene.bookmarks, at, wish),
+            None => {}
+        }
+    }
+
+    fn of(&self, subject: &Subject) -> Option<TextureHandle> {
+        let of = self.0.iter().find(|(of, _)| of == subject);
+        of.map(|(_, picture)| picture.clone())
+    }
+
+    /// Draws what has no picture yet and can have one now, one at a time; the viewport is drawn after it.
+    pub fn draw(&mut self, context: &egui::Context, session: &Session) {
+        let scene = &session.scene;
+        if scene.variants.is_empty() && scene.bookmarks.is_empty() || !session.is_settled() {
+            return;
+        }
+        if session.not_final(View::After).is_some() {
+            return;
+        }
+        let shown = session.shown_look().map(|at| {
+            let look = session.scene.variants[at].look.clone();
+            (Subject::Look(Box::new(look)), session.pose)
+        });
+        let views = session.scene.bookmarks.iter();
+        let views = views.map(|kept| (Subject::View(kept.camera), kept.camera));
+        let mut missing = shown
+            .into_iter()
+            .chain(views)
+            .filter(|(subject, _)| self.of(subject).is_none());
+        let Some((subject, pose)) = missing.next() else {
+            return;
+        };
+        if missing.next().is_some() {
+            context.request_repaint();
+        }
+        let Some(picture) = session.small_picture(&pose) else {
+            return;
+        };
+        let texture = context.load_texture("kept", picture, egui::TextureOptions::LINEAR);
+        // What was removed may come back by undo.
+        if self.0.len() > 2 * MOST_KEPT {
+            drop(self.0.remove(0));
+        }
+        self.0.push((subject, texture));
+    }
+}
+
+/// Something kept, as it is shown.
+struct Card {
+    what: &'static str,
+    tip: String,
+    is_shown: bool,
+    badge: Option<&'static str>,
+    /// Whether others can be compared with it.
+    compares: bool,
+}
+
+impl Card {
+    /// What is wished of it; its name is changed in place.
+    fn show(self, ui: &mut Ui, name: &mut String, picture: Option<&TextureHandle>) -> Option<Wish> {
+        let inside = ui.vertical(|ui| {
+            ui.set_width(THUMBNAIL.x);
+            ui.add_space(NAME_HEIGHT);
+            let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click());
+            named(
+                &response,
+                egui::Role::Button,
+                format!("{} {name}", self.what),
+            );
+            paint_thumbnail(ui, rect, picture, self.is_shown, response.hovered());
+            if picture.is_none() {
+                let font = egui::FontId::proportional(11.0);
+                let color = ui.visuals().weak_text_color();
+                let text = "shown once it\nwas taken";
+                ui.painter()
+                    .text(rect.center(), Align2::CENTER_CENTER, text, font, color);
+            }
+            if let Some(badge) = self.badge {
+                paint_badge(ui, rect, badge);
+            }
+            ui.add(egui::Label::new(egui::RichText::new(&*name).small()).truncate());
+            response.on_hover_text(format!("{name}\n{}", self.tip))
+        });
+        let response = inside.inner;
+        let mut wish = response.clicked().then_some(Wish::Show);
+        Popup::context_menu(&response)
+            .close_behavior(PopupCloseBehavior::CloseOnClickOutside)
+            .show(|ui| {
+                ui.horizontal(|ui| {
+                    let label = ui.label("Name");
+                    let edit = egui::TextEdit::singleline(name).desired_width(120.0);
+                    let edit = ui.add(edit).labelled_by(label.id);
+                    if edit.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter)) {
+                        ui.close();
+                    }
+                });
+                if self.compares && entry(ui, "Compare with it") {
+                    wish = Some(Wish::Compare);
+                }
+                let update = format!("Replace by the {} as it is", self.what.to_lowercase());
+                for (name, what) in [
+                    (update.as_str(), Wish::Update),
+                    ("Move left", Wish::Left),
+                    ("Move right", Wish::Right),
+                    ("Remove", Wish::Remove),
+                ] {
+                    if entry(ui, name) {
+                        wish = Some(what);
+                    }
+                }
+            });
+        wish
+    }
+}
+
+/// Moves one of a list, or takes it out.
+fn rearrange<T>(list: &mut Vec<T>, at: usize, wish: Wish) {
+    match wish {
+        Wish::Left if at > 0 => list.swap(at, at - 1),
+        Wish::Right if at + 1 < list.len() => list.swap(at, at + 1),
+        Wish::Remove => {
+            list.remove(at);
+        }
+        _ => {}
+    }
+}
+
+fn paint_badge(ui: &Ui, rect: Rect, text: &str) {
+    let painter = ui.painter();
+    let font = egui::FontId::proportional(10.0);
+    let text = painter.layout_no_wrap(text.into(), font, Color32::WHITE);
+    let size = text.size() + vec2(8.0, 2.0);
+    let place = Rect::from_min_size(rect.left_top() + vec2(3.0, 3.0), size);
+    painter.rect_filled(place, 3.0, Color32::from_black_alpha(170));
+    painter.galley(place.min + vec2(4.0, 1.0), text, Color32::WHITE);
+}
+
+fn add(ui: &mut Ui, name: &str, tip: &str) -> bool {
+    let response = add_button(ui, name).on_hover_text(tip);
+    response.clicked()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_steps_around_what_is_kept() {
+        assert_eq!(next(None, 0, true), None);
+        assert_eq!(next(None, 0, false), None);
+        assert_eq!(next(None, 3, true), Some(0));
+        assert_eq!(next(None, 3, false), Some(2));
+        assert_eq!(next(Some(2), 3, true), Some(0));
+        assert_eq!(next(Some(0), 3, false), Some(2));
+    }
+
+    #[test]
+    fn names_are_told_apart() {
+        let taken = ["view", "view 2"];
+        assert_eq!(free("view", taken.iter().copied()), "view 3");
+        assert_eq!(free("dusk", taken.iter().copied()), "dusk");
+    }
+}
