@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::{DIRECTIONS, directions};
 use crate::environment::{EnvironmentMap, Illumination};
+use crate::error::Result;
+use crate::progress::{Progress, part};
 use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
@@ -55,6 +57,10 @@ const MAP_ROWS: usize = 256;
 
 /// Radius of the disc that stands for a sun in the map, in degrees: three pixels.
 const DRAWN_SUN: f64 = 2.0;
+
+/// How far an estimate is when the object's clusters are gathered, and when a sky is fitted to them.
+const GATHERED: f64 = 0.1;
+const SKY_FITTED: f64 = 0.4;
 
 /// A light that was estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -148,22 +154,29 @@ impl Estimate {
 }
 
 /// Estimates the light that `cloud` was captured under; `bake` is the cloud's for the directional method.
-pub fn estimate_light(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`] when `progress` asked for it.
+pub fn estimate_light(
+    cloud: &SurfelCloud,
+    bake: &DirectionalBake,
+    progress: Progress<'_>,
+) -> Result<Estimate> {
     let radiance = mean_radiance(cloud, &bake.normals);
     let clusters = Clusters::new(cloud, bake, &radiance);
     if clusters.len() < FEWEST_CLUSTERS || clusters.pairs.is_empty() {
         let has_light = radiance.iter().any(|[b, _]| b.iter().any(|v| *v > 0.0));
         let is_black = !has_light && !cloud.is_empty();
-        return Estimate::none(if is_black {
+        return Ok(Estimate::none(if is_black {
             Obstacle::Black
         } else {
             Obstacle::TooLittle
-        });
+        }));
     }
     let fit = Fit::new(&clusters);
-    let sky = fit.run(FittedLight::even());
-    let fitted = sun::add_sun(&fit, &sky, bake).unwrap_or(sky);
-    judge(&fit, fitted)
+    let sky = fit.run(FittedLight::even(), &part(progress, GATHERED, SKY_FITTED))?;
+    let with_sun = sun::add_sun(&fit, &sky, bake, &part(progress, SKY_FITTED, 1.0))?;
+    Ok(judge(&fit, with_sun.unwrap_or(sky)))
 }
 
 fn judge(fit: &Fit<'_>, fitted: Fitted) -> Estimate {

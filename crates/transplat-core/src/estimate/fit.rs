@@ -8,7 +8,9 @@ use rayon::prelude::*;
 
 use super::clusters::Clusters;
 use crate::bake::patches::{DIRECTIONS, directions};
+use crate::error::Result;
 use crate::numeric::weighted_quantile;
+use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
 use crate::transfer::directional::WHITEST;
@@ -274,10 +276,11 @@ impl<'a> Fit<'a> {
     }
 
     /// Goes on from a light until nothing changes any more.
-    pub fn run(&self, mut light: FittedLight) -> Fitted {
+    pub fn run(&self, mut light: FittedLight, progress: Progress<'_>) -> Result<Fitted> {
         let p = light.unknowns();
         let mut turn = 0;
         loop {
+            tell(progress, turn as f64 / TURNS as f64)?;
             let explained = self.explain(&light);
             let noise = self.noise(&explained);
             let solved = self.solve(&light, &explained, noise);
@@ -285,12 +288,12 @@ impl<'a> Fit<'a> {
             let Some(Solved { step, .. }) = solved.as_ref().filter(|s| !is_last(s)) else {
                 // Only numbers that are none have no solution: what was found so far is kept.
                 let open = solved.map_or(f64::INFINITY, |s| self.open(&s));
-                return Fitted {
+                return Ok(Fitted {
                     light,
                     explained,
                     noise,
                     open,
-                };
+                });
             };
             let longest = step.amax();
             let shorter = (LONGEST_STEP / longest).min(1.0);

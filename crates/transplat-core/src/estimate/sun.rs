@@ -5,6 +5,8 @@ use glam::Vec3;
 use super::clusters::{Clusters, NONE};
 use super::fit::{Fit, Fitted, FittedLight, Sun, sky_basis};
 use crate::bake::directional::DirectionalBake;
+use crate::error::Result;
+use crate::progress::{Progress, part, tell};
 use crate::sh::lattice;
 
 /// Directions in which the brightest part of the sky is looked for.
@@ -23,18 +25,29 @@ const STEPS: [f32; 4] = [7.0, 3.5, 2.0, 1.0];
 const RING: usize = 6;
 
 /// The light with a sun, where that is much more probable than without one.
-pub(super) fn add_sun(fit: &Fit<'_>, without: &Fitted, bake: &DirectionalBake) -> Option<Fitted> {
+///
+/// # Errors
+/// [`crate::error::Error::Cancelled`].
+pub(super) fn add_sun(
+    fit: &Fit<'_>,
+    without: &Fitted,
+    bake: &DirectionalBake,
+    progress: Progress<'_>,
+) -> Result<Option<Fitted>> {
     let noise = without.noise;
-    let mut light = begin(fit, &without.light, bake)?;
-    light = fit.run(light).light;
-    for step in STEPS {
+    let Some(light) = begin(fit, &without.light, bake) else {
+        return Ok(None);
+    };
+    let mut light = fit.run(light, &part(progress, 0.0, 0.4))?.light;
+    for (i, step) in STEPS.into_iter().enumerate() {
+        tell(progress, 0.4 + 0.05 * i as f64)?;
         light = turn(fit, light, step, noise, bake);
     }
-    let with = fit.run(light);
+    let with = fit.run(light, &part(progress, 0.6, 1.0))?;
     let [before, after] = [without, &with].map(|f| fit.cost(&f.light, &f.explained, noise));
     // Direction and energy are five unknowns (the Bayesian information criterion of Schwarz, 1978).
     let worth = 2.5 * (fit.clusters.len() as f64).ln();
-    (after.is_finite() && before - after > worth).then_some(with)
+    Ok((after.is_finite() && before - after > worth).then_some(with))
 }
 
 /// A sun where the sky is brightest.

@@ -72,13 +72,17 @@ fn paint(cloud: &mut SurfelCloud, radiance: &[[f32; 3]]) {
         .collect();
 }
 
+fn estimated(cloud: &SurfelCloud, bake: &DirectionalBake) -> Estimate {
+    estimate_light(cloud, bake, &no_progress).expect("not cancelled")
+}
+
 fn estimate(scene: &(SurfelCloud, Arc<DirectionalBake>)) -> Estimate {
-    estimate_light(&scene.0, &scene.1)
+    estimated(&scene.0, &scene.1)
 }
 
 fn of_asset(cloud: &SurfelCloud) -> Estimate {
     let bake = DirectionalBake::bake(cloud, &no_progress).expect("small");
-    estimate_light(cloud, &bake)
+    estimated(cloud, &bake)
 }
 
 /// Brighter towards one side and bluish from above, never black.
@@ -181,7 +185,7 @@ fn what_cannot_be_told_is_said() {
     let mut check = |radiance: &dyn Fn(usize) -> [f32; 3], expected: Obstacle| {
         let radiance: Vec<[f32; 3]> = (0..n).map(radiance).collect();
         paint(&mut cloud, &radiance);
-        let found = estimate_light(&cloud, &bake);
+        let found = estimated(&cloud, &bake);
         assert_eq!(found.obstacle, Some(expected), "{}", found.confidence);
         let mut numbers = found.light.log_radiance.iter().flatten();
         assert!(numbers.all(|v| v.is_finite()));
@@ -212,7 +216,7 @@ fn what_cannot_be_told_is_said() {
     let (mut unseen, bake) = lit(1500, slanted, None);
     unseen.opacities.fill(1e-4);
     assert_eq!(
-        estimate_light(&unseen, &bake).obstacle,
+        estimated(&unseen, &bake).obstacle,
         Some(Obstacle::TooLittle)
     );
     let flat = of_asset(&synthetic::sheet(40));
@@ -225,13 +229,13 @@ fn what_cannot_be_told_is_said() {
 #[test]
 fn a_few_broken_surfels_change_little() {
     let (mut cloud, bake) = lit(1500, slanted, None);
-    let whole = estimate_light(&cloud, &bake);
+    let whole = estimated(&cloud, &bake);
     for i in (0..cloud.len()).step_by(50) {
         cloud.sh[i] = [f32::NAN, f32::INFINITY, -1e30];
     }
     // And one that is brighter than all the rest together.
     cloud.sh[7] = [1e9; 3];
-    let broken = estimate_light(&cloud, &bake);
+    let broken = estimated(&cloud, &bake);
     assert!(broken.is_good());
     let off = unlike(&broken.light, |d| whole.light.sky_radiance(d));
     assert!(off < 0.05, "{off}");
@@ -305,7 +309,7 @@ proptest! {
     #[test]
     fn unit_and_exposure_change_nothing(unit in -5f32..5.0, stops in -8f32..8.0) {
         let (cloud, bake) = lit(1000, slanted, None);
-        let expected = estimate_light(&cloud, &bake);
+        let expected = estimated(&cloud, &bake);
         let mut other = cloud.clone();
         let (unit, gain) = (unit.exp(), stops.exp2());
         for (p, s) in other.positions.iter_mut().zip(&mut other.scales) {

@@ -3,7 +3,6 @@
 //! `FUZZ_CASES` says how many broken files each loader gets.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
@@ -337,7 +336,7 @@ fn bakes() {
 fn estimates() {
     let cloud = synthetic::sphere(200);
     let directional = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
-    let estimate = estimate_light(&cloud, &Arc::new(directional));
+    let estimate = estimate_light(&cloud, &directional, &no_progress).expect("not cancelled");
     let whole = written(|path| save_estimate(path, &cloud, &estimate));
     fuzz(&whole, |path| {
         let estimate = load_estimate(path, &cloud)?;

@@ -21,6 +21,7 @@ use crate::bake::directional::DirectionalBake;
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
+use crate::progress::{Progress, no_progress, tell};
 use crate::settings::skips::Skip;
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
@@ -225,6 +226,19 @@ impl DirectionalTransfer {
         source: &Illumination,
         settings: &TransferSettings,
     ) -> Result<Self> {
+        Self::prepared(asset, source, settings, &no_progress)
+    }
+
+    /// The same, with word of how far it is.
+    ///
+    /// # Errors
+    /// As [`DirectionalTransfer::new`], and [`crate::error::Error::Cancelled`] when `progress` asked for it.
+    pub(super) fn prepared(
+        asset: &Arc<DirectionalAsset>,
+        source: &Illumination,
+        settings: &TransferSettings,
+        progress: Progress<'_>,
+    ) -> Result<Self> {
         let trust = source.trust;
         let source = source.for_directional()?;
         let source_was_black = source.1.mean_irradiance() <= 0.0;
@@ -234,6 +248,7 @@ impl DirectionalTransfer {
         let fill = fill_of(source.1);
         let light = asset.light(source, light_gain, settings, fill);
         let light = asset.incident(light, settings, None);
+        tell(progress, 0.25)?;
         let radiance = asset.captured_radiance();
         let divisor: Vec<FrontAndBack> = (0..asset.bake.len())
             .into_par_iter()
@@ -242,6 +257,7 @@ impl DirectionalTransfer {
                 added(light.irradiance[i], bounced)
             })
             .collect();
+        tell(progress, 0.35)?;
         let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
             let white = whitest(asset, &divisor);
             let mut gloss = find_gloss(asset, (&light, &radiance), white);
@@ -254,6 +270,7 @@ impl DirectionalTransfer {
         } else {
             (vec![Gloss::default(); asset.bake.len()], 0)
         };
+        tell(progress, 0.7)?;
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let mut matte = asset.colors.clone();
         let mut residual = asset.sh.clone();

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::estimate::{Estimate, Obstacle, estimate_light};
 use transplat_core::files::{load_estimate, save_estimate};
+use transplat_core::progress::Progress;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 
@@ -21,13 +22,21 @@ pub fn kept(asset: &Path, cloud: &Arc<SurfelCloud>) -> Option<Estimate> {
 }
 
 /// Makes the estimate, and keeps it.
-pub fn make_and_keep(asset: &Path, cloud: &Arc<SurfelCloud>, bake: &DirectionalBake) -> Estimate {
-    let estimate = estimate_light(cloud, bake);
+///
+/// # Errors
+/// `progress` asked to stop.
+pub fn make_and_keep(
+    asset: &Path,
+    cloud: &Arc<SurfelCloud>,
+    bake: &DirectionalBake,
+    progress: Progress<'_>,
+) -> transplat_core::Result<Estimate> {
+    let estimate = estimate_light(cloud, bake, progress)?;
     // Where nothing can be kept, it is estimated again the next time.
     let _ = keep(&cache_files(asset, cloud, SUFFIX), |file| {
         save_estimate(file, cloud, &estimate)
     });
-    estimate
+    Ok(estimate)
 }
 
 /// Why the light of the capture cannot be told, and what is done then, for the user.

@@ -15,6 +15,7 @@ use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
 use transplat_core::files::{AssetFile, is_same_file, load_asset, load_bake};
+use transplat_core::progress::no_progress;
 use transplat_core::scene::{Object, Scene, kept};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelCloud, is_faint};
@@ -237,8 +238,8 @@ impl LoadedObject {
         let saved = saved.filter(|_| is_for_directional);
         let directional_bake = self.directional_bake((device, scene), saved, summary)?;
         let estimate = summary.time("estimate", || {
-            estimate_light(&self.cloud, &directional_bake)
-        });
+            estimate_light(&self.cloud, &directional_bake, &no_progress)
+        })?;
         summary.set("source_estimate", estimate_as_json(&estimate));
         Ok(self.estimate.get_or_init(|| estimate))
     }

@@ -58,6 +58,13 @@ pub struct Shown {
     pub path_field: Option<PathField>,
 }
 
+/// What is to become of exports when the window is to be closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Quitting {
+    Asks,
+    WhenDone,
+}
+
 /// The viewer.
 pub struct Viewer {
     /// What is open.
@@ -80,6 +87,7 @@ pub struct Viewer {
     pub(super) dropped_at: f64,
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
+    pub(super) quitting: Option<Quitting>,
     pub(super) settings_for_once: bool,
     /// A file that would be written over, to be asked about.
     pub(super) replacing: Option<(PathBuf, SaveKind)>,
@@ -145,6 +153,7 @@ impl Viewer {
             dropped_at: 0.0,
             clipboard: None,
             lost: false,
+            quitting: None,
             settings_for_once: false,
             replacing: None,
             last_lights: [0; 2],

@@ -12,7 +12,7 @@ use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{AssetFile, is_same_file};
-use transplat_core::progress::Progress;
+use transplat_core::progress::{Progress, no_progress};
 use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
@@ -122,7 +122,7 @@ impl Capture {
             None => {
                 let bake = Bake::Directional(bake);
                 kept.asset
-                    .prepare(&self.cloud, &bake, 0, source, settings)?
+                    .prepare(&self.cloud, &bake, 0, source, settings, &no_progress)?
             }
         };
         let taken = take(&prepared);

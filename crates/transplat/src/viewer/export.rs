@@ -170,6 +170,31 @@ impl Task {
     }
 }
 
+impl Task {
+    /// For the list of jobs.
+    fn label(&self, of: &Snapshot) -> String {
+        let (name, light) = (&of.name, of.lights[TARGET].name());
+        let lights = of.shelf.len();
+        let file = |path: &Path| {
+            let name = path.file_name().unwrap_or(path.as_os_str());
+            name.to_string_lossy().into_owned()
+        };
+        match self {
+            Self::Screenshot(Some(path)) => format!("picture {}", file(path)),
+            Self::Screenshot(None) => format!("picture of {name}, {light}"),
+            Self::Clipboard => format!("picture of {name} for the clipboard"),
+            Self::EachLight => format!("{lights} pictures of {name}, one per light"),
+            Self::ContactSheet => format!("contact sheet of {name}, {lights} lights"),
+            Self::Turntable => {
+                let as_what = of.settings.film.map_or("pictures", |_| "film");
+                let frames = of.settings.frames;
+                format!("turntable of {name}, {frames} frames, {as_what}")
+            }
+            Self::Splat(path) => format!("relit splat {}", file(path)),
+        }
+    }
+}
+
 /// What an export made.
 enum Made {
     Files(Vec<PathBuf>),
@@ -325,11 +350,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             "{waiting} lights of the shelf are still being read and are left out"
         ));
     }
-    let label = match &task {
-        Task::Splat(path) => format!("writing {}", path.display()),
-        Task::Clipboard => "drawing a picture for the clipboard".into(),
-        _ => "drawing pictures".to_owned(),
-    };
+    let label = task.label(&snapshot);
     let work = move |handle: &Handle<Outcome>| snapshot.run(&task, handle);
     session.start(Kind::Export, label, work, |session, made| match made {
         Made::Files(paths) => session.info(saved(&paths)),

@@ -1,11 +1,12 @@
 //! Work off the interface's thread, with progress and cancel.
 
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::Instant;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow};
 use eframe::egui;
@@ -58,6 +59,48 @@ pub struct Job {
 struct Signals {
     per_mille: AtomicU32,
     cancelled: AtomicBool,
+    waits: AtomicBool,
+}
+
+impl Kind {
+    /// Whether those of the kind are done one after the other.
+    fn is_queued(self) -> bool {
+        self == Self::Export
+    }
+}
+
+/// Jobs that wait for each other, by their numbers, the one that runs first.
+#[derive(Default)]
+struct Queue {
+    jobs: Mutex<VecDeque<u64>>,
+    moved: Condvar,
+}
+
+/// How often one that waits looks whether it was cancelled.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
+
+impl Queue {
+    fn join(&self, id: u64) {
+        let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        jobs.push_back(id);
+    }
+
+    /// Waits until a job is the first, or cancelled.
+    fn wait(&self, id: u64, signals: &Signals) {
+        let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        while jobs.front() != Some(&id) && !signals.cancelled.load(Ordering::Relaxed) {
+            signals.waits.store(true, Ordering::Relaxed);
+            let woken = self.moved.wait_timeout(jobs, LOOK_AGAIN);
+            jobs = woken.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        signals.waits.store(false, Ordering::Relaxed);
+    }
+
+    fn leave(&self, id: u64) {
+        let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        jobs.retain(|job| *job != id);
+        self.moved.notify_all();
+    }
 }
 
 impl Job {
@@ -70,8 +113,10 @@ impl Job {
     pub fn can_be_cancelled(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Of(_, Work::Load | Work::Bake(_) | Work::Measure)
-                | Kind::Ground
+            Kind::Of(
+                _,
+                Work::Load | Work::Bake(_) | Work::Estimate | Work::Prepare | Work::Measure
+            ) | Kind::Ground
                 | Kind::Surroundings
                 | Kind::Insertion
                 | Kind::Export
@@ -81,6 +126,11 @@ impl Job {
 
     pub fn is_cancelled(&self) -> bool {
         self.signals.cancelled.load(Ordering::Relaxed)
+    }
+
+    /// Whether its turn is still to come.
+    pub fn waits(&self) -> bool {
+        self.signals.waits.load(Ordering::Relaxed)
     }
 
     /// Asks it to stop; what it would have yielded is dropped.
@@ -152,6 +202,7 @@ pub struct Jobs<E> {
     running: Vec<Job>,
     next: u64,
     context: egui::Context,
+    queue: Arc<Queue>,
 }
 
 impl<E: Send + 'static> Jobs<E> {
@@ -163,10 +214,11 @@ impl<E: Send + 'static> Jobs<E> {
             running: Vec::new(),
             next: 1,
             context: context.clone(),
+            queue: Arc::default(),
         }
     }
 
-    /// Starts one; `finish` makes an event of its result.
+    /// Starts one, or lets it wait for its turn; `finish` makes an event of its result.
     pub fn start<T: Send>(
         &mut self,
         kind: Kind,
@@ -177,6 +229,8 @@ impl<E: Send + 'static> Jobs<E> {
         let id = self.next;
         self.next += 1;
         let signals = Arc::<Signals>::default();
+        let queue = kind.is_queued().then(|| self.queue.clone());
+        queue.iter().for_each(|queue| queue.join(id));
         let handle = Handle {
             id,
             sender: self.sender.clone(),
@@ -191,8 +245,15 @@ impl<E: Send + 'static> Jobs<E> {
             signals,
         });
         std::thread::spawn(move || {
-            let work = || beside_the_rest(|| work(&handle));
+            queue
+                .iter()
+                .for_each(|queue| queue.wait(id, &handle.signals));
+            let work = || match handle.is_cancelled() {
+                true => Err(anyhow!("cancelled")),
+                false => beside_the_rest(|| work(&handle)),
+            };
             let result = catch_unwind(AssertUnwindSafe(work));
+            queue.iter().for_each(|queue| queue.leave(id));
             let internal = |_| Err(anyhow!("an internal error; the scene is as it was"));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
@@ -250,11 +311,50 @@ impl<E: Send + 'static> Jobs<E> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use rayon::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn exports_are_made_one_after_the_other_and_one_that_waits_can_be_cancelled() {
+        let mut jobs = Jobs::<u32>::new(&egui::Context::default());
+        let (go, gate) = channel::<()>();
+        let mut gate = Some(gate);
+        for number in 0..4 {
+            let gate = gate.take();
+            let work = move |_: &Handle<_>| {
+                if let Some(gate) = gate {
+                    let _ = gate.recv();
+                }
+                Ok(number)
+            };
+            jobs.start(Kind::Export, "a picture", work, |n: Result<u32>| {
+                n.unwrap_or(99)
+            });
+        }
+        let deadline = Instant::now() + Duration::from_secs(10);
+        let until = |done: &mut dyn FnMut() -> bool| {
+            while !done() {
+                assert!(Instant::now() < deadline, "too long");
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+        until(&mut || jobs.running()[1..].iter().all(Job::waits));
+        assert!(!jobs.running()[0].waits());
+        jobs.running()[2].cancel();
+        let mut made = Vec::new();
+        until(&mut || {
+            made.extend(jobs.events());
+            jobs.running().len() == 3
+        });
+        assert!(made.is_empty());
+        go.send(()).expect("it waits for that");
+        until(&mut || {
+            made.extend(jobs.events());
+            jobs.running().is_empty()
+        });
+        assert_eq!(made, [0, 1, 3]);
+    }
 
     #[test]
     fn the_interface_computes_while_a_job_keeps_all_cores_busy() {

@@ -8,7 +8,7 @@ use glam::Vec2;
 use transplat_core::present::View;
 use transplat_core::settings::skips::Skipped;
 
-use super::app::Viewer;
+use super::app::{Quitting, Viewer};
 use super::jobs::{Job, Kind, Work};
 use super::navigation;
 use super::probes::{Key as ProbeKey, Probe};
@@ -81,12 +81,14 @@ impl Viewer {
             .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
             // Windows can be brought before it.
             .order(egui::Order::Middle);
+        let is_stopped = self.session.is_stopped();
+        let mut goes_on = false;
         let Session { messages, jobs, .. } = &mut self.session;
         messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
         // What is over in a moment is not worth a word.
         let is_long = |j: &&Job| j.started.elapsed().as_secs_f32() > 0.4;
         let jobs: Vec<&Job> = jobs.running().iter().filter(is_long).collect();
-        if messages.is_empty() && jobs.is_empty() {
+        if messages.is_empty() && jobs.is_empty() && !is_stopped {
             return;
         }
         let width = (rect.width() * 0.5).clamp(240.0, 460.0);
@@ -97,7 +99,9 @@ impl Viewer {
             for job in &jobs {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        if job.progress() > 0.0 {
+                        if job.waits() {
+                            ui.weak("waits");
+                        } else if job.progress() > 0.0 {
                             let bar = egui::ProgressBar::new(job.progress());
                             ui.add(bar.desired_width(90.0).show_percentage());
                         } else {
@@ -107,6 +111,14 @@ impl Viewer {
                         if job.can_be_cancelled() && ui.small_button("Cancel").clicked() {
                             job.cancel();
                         }
+                    });
+                });
+            }
+            if is_stopped {
+                egui::Frame::popup(ui.style()).show(ui, |ui| {
+                    ui.horizontal(|ui| {
+                        ui.label("That was stopped before the object was relit.");
+                        goes_on = ui.small_button("Go on").clicked();
                     });
                 });
             }
@@ -135,6 +147,10 @@ impl Viewer {
         // Errors stay; everything else goes by itself or goes on.
         if !jobs.is_empty() || messages.iter().any(|m| !m.is_error) {
             context.request_repaint_after_secs(0.25);
+        }
+        if goes_on {
+            self.session.rebake();
+            return;
         }
         if dismiss_all {
             messages.clear();
@@ -366,6 +382,50 @@ impl Viewer {
                     }
                     if ui.button("Keep it").clicked() {
                         self.replacing = None;
+                    }
+                });
+            });
+    }
+
+    /// Asks what is to become of exports that are under way when the window is to be closed.
+    pub(super) fn quit_window(&mut self, context: &egui::Context) {
+        let under_way = self.session.jobs.is_awaited(Kind::Export);
+        let close = || context.send_viewport_cmd(egui::ViewportCommand::Close);
+        if context.input(|i| i.viewport().close_requested()) && under_way && !self.lost {
+            context.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            self.quitting.get_or_insert(Quitting::Asks);
+        }
+        let Some(quitting) = self.quitting else {
+            return;
+        };
+        if !under_way {
+            self.quitting = None;
+            if quitting == Quitting::WhenDone {
+                close();
+            }
+            return;
+        }
+        egui::Window::new("Quit?")
+            .pivot(egui::Align2::CENTER_CENTER)
+            .default_pos(self.viewport.rect.center())
+            .resizable(false)
+            .collapsible(false)
+            .show(context, |ui| {
+                ui.label(match quitting {
+                    Quitting::Asks => "Pictures are still being saved.",
+                    Quitting::WhenDone => "The window closes once the pictures are saved.",
+                });
+                ui.horizontal(|ui| {
+                    let asks = quitting == Quitting::Asks;
+                    if asks && ui.button("Quit when they are done").clicked() {
+                        self.quitting = Some(Quitting::WhenDone);
+                    }
+                    if ui.button("Stop them and quit").clicked() {
+                        self.session.jobs.cancel(Kind::Export);
+                        close();
+                    }
+                    if ui.button("Stay").clicked() {
+                        self.quitting = None;
                     }
                 });
             });

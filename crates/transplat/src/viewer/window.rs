@@ -70,6 +70,7 @@ impl eframe::App for Viewer {
         self.jobs_and_messages(&context);
         self.path_window(&context);
         self.replace_window(&context);
+        self.quit_window(&context);
         self.sheet_of_shortcuts(&context);
         self.drop_hint(&context);
     }

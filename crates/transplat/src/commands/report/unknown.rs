@@ -5,6 +5,7 @@ use glam::Vec3;
 use transplat_core::bake::Bake;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
+use transplat_core::progress::no_progress;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
@@ -35,7 +36,7 @@ impl Unknown {
         let Bake::Directional(directional) = bake else {
             anyhow::bail!("the light is estimated by a bake for preset best");
         };
-        let estimate = estimate_light(cloud, directional);
+        let estimate = estimate_light(cloud, directional, &no_progress)?;
         let even = Illumination::even(MAX_DEGREE);
         let estimated = if estimate.is_good() {
             device.light(&estimate.light.map(cloud.up), Method::Directional)?

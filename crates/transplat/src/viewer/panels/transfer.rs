@@ -6,7 +6,7 @@ use transplat_core::settings::{EPSILON, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::app::Viewer;
-use crate::viewer::widgets::{Control, advanced, button, name};
+use crate::viewer::widgets::{Control, advanced, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.scene.transfer;
@@ -21,14 +21,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 .on_hover_text(tip);
         }
     });
-    let session = &mut viewer.session;
-    if session.bake_share() < 1.0 && !session.is_baking(session.selected) {
-        ui.label("The bake is not finished: shadows are coarse.");
-        let tip = "Bakes the object's visibility from the start.";
-        if button(ui, "Bake on", tip) {
-            session.rebake();
-        }
-    }
     advanced(ui, |ui| numbers_and_terms(ui, viewer));
 }
 

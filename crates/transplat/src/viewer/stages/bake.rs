@@ -137,10 +137,27 @@ impl Session {
         }
     }
 
-    /// Starts the bake again after it was cancelled.
+    /// Whether the selected object stays as it is, neither relit nor finely, since that was stopped.
+    pub fn is_stopped(&self) -> bool {
+        let (at, method) = (self.selected, self.scene.transfer.method);
+        let state = self.state();
+        let is_whole = state.bake_share(method) == 1.0;
+        let preparing = Kind::Of(state.id, Work::Prepare);
+        state.asset.is_some()
+            && if is_whole {
+                !self.is_prepared(at) && !self.jobs.is_running(preparing)
+            } else {
+                self.is_bake_asked(at, method) && !self.is_baking(at)
+            }
+    }
+
+    /// Starts again what was cancelled: the bake, and what follows from it.
     pub fn rebake(&mut self) {
         let method = self.scene.transfer.method;
-        if let Some(bake) = self.state_mut().bakes.get_mut(&method) {
+        let state = self.state_mut();
+        if state.bake_share(method) == 1.0 {
+            state.prepared.ask_again();
+        } else if let Some(bake) = state.bakes.get_mut(&method) {
             bake.ask_again();
         }
         self.surroundings.ask_again();

@@ -6,7 +6,7 @@ use transplat_core::settings::Method;
 
 use crate::pipeline::estimate::{make_and_keep, why_not};
 use crate::viewer::environments::Environment;
-use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::jobs::{Handle, Kind, Work};
 use crate::viewer::session::{SOURCE, Session};
 
 /// For the user, where nobody told the light.
@@ -42,10 +42,10 @@ impl Session {
             return;
         }
         self.show_estimate(at);
+        self.tell_if_broken_off(at);
         if self.states[at].estimate.is_asked(&()) {
             return;
         }
-        let is_on_its_way = self.is_estimating(at);
         let state = &mut self.states[at];
         let own = state.whole_directional_bake();
         let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
@@ -55,22 +55,31 @@ impl Session {
             None => own,
         };
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
-            let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
-            if was_awaited && !is_on_its_way {
-                self.info("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again");
-            }
             return;
         };
         state.estimate.ask(&());
         let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
         let label = format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
-        let work = move |_: &_| Ok(make_and_keep(&path, &cloud, &bake));
+        let work = move |handle: &Handle<_>| {
+            let report = |done| handle.progress(done);
+            Ok(make_and_keep(&path, &cloud, &bake, &report)?)
+        };
         self.start(kind, label, work, move |session, estimate| {
             if let Some(at) = session.at(id) {
                 session.states[at].estimate.accept((), estimate);
             }
         });
+    }
+
+    /// Tells once that what was on its way to an estimate was cancelled, or failed.
+    fn tell_if_broken_off(&mut self, at: usize) {
+        let is_on_its_way = self.is_estimating(at);
+        let state = &mut self.states[at];
+        let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
+        if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
+            self.info("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again");
+        }
     }
 
     /// Makes a light of the estimate where it is good, upright as the asset is.

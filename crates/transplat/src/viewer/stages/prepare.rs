@@ -8,9 +8,9 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
-use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::jobs::{Handle, Kind, Work};
 use crate::viewer::object::{PrepareKey, Prepared};
-use crate::viewer::session::Session;
+use crate::viewer::session::{Outcome, Session};
 
 impl Session {
     /// All that an object's preparation depends on, as it is now.
@@ -46,17 +46,18 @@ impl Session {
             return;
         }
         let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
-        let part = asset.part.clone();
+        let (part, asset_name) = (asset.part.clone(), asset.name());
         let (context, transfer) = (self.context.clone(), state.transfer.clone());
         let wanted = key.clone();
-        let work = move |_: &_| {
+        let work = move |handle: &Handle<Outcome>| {
             let start = Instant::now();
             let (source, settings) = (&wanted.source.light, &wanted.settings);
             let prepared = match (&part, settings.method) {
                 (Some(part), Method::Directional) => part.prepare(&bake, source, settings)?,
                 _ => {
                     let mut transfer = transfer.lock().unwrap_or_else(|p| p.into_inner());
-                    transfer.prepare(&cloud, &bake, wanted.bake, source, settings)?
+                    let report = |done| handle.progress(done);
+                    transfer.prepare(&cloud, &bake, wanted.bake, source, settings, &report)?
                 }
             };
             let live = on_gpu(&context, &prepared)?;
@@ -83,7 +84,7 @@ impl Session {
                 }
             }
         };
-        self.start(kind, "preparing the transfer", work, take);
+        self.start(kind, format!("preparing {}", asset_name), work, take);
     }
 }
 
