@@ -44,6 +44,11 @@ struct PresentParameters {
 @group(0) @binding(8) var ground_sampler: sampler;
 @group(0) @binding(9) var ground_after: texture_2d<f32>;
 
+// What each side is graded by. First for the curves, then for the cube: what its first entry stands for, with in w how many entries are along
+// an edge (0: none), and what its last one does. Then the entries of both, red running fastest.
+@group(0) @binding(10) var<storage, read> lut_before: array<vec4f>;
+@group(0) @binding(11) var<storage, read> lut_after: array<vec4f>;
+
 const PI = 3.14159265358979;
 
 @vertex
@@ -167,6 +172,65 @@ fn false_color(encoded: vec3f) -> vec3f {
     return color;
 }
 
+const LUT_HEADER = 4u;
+
+fn lut_at(i: u32, after: bool) -> vec4f {
+    if after {
+        return lut_after[i];
+    }
+    return lut_before[i];
+}
+
+// Where a colour lies in one of the tables, in entries.
+fn lut_place(color: vec3f, table: u32, after: bool) -> vec3f {
+    let first = lut_at(2u * table, after);
+    let last = lut_at(2u * table + 1u, after);
+    return clamp((color - first.xyz) / (last.xyz - first.xyz), vec3f(0.0), vec3f(1.0)) * (first.w - 1.0);
+}
+
+// CPU twin: transplat_core::lut.
+fn grade(color: vec3f, after: bool) -> vec3f {
+    var out = color;
+    let curve = u32(lut_at(0u, after).w);
+    if curve > 0u {
+        let place = lut_place(out, 0u, after);
+        let below = min(floor(place), vec3f(f32(curve - 2u)));
+        for (var c = 0u; c < 3u; c++) {
+            let at = LUT_HEADER + u32(below[c]);
+            out[c] = mix(lut_at(at, after)[c], lut_at(at + 1u, after)[c], place[c] - below[c]);
+        }
+    }
+    let edge = u32(lut_at(2u, after).w);
+    if edge > 0u {
+        let place = lut_place(out, 1u, after);
+        let below = min(floor(place), vec3f(f32(edge - 2u)));
+        let far = place - below;
+        let strides = vec3u(1u, edge, edge * edge);
+        // From the lowest corner to the highest, the channel that is farthest first.
+        var order = vec3u(0u, 1u, 2u);
+        if far[order.x] < far[order.y] {
+            order = order.yxz;
+        }
+        if far[order.y] < far[order.z] {
+            order = order.xzy;
+        }
+        if far[order.x] < far[order.y] {
+            order = order.yxz;
+        }
+        let corner = vec3u(below) * strides;
+        var at = LUT_HEADER + curve + corner.x + corner.y + corner.z;
+        var last = lut_at(at, after).xyz;
+        out = last;
+        for (var i = 0u; i < 3u; i++) {
+            at += strides[order[i]];
+            let next = lut_at(at, after).xyz;
+            out += (next - last) * far[order[i]];
+            last = next;
+        }
+    }
+    return out;
+}
+
 @fragment
 fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2i(position.xy);
@@ -206,7 +270,7 @@ fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
         front = vec4f(vec3f(value) * front.a, front.a);
     }
     let behind = with_ground(background(position.xy, vec2f(at), after), vec2f(at), after);
-    var out = over(front, behind).rgb;
+    var out = grade(over(front, behind).rgb, after);
     if parameters.false_color != 0u {
         out = false_color(out);
     }

@@ -128,6 +128,16 @@ impl Folder {
     }
 }
 
+/// A table of colours (.cube) that takes most of the blue away and lifts the dark.
+pub fn small_lut() -> String {
+    let mut text = String::from("TITLE \"small\"\nLUT_3D_SIZE 3\n");
+    for i in 0..27 {
+        let [r, g, b] = [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 / 2.0);
+        text += &format!("{} {} {}\n", 0.1 + 0.9 * r * r, 0.1 + 0.8 * g, 0.4 * b);
+    }
+    text
+}
+
 /// A small ascii splat: a square of surfels that face up.
 pub fn small_splat(rows: usize) -> String {
     let names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3";

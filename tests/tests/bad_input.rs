@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use transplat_tests::{Folder, args, asset, run_told, small_splat};
+use transplat_tests::{Folder, args, asset, run_told, small_lut, small_splat};
 
 #[test]
 fn no_input_is_written_over() {
@@ -167,6 +167,8 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
     run_told(&[&bake[..], &["-o", &of_harmonic]].concat(), 0, &[]);
+    let cut_lut = folder.write("cut.cube", &small_lut()[..100]);
+    let missing_lut = folder.name("missing.cube");
     let before = folder.files();
     let out = folder.name("out.ply");
     let check = |arguments: &[&str], expected: &str| {
@@ -219,6 +221,22 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         "a picture is .png or .exr",
     );
     check(&["report", "-o", &good_ply], "is a file");
+    for (lut, expected) in [
+        (&asset("teapot_cameras.json"), "is expected here"),
+        (&missing_lut, "No such file"),
+        (&cut_lut, "colours where its sizes ask for 27"),
+    ] {
+        let line = "render {} --turntable 1 --lut {} --device cpu -o {}";
+        check(
+            &args(line, &[&good_ply, lut, &folder.name("a.png")]),
+            expected,
+        );
+    }
+    let relight_lut = "relight {} --source even --target even --device cpu -o {}";
+    check(
+        &args(relight_lut, &[&cut_lut, &out]),
+        "a table of colours, where a splat",
+    );
     let city = asset("city.hdr");
     relight("--target {} -o {}", &[&city, &out], "give a folder");
     check(

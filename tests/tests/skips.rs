@@ -148,6 +148,7 @@ fn picture(case: &Case, gpu: Option<&Arc<Context>>, skips: Skips) -> (Vec<[f32; 
         fov: 35.0,
         orthographic: false,
         roll: 0.0,
+        aperture: 0.0,
     };
     let camera = Camera::from_pose(&pose, UpAxis::PlusZ, [160, 160], bounds.radius);
     let (sh, degree, encoding) = (&relit.sh, relit.degree, relit.encoding);

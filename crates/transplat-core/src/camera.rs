@@ -1,6 +1,6 @@
 //! A pinhole camera with OpenCV axes: x right, y down, z forward.
 
-use glam::{Affine3A, DMat3, DMat4, DVec2, DVec3, Mat3, Vec3};
+use glam::{Affine3A, DMat3, DMat4, DVec2, DVec3, Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, ensure};
@@ -28,6 +28,9 @@ pub struct CameraPose {
     /// How the camera is turned about where it looks, clockwise, in degrees.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub roll: f64,
+    /// Radius of the lens as a share of the distance to the pivot, which is sharp; 0: everything is.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub aperture: f64,
 }
 
 fn is_zero(value: &f64) -> bool {
@@ -45,6 +48,7 @@ impl CameraPose {
             fov,
             orthographic: false,
             roll: 0.0,
+            aperture: 0.0,
         }
     }
 
@@ -77,6 +81,7 @@ impl CameraPose {
             fov: fov.to_degrees().clamp(*FOV.start(), *FOV.end()),
             orthographic: false,
             roll: roll.to_degrees(),
+            aperture: f64::from(camera.lens.radius / distance),
         }
     }
 
@@ -91,13 +96,17 @@ impl CameraPose {
             && self.distance.is_finite()
             && self.roll.is_finite()
             && self.distance > 0.0
+            && APERTURE.contains(&self.aperture)
             && FOV.contains(&self.fov);
         ensure(finite, || {
-            "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0)"
+            "the camera is out of range (elevation -90 to 90, fov 1 to 150, distance above 0, aperture 0 to 0.2)"
                 .into()
         })
     }
 }
+
+/// Radii of the lens that a camera pose may have.
+pub const APERTURE: std::ops::RangeInclusive<f64> = 0.0..=0.2;
 
 /// Fields of view in degrees that a camera pose may have.
 pub const FOV: std::ops::RangeInclusive<f64> = 1.0..=150.0;
@@ -119,6 +128,19 @@ pub struct Camera {
     pub near: f32,
     /// Focal length in pixels for what is infinitely far: an orthographic view shows one direction of it otherwise.
     pub backdrop_focal: f32,
+    /// Where the optical axis meets the picture, in pixels from its middle.
+    pub shift: Vec2,
+    /// What pictures are blurred by; a camera itself is a pinhole.
+    pub lens: Lens,
+}
+
+/// A thin lens.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lens {
+    /// In scene units; 0: everything is sharp.
+    pub radius: f32,
+    /// Depth that is sharp, in scene units.
+    pub focus: f32,
 }
 
 /// Field of view that stands for parallel projection, in degrees: over an object's radius it widens things by 0.2 %, and the distance
@@ -144,6 +166,8 @@ impl Camera {
             height,
             near,
             backdrop_focal: (0.5 * width as f64 / (fov_x / 2.0).tan()) as f32,
+            shift: Vec2::ZERO,
+            lens: Lens::default(),
         }
     }
 
@@ -173,6 +197,11 @@ impl Camera {
             height: size[1],
             near: NEAR * radius.min(pose.distance),
             backdrop_focal: (half_edge / shown) as f32,
+            shift: Vec2::ZERO,
+            lens: Lens {
+                radius: (pose.aperture * distance) as f32,
+                focus: distance as f32,
+            },
         }
     }
 
@@ -207,6 +236,7 @@ impl Camera {
         Self {
             focal: self.focal * factor as f32,
             backdrop_focal: self.backdrop_focal * factor as f32,
+            shift: self.shift * factor as f32,
             width: self.width * factor,
             height: self.height * factor,
             ..*self
@@ -224,11 +254,40 @@ impl Camera {
         }
     }
 
+    /// The pinhole cameras whose mean is what the lens shows: each `count`-th part of it, and a part of a pixel, by the golden angle (Vogel
+    /// 1979), seen so that what is in focus stays where it is.
+    pub fn through_lens(&self, count: usize) -> impl ExactSizeIterator<Item = Self> {
+        let Lens { radius, focus } = self.lens;
+        let [right, down] = [0, 1].map(|i| self.view_from_world.row(i));
+        (0..count).map(move |i| {
+            let far = ((i as f32 + 0.5) / count as f32).sqrt();
+            let aside = far * Vec2::from_angle(i as f32 * GOLDEN_ANGLE);
+            let step = radius * aside;
+            // Independent of the place on the lens: the additive sequence of Roberts (2018).
+            let in_pixel = Vec2::new(i as f32 * 0.754_877_7, i as f32 * 0.569_840_3).fract();
+            Self {
+                eye: self.eye + right * step.x + down * step.y,
+                shift: self.shift + step * (self.focal / focus) + in_pixel - 0.5,
+                ..*self
+            }
+        })
+    }
+
+    /// Across how many pixels a point between two depths is spread by the lens at most.
+    pub fn blur(&self, [near, far]: [f32; 2]) -> f32 {
+        let Lens { radius, focus } = self.lens;
+        if radius <= 0.0 {
+            return 0.0;
+        }
+        let off = |depth: f32| (1.0 / focus - 1.0 / depth.max(self.near)).abs();
+        2.0 * radius * self.focal * off(near).max(off(far))
+    }
+
     /// Where the optical axis meets the picture; pixel centres are at integers.
     pub fn principal_point(&self) -> [f32; 2] {
         [
-            (self.width as f32 - 1.0) / 2.0,
-            (self.height as f32 - 1.0) / 2.0,
+            (self.width as f32 - 1.0) / 2.0 + self.shift.x,
+            (self.height as f32 - 1.0) / 2.0 + self.shift.y,
         ]
     }
 
@@ -259,6 +318,9 @@ impl Camera {
 fn direction(azimuth: f64, elevation: f64) -> DVec3 {
     (elevation.cos() * DVec2::from_angle(azimuth)).extend(elevation.sin())
 }
+
+/// Between neighbours on a sunflower, in radians.
+const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
 /// How high a turntable's cameras stand over the object, in degrees.
 const TURNTABLE_ELEVATION: f64 = 20.0;
@@ -354,11 +416,13 @@ mod tests {
                     fov: 50.0,
                     orthographic: false,
                     roll,
+                    aperture: 0.01,
                 };
                 let camera = Camera::from_pose(&pose, up, [300, 200], 1.0);
                 let found = CameraPose::of(&camera, up, place);
                 let again = Camera::from_pose(&found, up, [300, 200], 1.0);
                 assert!((found.fov - 50.0).abs() < 1e-3 && (found.roll - roll).abs() < 1e-3);
+                assert!((found.aperture - 0.01).abs() < 1e-6);
                 assert!(again.eye.distance(camera.eye) < 1e-4, "{found:?}");
                 let axes = [again, camera].map(|c| c.view_from_world);
                 assert!(axes[0].abs_diff_eq(axes[1], 1e-5), "{pose:?} {found:?}");
@@ -400,6 +464,47 @@ mod tests {
         let edge = camera.ray(100, 25);
         // Half the field of view, less half a pixel.
         assert!((edge.y.atan2(-edge.x) - 0.35).abs() < 0.01);
+    }
+
+    /// Perspective or not: what is in focus stays, and what is not is spread as widely as is told.
+    #[test]
+    fn a_lens_keeps_what_is_in_focus() {
+        for orthographic in [false, true] {
+            let pose = CameraPose {
+                pivot: Vec3::new(0.5, -1.0, 2.0),
+                azimuth: 40.0,
+                elevation: 25.0,
+                distance: 4.0,
+                fov: 40.0,
+                orthographic,
+                roll: 10.0,
+                aperture: 0.03,
+            };
+            let camera = Camera::from_pose(&pose, UpAxis::PlusZ, [400, 300], 1.0);
+            let forward = camera.view_from_world.row(2);
+            let spread = |place: Vec3| {
+                let seen: Vec<Vec2> = camera
+                    .through_lens(200)
+                    .map(|c| Vec2::from(c.project(place).0))
+                    .collect();
+                let apart = |a: &Vec2| seen.iter().map(|b| a.distance(*b)).fold(0f32, f32::max);
+                seen.iter().map(apart).fold(0f32, f32::max)
+            };
+            // A diagonal of a pixel, by which edges are smooth.
+            let smooth = 2f32.sqrt() + 0.1;
+            let aside = camera.view_from_world.row(0) * 0.4;
+            assert!(spread(pose.pivot + aside) < smooth);
+            for away in [-1.0, 1.5] {
+                let place = pose.pivot + forward * away + aside;
+                let depth = camera.project(place).1;
+                let told = camera.blur([depth, camera.lens.focus]);
+                let found = spread(place);
+                assert!(
+                    told > 5.0 && (found - told).abs() < smooth,
+                    "{told} {found}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod fuzz;
 mod hdr;
 mod kind;
 mod look;
+mod lut;
 mod picture;
 mod ply;
 mod read;
@@ -29,6 +30,7 @@ pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use kind::{FileKind, file_kind};
 pub use look::{load_look, look_text, save_look};
+pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};
 pub use write::{
@@ -76,7 +78,7 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
             path,
             "is a splat; an environment (.hdr, .exr, .png, .jpg) is expected here",
         )),
-        FileKind::Bake | FileKind::Look => Err(Error::invalid(
+        FileKind::Bake | FileKind::Look | FileKind::Lut => Err(Error::invalid(
             path,
             "is no environment; .hdr, .exr, .png or .jpg is expected here",
         )),

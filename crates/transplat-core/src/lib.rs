@@ -43,6 +43,7 @@ pub mod estimate;
 pub mod extremes;
 pub mod files;
 pub mod ground;
+pub mod lut;
 mod morton;
 mod nearest;
 mod numeric;

@@ -100,6 +100,11 @@ impl View {
         }
     }
 
+    /// Whether a table of colours applies to it, and a lens: a difference is of values as they are.
+    pub fn is_graded(self) -> bool {
+        self.is_light() && self != Self::Difference
+    }
+
     /// Whether its values are colours of light, that exposure and tone curve apply to.
     pub fn is_light(self) -> bool {
         self.has_two_sides()
@@ -379,13 +384,18 @@ pub fn false_color(encoded: [f32; 3]) -> [f32; 3] {
 
 /// A whole picture in false colours; what shows through of nothing stays so.
 pub fn false_color_picture(raster: &mut Raster) {
-    for pixel in &mut raster.pixels {
+    recolor(raster, false_color);
+}
+
+/// A whole picture by a function of straight colour.
+pub fn recolor(raster: &mut Raster, color: impl Fn([f32; 3]) -> [f32; 3] + Sync) {
+    raster.pixels.par_iter_mut().for_each(|pixel| {
         let alpha = pixel[3];
         if alpha > 0.0 {
-            let color = false_color([pixel[0] / alpha, pixel[1] / alpha, pixel[2] / alpha]);
-            *pixel = [color[0] * alpha, color[1] * alpha, color[2] * alpha, alpha];
+            let [r, g, b] = color([pixel[0] / alpha, pixel[1] / alpha, pixel[2] / alpha]);
+            *pixel = [r * alpha, g * alpha, b * alpha, alpha];
         }
-    }
+    });
 }
 
 /// Normals as surfel colours: each turned to face the eye. For display 0 to 1 stands for -1 to 1. `[n][3]`

@@ -4,9 +4,9 @@
 //! scene where it is open. A capture that was trained on display-encoded pictures ends at white: what was brighter is clipped, and only something
 //! else can tell by how much.
 
-use glam::{DMat3, DVec3, Mat3, Vec3};
+use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Lens};
 use crate::color::{luminance, srgb_decode};
 use crate::environment::EnvironmentMap;
 use crate::numeric::weighted_quantile;
@@ -86,6 +86,8 @@ impl Cube {
                 height: edge,
                 near,
                 backdrop_focal: edge as f32 / 2.0,
+                shift: Vec2::ZERO,
+                lens: Lens::default(),
             };
             Ok((camera, draw(&camera)?))
         });

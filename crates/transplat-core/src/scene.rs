@@ -40,6 +40,8 @@ pub struct Scene {
     pub transfer: TransferSettings,
     /// Exposure and tone curve.
     pub display: Display,
+    /// A table of colours that the picture is graded by, after the tone curve.
+    pub lut: Option<PathBuf>,
     /// Stops of exposure as colours instead of the picture.
     pub false_color: bool,
     /// What is shown.
@@ -76,6 +78,7 @@ impl Default for Scene {
             directions: DEFAULT_DIRECTIONS,
             transfer: TransferSettings::default(),
             display: Display::default(),
+            lut: None,
             false_color: false,
             view: View::default(),
             wipe: 0.5,

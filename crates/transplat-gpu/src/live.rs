@@ -21,7 +21,9 @@ pub use object::LiveAsset;
 use object::{Doubts, LiveObject, Relit, ShadeKey, SidePaint, Versioned};
 
 use crate::context::{Context, Result};
-use crate::present::{Backdrop, Blit, GroundLit, PresentPass, Presentation, SCREEN_FORMAT};
+use crate::present::{
+    Around, Backdrop, Blit, GroundLit, PresentPass, Presentation, ResidentLut, SCREEN_FORMAT,
+};
 use crate::rasterize::{Canvas, Layer, Order, ResidentSh, ResidentVectors, Target, read_texture};
 use crate::transfer::GpuTransfer;
 
@@ -58,7 +60,8 @@ pub struct Live {
     order: Derived<OrderKey, Order>,
     backdrops: [Option<Backdrop>; 2],
     ground: [Option<GroundLit>; 2],
-    /// Of backdrops and ground.
+    luts: [Option<ResidentLut>; 2],
+    /// Of backdrops, ground and tables of colours.
     surroundings_version: u64,
     sides: [Side; 2],
     screen: Option<Screen>,
@@ -81,6 +84,7 @@ impl Live {
             order: Derived::default(),
             backdrops: [None, None],
             ground: [None, None],
+            luts: [None, None],
             surroundings_version: 0,
             sides: Default::default(),
             screen: None,
@@ -248,6 +252,12 @@ impl Live {
         self.surroundings_version += 1;
     }
 
+    /// Sets the table of colours that a side is graded by.
+    pub fn set_lut(&mut self, side: usize, lut: ResidentLut) {
+        self.luts[side] = Some(lut);
+        self.surroundings_version += 1;
+    }
+
     /// Sets the lit share of the ground, `[GROUND_CELLS^2]`, under source and target.
     pub fn set_ground(&mut self, lit: [&[f32]; 2]) {
         self.ground = lit.map(|lit| Some(GroundLit::new(&self.context, lit)));
@@ -269,6 +279,8 @@ impl Live {
         });
         presentation.depth_unit = units.fold(0.0, f32::max);
         presentation.false_color &= presentation.view.is_light();
+        let is_graded = presentation.view.is_graded() && !presentation.false_color;
+        presentation.graded = presentation.graded.map(|graded| graded && is_graded);
         presentation.display = presentation.display.for_picture(presentation.false_color);
         self.draw_sides(&frame);
         let presentation = frame.presentation;
@@ -438,14 +450,19 @@ impl Live {
         let (Some(screen), Some(any)) = (&self.screen, targets[0].or(targets[1])) else {
             return;
         };
-        self.present.present(
-            &self.context,
-            presentation,
-            targets.map(|t| t.unwrap_or(any)),
-            self.backdrops.each_ref().map(Option::as_ref),
-            self.ground.each_ref().map(Option::as_ref),
-            &screen.view,
-        );
+        let graded = |side: usize| {
+            self.luts[side]
+                .as_ref()
+                .filter(|_| presentation.graded[side])
+        };
+        let around = Around {
+            backdrops: self.backdrops.each_ref().map(Option::as_ref),
+            ground: self.ground.each_ref().map(Option::as_ref),
+            luts: [0, 1].map(graded),
+        };
+        let targets = targets.map(|t| t.unwrap_or(any));
+        let context = &self.context;
+        (self.present).present(context, presentation, targets, &around, &screen.view);
         self.passes.present += 1;
     }
 

@@ -6,6 +6,7 @@ use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::ground::GROUND_CELLS;
+use transplat_core::lut::Lut;
 use transplat_core::plate::Plate;
 use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
@@ -86,6 +87,8 @@ pub struct Presentation {
     pub difference_scale: f32,
     /// Exposure and tone curve, for the background.
     pub display: Display,
+    /// Whether each side is graded by its table of colours.
+    pub graded: [bool; 2],
     /// Whether exposure is shown as colours.
     pub false_color: bool,
     /// What is behind.
@@ -216,6 +219,35 @@ fn half_floats(
     texture.create_view(&Default::default())
 }
 
+/// A table of colours on the GPU.
+#[derive(Clone, Debug)]
+pub struct ResidentLut(wgpu::Buffer);
+
+impl ResidentLut {
+    /// Uploads a table.
+    pub fn new(context: &Context, lut: &Lut) -> Self {
+        let tables = [&lut.curves, &lut.cube].map(Option::as_ref);
+        let header = tables.into_iter().flat_map(|table| {
+            let wide = |[r, g, b]: [f32; 3], w: usize| [r, g, b, w as f32];
+            table.map_or([[0.0; 4]; 2], |t| [wide(t.from, t.size), wide(t.to, 0)])
+        });
+        let entries = tables.into_iter().flatten().flat_map(|t| &t.entries);
+        let entries = entries.map(|[r, g, b]| [*r, *g, *b, 0.0]);
+        let values: Vec<[f32; 4]> = header.chain(entries).collect();
+        Self(context.upload(&values, BufferUsages::STORAGE))
+    }
+}
+
+/// What is put around the pictures of the surfels, a side each.
+pub struct Around<'a> {
+    /// Behind them.
+    pub backdrops: [Option<&'a Backdrop>; 2],
+    /// Under them.
+    pub ground: [Option<&'a GroundLit>; 2],
+    /// Over the whole.
+    pub luts: [Option<&'a ResidentLut>; 2],
+}
+
 /// The pass and what it samples with.
 pub struct PresentPass {
     pass: RenderPass,
@@ -223,6 +255,8 @@ pub struct PresentPass {
     ground_sampler: wgpu::Sampler,
     /// Stands for a map or ground that is not there.
     nothing: wgpu::TextureView,
+    /// For a side that is not graded.
+    as_it_is: ResidentLut,
 }
 
 impl PresentPass {
@@ -233,6 +267,7 @@ impl PresentPass {
             map_sampler: sampler(context, wgpu::AddressMode::Repeat),
             ground_sampler: sampler(context, wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
+            as_it_is: ResidentLut::new(context, &Lut::default()),
         }
     }
 
@@ -242,15 +277,15 @@ impl PresentPass {
         context: &Context,
         presentation: &Presentation,
         sides: [&Target; 2],
-        backdrops: [Option<&Backdrop>; 2],
-        ground: [Option<&GroundLit>; 2],
+        around: &Around<'_>,
         screen: &wgpu::TextureView,
     ) {
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
         let pictures = [&sides[0].color, &sides[1].color, &sides[1].depth];
         let pictures = pictures.map(|t| t.create_view(&Default::default()));
-        let backdrops = backdrops.map(|b| b.map_or(&self.nothing, |b| &b.0));
-        let ground = ground.map(|g| g.map_or(&self.nothing, |g| &g.0));
+        let backdrops = around.backdrops.map(|b| b.map_or(&self.nothing, |b| &b.0));
+        let ground = around.ground.map(|g| g.map_or(&self.nothing, |g| &g.0));
+        let luts = around.luts.map(|lut| &lut.unwrap_or(&self.as_it_is).0);
         let texture = wgpu::BindingResource::TextureView;
         let sampler = wgpu::BindingResource::Sampler;
         let group = context.bind_resources(
@@ -264,6 +299,8 @@ impl PresentPass {
                 ("after_map", texture(backdrops[1])),
                 ("ground_before", texture(ground[0])),
                 ("ground_after", texture(ground[1])),
+                ("lut_before", luts[0].as_entire_binding()),
+                ("lut_after", luts[1].as_entire_binding()),
                 ("map_sampler", sampler(&self.map_sampler)),
                 ("ground_sampler", sampler(&self.ground_sampler)),
             ],

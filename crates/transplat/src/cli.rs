@@ -7,6 +7,7 @@ use std::str::FromStr;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::bake::harmonic::DIRECTIONS;
+use transplat_core::camera::APERTURE;
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::probe::DEFAULT_ROWS;
@@ -235,6 +236,9 @@ pub struct RenderArgs {
     /// Tone curve [default: srgb]
     #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]
     pub tone_map: Option<ToneMap>,
+    /// A table of colours (.cube) to grade the picture by, after the tone curve
+    #[arg(long, value_name = "FILE.cube")]
+    pub lut: Option<PathBuf>,
     /// Exposure of the picture
     #[arg(long, value_name = "STOPS", value_parser = parse_finite, allow_hyphen_values = true)]
     pub exposure: Option<f64>,
@@ -271,6 +275,9 @@ pub struct CameraArgs {
     /// What that camera looks at; default: the object's centre
     #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = parse_point, allow_hyphen_values = true)]
     pub look_at: Option<[f32; 3]>,
+    /// Radius of the lens as a share of the distance to what is looked at, which stays sharp: what is nearer or farther is blurred
+    #[arg(long, value_name = "0..0.2", value_parser = parse_aperture)]
+    pub aperture: Option<f64>,
     /// Horizontal field of view of --turntable and --eye
     #[arg(long, value_name = "DEG", default_value_t = 40.0, conflicts_with = "cameras", value_parser = parse_fov)]
     pub fov: f64,
@@ -503,6 +510,10 @@ fn parse_epsilon(text: &str) -> Result<f64, String> {
 fn parse_fov(text: &str) -> Result<f64, String> {
     let is_good = |v: &f64| (1.0..=170.0).contains(v);
     parsed(text, is_good, "an angle from 1 to 170 degrees")
+}
+
+fn parse_aperture(text: &str) -> Result<f64, String> {
+    parsed(text, |v| APERTURE.contains(v), "a number from 0 to 0.2")
 }
 
 fn parse_point(text: &str) -> Result<[f32; 3], String> {

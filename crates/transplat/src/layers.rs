@@ -6,9 +6,10 @@
 use std::ops::Range;
 
 use anyhow::Result;
-use transplat_core::camera::Camera;
+use transplat_core::camera::{Camera, Lens};
 use transplat_core::files::Channel;
 use transplat_core::present::{PLAIN, normal_colors};
+use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, Raster, shade};
 use transplat_core::transfer::Relit;
 
@@ -72,7 +73,12 @@ impl Layers {
         factor: usize,
         lit: &Lit,
     ) -> Result<Vec<Channel>> {
-        let beauty = studio.take(camera, factor, lit)?;
+        // What a lens blurs is the compositor's, by the depth.
+        let camera = &Camera {
+            lens: Lens::default(),
+            ..*camera
+        };
+        let beauty = studio.take(camera, factor, lit, &no_progress)?;
         let mut channels = Vec::new();
         add(&mut channels, "", "RGBA", &beauty.pixels);
         let draw = |colors: &[[f32; 3]], hidden: &[bool]| {

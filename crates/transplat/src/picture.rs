@@ -4,16 +4,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use glam::{DMat3, Vec3};
+use glam::{DMat3, Vec2, Vec3};
+use rayon::prelude::*;
 use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, NEAR};
-use transplat_core::color::{Display, srgb_decode};
+use transplat_core::color::{Display, srgb_decode, srgb_decode_all, srgb_encode};
 use transplat_core::environment::{EnvironmentMap, Illumination};
-use transplat_core::files::load_plate;
+use transplat_core::files::{load_lut, load_plate};
 use transplat_core::ground::Ground;
+use transplat_core::lut::Lut;
 use transplat_core::plate::Plate;
 use transplat_core::present::{self, Background, PLAIN, View, in_space};
 use transplat_core::probe::{Beyond, Cube, Probe};
+use transplat_core::progress::{Progress, part, tell};
 use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
@@ -71,6 +74,13 @@ pub fn lit_ground(
     lights.map(|light| ground.lit_share(&light.radiance))
 }
 
+/// A look that another is compared with.
+pub struct Before {
+    pub relit: Relit,
+    pub display: Display,
+    pub lut: Option<Arc<Lut>>,
+}
+
 /// What a pair of lights makes of the asset; empty where the view needs none of it.
 #[derive(Default)]
 pub struct Lit {
@@ -78,8 +88,8 @@ pub struct Lit {
     pub relit: Option<Relit>,
     /// Colours of a channel that is none of the light's, `[n]`.
     pub colors: Vec<[f32; 3]>,
-    /// What stands before a comparison instead of the capture, and its display.
-    pub before: Option<(Relit, Display)>,
+    /// What stands before a comparison instead of the capture.
+    pub before: Option<Before>,
     /// Behind what is as captured, and behind what is relit.
     pub backdrops: [Option<Backdrop>; 2],
     /// Lit share of the ground's cells under source and target.
@@ -130,7 +140,15 @@ struct Shot<'a> {
     /// Samples a pixel along each edge.
     factor: usize,
     lit: &'a Lit,
+    progress: Progress<'a>,
 }
+
+/// Pixels that a lens may spread a point over without being seen to.
+const SHARP: f32 = 0.5;
+
+/// Square pixels that a part of a lens stands for, and how many parts a picture is the mean of.
+const BLUR_PER_SAMPLE: f32 = 8.0;
+const LENS_SAMPLES: [usize; 2] = [16, 256];
 
 /// The asset, ready to be pictured.
 pub struct Studio {
@@ -146,6 +164,8 @@ pub struct Studio {
     pub ground: Option<Ground>,
     /// Behind it, where that is the background.
     pub plate: Option<Plate>,
+    /// What a picture for display is graded by.
+    pub lut: Option<Arc<Lut>>,
 }
 
 impl Studio {
@@ -177,6 +197,7 @@ impl Studio {
             openness: Vec::new(),
             ground: None,
             plate: None,
+            lut: None,
             scene,
         }
     }
@@ -192,15 +213,39 @@ impl Studio {
         Ok(())
     }
 
-    /// Takes a picture with `factor` times `factor` samples a pixel.
+    /// Reads the table of colours that it is graded by, where there is one.
     ///
     /// # Errors
-    /// The device failed.
-    pub fn take(&self, camera: &Camera, factor: usize, lit: &Lit) -> Result<Raster> {
+    /// It cannot be read.
+    pub fn load_lut(&mut self) -> Result<()> {
+        let path = self.scene.lut.as_ref().filter(|_| self.is_graded());
+        let lut = path.map(|path| load_lut(path)).transpose()?;
+        self.lut = lut.map(Arc::new);
+        Ok(())
+    }
+
+    /// Whether it is for display, by colours that a table may change.
+    fn is_graded(&self) -> bool {
+        let shows_stops = self.scene.false_color;
+        self.view.is_graded() && self.space != ColorSpace::Linear && !shows_stops
+    }
+
+    /// Takes a picture with `factor` times `factor` samples a pixel, or as many as the lens needs.
+    ///
+    /// # Errors
+    /// The device failed, or `progress` asked to stop.
+    pub fn take(
+        &self,
+        camera: &Camera,
+        factor: usize,
+        lit: &Lit,
+        progress: Progress<'_>,
+    ) -> Result<Raster> {
         let shot = Shot {
             camera,
             factor,
             lit,
+            progress,
         };
         let mut raster = match self.view {
             View::SideBySide => {
@@ -209,10 +254,8 @@ impl Studio {
                     camera: &half,
                     ..shot
                 };
-                let both = present::side_by_side(
-                    &self.finished(self.before(shot)?, shot, 0),
-                    &self.finished(self.after(shot)?, shot, 1),
-                );
+                let [left, right] = self.sides(shot)?;
+                let both = present::side_by_side(&left, &right);
                 // An odd column is left over at the right.
                 if both.width < camera.width {
                     widened(&both)
@@ -221,8 +264,7 @@ impl Studio {
                 }
             }
             View::Split => {
-                let left = self.finished(self.before(shot)?, shot, 0);
-                let right = self.finished(self.after(shot)?, shot, 1);
+                let [left, right] = self.sides(shot)?;
                 present::split(&left, &right, self.scene.wipe)
             }
             View::Difference => {
@@ -231,13 +273,93 @@ impl Studio {
                 let difference = present::difference(&before, &after, self.space, scale);
                 self.finished(difference, shot, 1)
             }
-            View::Before => self.finished(self.before(shot)?, shot, 0),
-            _ => self.finished(self.after(shot)?, shot, 1),
+            View::Before => self.side(shot, 0)?,
+            _ => self.side(shot, 1)?,
         };
         if self.scene.false_color && self.view.is_light() && self.space != ColorSpace::Linear {
             present::false_color_picture(&mut raster);
         }
         Ok(raster)
+    }
+
+    fn sides(&self, shot: Shot<'_>) -> Result<[Raster; 2]> {
+        let of_before = part(shot.progress, 0.0, 0.5);
+        let of_after = part(shot.progress, 0.5, 1.0);
+        let progress: [Progress<'_>; 2] = [&of_before, &of_after];
+        let side = |side: usize| {
+            let progress = progress[side];
+            self.side(Shot { progress, ..shot }, side)
+        };
+        Ok([side(0)?, side(1)?])
+    }
+
+    /// One side of a picture, 0 before and 1 after: through the lens, and graded.
+    fn side(&self, shot: Shot<'_>, side: usize) -> Result<Raster> {
+        let camera = shot.camera;
+        let mut depths = present::depth_range(camera, &self.cloud.bounds());
+        let is_before = self.scene.background == Background::Environment;
+        if is_before && shot.lit.backdrops[side].is_some() {
+            depths[1] = f32::INFINITY;
+        }
+        let blur = camera.blur(depths);
+        let mut raster = if self.view.is_graded() && blur > SHARP {
+            let by_blur = (blur * blur / BLUR_PER_SAMPLE) as usize;
+            let fewest = LENS_SAMPLES[0].max(shot.factor * shot.factor);
+            self.through_lens(shot, side, by_blur.clamp(fewest, LENS_SAMPLES[1]))?
+        } else {
+            self.sharp(shot, side)?
+        };
+        let lut = match &shot.lit.before {
+            Some(before) if side == 0 && self.view != View::Before => &before.lut,
+            _ => &self.lut,
+        };
+        if let Some(lut) = lut.as_ref().filter(|_| self.is_graded()) {
+            present::recolor(&mut raster, |color| lut.apply(color));
+        }
+        Ok(raster)
+    }
+
+    /// The mean of what its parts see, as light adds up.
+    fn through_lens(&self, shot: Shot<'_>, side: usize, count: usize) -> Result<Raster> {
+        let mut mean: Option<Raster> = None;
+        for (i, camera) in shot.camera.through_lens(count).enumerate() {
+            tell(shot.progress, i as f64 / count as f64)?;
+            let shot = Shot {
+                camera: &camera,
+                factor: 1,
+                ..shot
+            };
+            let mut seen = self.sharp(shot, side)?;
+            if self.space != ColorSpace::Linear {
+                light_of(&mut seen);
+            }
+            let Some(mean) = &mut mean else {
+                mean = Some(seen);
+                continue;
+            };
+            let pixels = mean.pixels.par_iter_mut().zip(&seen.pixels);
+            pixels.for_each(|(sum, seen)| sum.iter_mut().zip(seen).for_each(|(s, v)| *s += v));
+            let depths = mean.depth.par_iter_mut().zip(&seen.depth);
+            depths.for_each(|(sum, seen)| *sum += seen);
+        }
+        let mut mean = mean.context("a lens has parts")?;
+        let share = 1.0 / count as f32;
+        let pixels = mean.pixels.par_iter_mut();
+        pixels.for_each(|pixel| pixel.iter_mut().for_each(|v| *v *= share));
+        mean.depth.par_iter_mut().for_each(|depth| *depth *= share);
+        if self.space != ColorSpace::Linear {
+            present::recolor(&mut mean, |color| color.map(srgb_encode));
+        }
+        Ok(mean)
+    }
+
+    /// One side as a pinhole sees it.
+    fn sharp(&self, shot: Shot<'_>, side: usize) -> Result<Raster> {
+        let raster = match side {
+            0 => self.before(shot)?,
+            _ => self.after(shot)?,
+        };
+        Ok(self.finished(raster, shot, side))
     }
 
     fn paint(&self, shot: Shot<'_>, paint: Paint<'_>, space: ColorSpace) -> Result<Raster> {
@@ -247,14 +369,14 @@ impl Studio {
     }
 
     fn before(&self, shot: Shot<'_>) -> Result<Raster> {
-        if let (Some((relit, display)), true) = (&shot.lit.before, self.view != View::Before) {
+        if let (Some(before), true) = (&shot.lit.before, self.view != View::Before) {
             let space = match self.space {
                 ColorSpace::Display(_) => {
-                    ColorSpace::Display(display.for_picture(self.scene.false_color))
+                    ColorSpace::Display(before.display.for_picture(self.scene.false_color))
                 }
                 ColorSpace::Linear => ColorSpace::Linear,
             };
-            return self.paint(shot, Paint::relit(relit), space);
+            return self.paint(shot, Paint::relit(&before.relit), space);
         }
         self.paint(shot, Paint::captured(&self.cloud), self.space)
     }
@@ -295,6 +417,11 @@ impl Studio {
             (Background::Plate, _) => {
                 let shorter = camera.width.min(camera.height);
                 if let Some(plate) = self.plate.as_ref().map(|p| p.reduced(shorter)) {
+                    // A photograph has its own lens behind it.
+                    let camera = &Camera {
+                        shift: Vec2::ZERO,
+                        ..*camera
+                    };
                     present::composite(&mut raster, |x, y| {
                         let color = plate.at(camera, x, y, self.space);
                         color.map_or([0.0; 4], opaque)
@@ -319,6 +446,24 @@ impl Studio {
         }
         raster
     }
+}
+
+/// From values for display, beyond white too, to the display's light.
+fn light_of(raster: &mut Raster) {
+    raster.pixels.par_chunks_mut(4096).for_each(|pixels| {
+        let straight = |[r, g, b, a]: &[f32; 4]| {
+            let by = if *a > 0.0 { 1.0 / a } else { 0.0 };
+            [r, g, b].map(|v| (v * by).max(0.0))
+        };
+        let mut values: Vec<f32> = pixels.iter().flat_map(straight).collect();
+        srgb_decode_all(&mut values);
+        for (pixel, light) in pixels.iter_mut().zip(values.chunks_exact(3)) {
+            let [r, g, b, a] = pixel;
+            for (v, light) in [r, g, b].into_iter().zip(light) {
+                *v = light * *a;
+            }
+        }
+    });
 }
 
 fn opaque([r, g, b]: [f32; 3]) -> [f32; 4] {

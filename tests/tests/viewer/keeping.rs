@@ -1,9 +1,13 @@
 //! Looks and views that are kept with the scene.
 
+use std::path::PathBuf;
+
 use eframe::egui::{Key, Modifiers};
-use transplat_core::files::{load_look, save_look};
+use transplat::viewer::Task;
+use transplat_core::files::{load_look, load_lut, save_look};
+use transplat_core::present::View;
 use transplat_tests::driver::Driver;
-use transplat_tests::psnr;
+use transplat_tests::{picture, psnr, small_lut};
 
 #[test]
 fn a_kept_look_and_a_kept_view_come_back_as_they_were() {
@@ -116,6 +120,51 @@ fn any_kept_look_can_be_compared_with() {
     assert_eq!(d.viewer().session.scene, now);
     d.after(|v| v.session.scene.display.exposure = 0.0);
     assert!(psnr(&under_city, &d.picture()) > 60.0);
+}
+
+/// Each look has its own table of colours, on the screen and in what is saved.
+#[test]
+fn looks_are_compared_by_their_own_tables_of_colours() {
+    let mut d = Driver::bundled();
+    d.viewer().session.overlays.grid = false;
+    let plain = d.picture();
+    d.after(|v| v.session.pin());
+    let lut = PathBuf::from(d.folder.write("small.cube", small_lut()));
+    d.after(|v| v.open(&lut));
+    let graded = d.picture();
+    let table = load_lut(&lut).expect("a table");
+    let expected: Vec<[f32; 3]> = plain.iter().map(|p| table.apply(*p)).collect();
+    // Of colours that were rounded to 8 bits before.
+    assert!(psnr(&graded, &expected) > 48.0 && psnr(&graded, &plain) < 25.0);
+    let size = d.viewer().session.viewport;
+    let saved = d.folder.path("split.png");
+    for (wipe, expected) in [(1.0, &plain), (0.0, &graded)] {
+        d.after(|v| {
+            v.session.scene.view = View::Split;
+            v.session.scene.wipe = wipe;
+            v.export_settings().size = size;
+            v.export_settings().supersample = 1;
+        });
+        // The wipe's line is a column of pixels.
+        let shown = psnr(&d.picture(), expected);
+        assert!(shown > 33.0, "{wipe}: {shown}");
+        d.after(|v| v.export(Task::Screenshot(Some(saved.clone()))));
+        let found = psnr(&picture(&saved), expected);
+        assert!(found > 33.0, "saved, {wipe}: {found}");
+        std::fs::remove_file(&saved).expect("it was saved");
+    }
+    // One that is broken is told, and changes nothing that is seen.
+    let broken = PathBuf::from(d.folder.write("broken.cube", "LUT_3D_SIZE 2\n0 0 0\n"));
+    d.after(|v| {
+        v.session.scene.view = View::After;
+        v.open(&broken);
+    });
+    assert!(psnr(&d.picture(), &graded) > 60.0);
+    let told = &d.viewer().session.messages;
+    assert!(
+        told.iter()
+            .any(|m| m.is_error && m.text.contains("holds 1 colours"))
+    );
 }
 
 #[test]

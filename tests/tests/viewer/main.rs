@@ -8,6 +8,7 @@ mod keeping;
 mod live;
 
 use std::fs;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use eframe::egui;
@@ -18,7 +19,7 @@ use transplat_core::scene::{EVEN, Object, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
-use transplat_tests::{Folder, args, asset, psnr, run_json, small_splat};
+use transplat_tests::{Folder, args, asset, psnr, run_json, small_lut, small_splat};
 
 #[test]
 fn controls_run_what_they_touch_and_nothing_else() {
@@ -145,6 +146,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         (View::Tau, black),
         (View::Doubts, black),
     ];
+    let lut = PathBuf::from(d.folder.write("small.cube", small_lut()));
     for (i, (view, background)) in cases.into_iter().enumerate() {
         {
             let session = &mut d.viewer().session;
@@ -171,6 +173,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
             scene.shadow_catcher = i < 3;
             scene.objects[0].hide.min_opacity = 0.2;
             scene.false_color = view == View::Diffuse;
+            scene.lut = (i != 1).then(|| lut.clone());
             scene.display.tone_map = if view == View::Split {
                 ToneMap::Agx
             } else {
@@ -398,7 +401,7 @@ fn the_work_of_last_time_comes_back() {
     let folder = Folder::empty();
     folder.write("small.ply", small_splat(100));
     let [work, splat] = ["kept/work.json", "small.ply"].map(|n| folder.path(n));
-    let started = |files: &[&std::path::PathBuf]| Startup {
+    let started = |files: &[&PathBuf]| Startup {
         files: files.iter().map(|f| (*f).clone()).collect(),
         work: Some(work.clone()),
         ..Startup::default()

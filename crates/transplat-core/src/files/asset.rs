@@ -92,6 +92,9 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
                     "a look, where one splat is expected; render, relight and the window open looks"
                 }
                 Ok(FileKind::Bake) => "a bake, where a splat is expected",
+                Ok(FileKind::Lut) => {
+                    "a table of colours, where a splat is expected (--lut takes it)"
+                }
                 Ok(_) => "a picture, where a splat is expected",
                 Err(_) => "not a PLY splat: does not begin with \"ply\"",
             };

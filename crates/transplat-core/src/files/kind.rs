@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::{bake, read::open};
+use super::{bake, lut, read::open};
 use crate::error::{Error, Result};
 
 /// What a file is, by its first bytes.
@@ -21,6 +21,8 @@ pub enum FileKind {
     Bake,
     /// A saved look (JSON).
     Look,
+    /// A table of colours (.cube).
+    Lut,
 }
 
 /// Looks at the first bytes of a file.
@@ -45,15 +47,23 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         }
         _ if start.starts_with(bake::ANY_MAGIC) => FileKind::Bake,
         _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
-        _ if path.extension().is_some_and(|e| e == "json") => {
+        _ if lut::begins_as_one(&start) => FileKind::Lut,
+        // These may begin with any comment.
+        _ if start[0] == b'#' && is_named(path, "cube") => FileKind::Lut,
+        _ if is_named(path, "json") => {
             let message = "no look: that is a JSON object, and begins with \"{\"";
             return Err(Error::invalid(path, message));
         }
         _ => {
             return Err(Error::invalid(
                 path,
-                "its content is of no kind that this program knows; it opens splats (.ply), environments (.hdr, .exr, .png, .jpg), bakes and looks",
+                "its content is of no kind that this program knows; it opens splats (.ply), environments (.hdr, .exr, .png, .jpg), bakes, looks and tables of colours (.cube)",
             ));
         }
     })
+}
+
+fn is_named(path: &Path, ending: &str) -> bool {
+    let extension = path.extension();
+    extension.is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }

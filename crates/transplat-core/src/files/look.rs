@@ -22,7 +22,7 @@ use crate::surfels::{Hide, UpAxis};
 /// The version of looks that this program writes; it reads all up to it.
 const LOOK_VERSION: u32 = 4;
 
-/// The version of those that keep neither a note nor views nor other looks.
+/// The version of those that keep neither a note nor views nor other looks, and have neither a table of colours nor a lens.
 const VERSION_OF_SEVERAL: u32 = 3;
 
 /// The version of those among them that hold one object where it was captured, and neither a plate nor a rolled camera.
@@ -57,6 +57,8 @@ struct Look {
     match_strength: bool,
     transfer: TransferSettings,
     display: Display,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lut: Option<PathBuf>,
     false_color: bool,
     view: View,
     wipe: f32,
@@ -115,13 +117,15 @@ impl Look {
         let is_new = !is_one || is_rolled || scene.plate.is_some();
         let has_plate = scene.background == Background::Plate;
         let keeps = !scene.bookmarks.is_empty() || !scene.variants.is_empty();
+        let has_lens = scene.camera.is_some_and(|c| c.aperture != 0.0);
+        let is_newest = keeps || has_lens || scene.lut.is_some() || !scene.note.is_empty();
         let mark = |Bookmark { name, camera }| Marked { name, camera };
         let keep = |Variant { name, look }| Kept {
             name,
             look: Self::of_none(look),
         };
         Self {
-            version: if keeps || !scene.note.is_empty() {
+            version: if is_newest {
                 LOOK_VERSION
             } else if is_new || has_plate {
                 VERSION_OF_SEVERAL
@@ -141,6 +145,7 @@ impl Look {
             match_strength: scene.match_strength,
             transfer: scene.transfer,
             display: scene.display,
+            lut: scene.lut,
             false_color: scene.false_color,
             view: scene.view,
             wipe: scene.wipe,
@@ -204,6 +209,7 @@ impl Look {
             directions: self.directions,
             transfer: self.transfer,
             display: self.display,
+            lut: self.lut,
             false_color: self.false_color,
             view: self.view,
             wipe: self.wipe,
@@ -290,8 +296,8 @@ fn change_paths(scene: &mut Scene, change: &impl Fn(&Path) -> PathBuf) {
             *path = change(path);
         }
     }
-    if let Some(plate) = &mut scene.plate {
-        *plate = change(plate);
+    for path in [&mut scene.plate, &mut scene.lut].into_iter().flatten() {
+        *path = change(path);
     }
     for variant in &mut scene.variants {
         change_paths(&mut variant.look, change);

@@ -226,7 +226,10 @@ pub fn write_layers(
     let list = AnyChannels::sort(channels);
     let layer = Layer::new((size[0], size[1]), attributes, encoding, list);
     let mut bytes = std::io::Cursor::new(Vec::new());
-    let written = Image::from_layer(layer).write().to_buffered(&mut bytes);
+    let written = Image::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes);
     written.map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;
     write_atomically(path, |out| out.write_all(bytes.get_ref()))
 }
@@ -253,7 +256,7 @@ pub fn write_exr(path: &Path, raster: &Raster, floats: ExrFloats) -> Result<()> 
     use exr::prelude::{Image, SpecificChannels, Vec2, WritableImage, f16};
     let at = |at: Vec2<usize>| raster.pixels[at.y() * raster.width + at.x()];
     let size = (raster.width, raster.height);
-    // The encoder seeks, so it writes to memory first.
+    // The encoder seeks, so it writes to memory first; in parallel it would write blocks in any order, and no two files were alike.
     let mut bytes = std::io::Cursor::new(Vec::new());
     let written = match floats {
         ExrFloats::Full => {
@@ -262,7 +265,7 @@ pub fn write_exr(path: &Path, raster: &Raster, floats: ExrFloats) -> Result<()> 
                 (r, g, b, a)
             });
             let image = Image::from_channels(size, channels);
-            image.write().to_buffered(&mut bytes)
+            image.write().non_parallel().to_buffered(&mut bytes)
         }
         ExrFloats::Half => {
             let channels = SpecificChannels::rgba(|p| {
@@ -270,7 +273,7 @@ pub fn write_exr(path: &Path, raster: &Raster, floats: ExrFloats) -> Result<()> 
                 (r, g, b, a)
             });
             let image = Image::from_channels(size, channels);
-            image.write().to_buffered(&mut bytes)
+            image.write().non_parallel().to_buffered(&mut bytes)
         }
     };
     written.map_err(|e| Error::invalid(path, format!("OpenEXR: {e}")))?;

@@ -8,8 +8,9 @@ use transplat_core::color::luminance;
 use transplat_core::environment::project_environment;
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look, look_text,
+    load_look, load_lut, look_text,
 };
+use transplat_core::lut::Table;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
@@ -60,6 +61,18 @@ pub fn run(args: &InfoArgs) -> Result<()> {
                 header.directions,
                 header.geometry_key
             ));
+        }
+        FileKind::Lut => {
+            let lut = load_lut(path)?;
+            let edge = |table: Option<&Table>| table.map_or(0, |t| t.size);
+            let (curves, cube) = (edge(lut.curves.as_ref()), edge(lut.cube.as_ref()));
+            summary.set("kind", "lut");
+            summary.set("curve_entries", curves);
+            summary.set("cube_edge", cube);
+            let of_curves = (curves > 0).then(|| format!("curves of {curves} entries"));
+            let of_cube = (cube > 0).then(|| format!("a cube of {cube} x {cube} x {cube}"));
+            let tables: Vec<String> = of_curves.into_iter().chain(of_cube).collect();
+            lines.push(format!("table of colours: {}", tables.join(", ")));
         }
         FileKind::Look => {
             let scene = load_look(path)?;
@@ -114,6 +127,7 @@ fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
     }
     files.extend(&scene.environment.file);
     files.extend(&scene.plate);
+    files.extend(&scene.lut);
     let mut missing: Vec<&PathBuf> = Vec::new();
     for path in files {
         if is_file(path) && !path.exists() && !missing.contains(&path) {

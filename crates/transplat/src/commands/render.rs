@@ -15,6 +15,7 @@ use transplat_core::files::{
     plate_size, save_look, write_exr, write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
+use transplat_core::progress::no_progress;
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::transfer::Part;
@@ -100,6 +101,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         .inputs(&pipeline.scene, &targets)
         .chain(assets.iter().map(|a| &**a))
         .chain(cameras)
+        .chain(pipeline.scene.lut.as_deref())
         .chain(photographs.iter().map(|p| &**p));
     let mut outputs = output.pictures(&targets, &frames);
     if args.layers {
@@ -113,8 +115,11 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         check_folder(&args.output)?;
     }
     let linear = output.format == PictureFormat::Exr;
-    if linear && (pipeline.scene.false_color || !pipeline.scene.display.is_identity()) {
-        summary.warn("exposure, tone map and false colours are for PNG; an EXR stays linear");
+    let is_plain = pipeline.scene.display.is_identity() && pipeline.scene.lut.is_none();
+    if linear && (pipeline.scene.false_color || !is_plain) {
+        summary.warn(
+            "exposure, tone map, table of colours and false colours are for PNG; an EXR stays linear",
+        );
     }
     // Matching the background's strength takes the lights as well.
     let needs_lights = view.needs_relit()
@@ -144,6 +149,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         painter,
     );
     studio.hidden = pipeline.hidden();
+    studio.load_lut()?;
     if let (Some(bake), View::Visibility) = (&bake, view) {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
@@ -223,6 +229,7 @@ pub fn settings(args: &RenderArgs) -> Result<Scene> {
         return usage("--background plate needs a photograph: --plate, or the plate in the look");
     }
     put(&mut scene.display.tone_map, args.tone_map);
+    scene.lut = args.lut.clone().or(scene.lut);
     let exposure = args.exposure.map(|stops| stops.clamp(-60.0, 60.0) as f32);
     put(&mut scene.display.exposure, exposure);
     Ok(scene)
@@ -239,7 +246,17 @@ struct Frame {
 
 /// The cameras to draw.
 fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let frames = cameras(args, pipeline, summary)?;
+    let mut frames = cameras(args, pipeline, summary)?;
+    if let Some(aperture) = args.camera.aperture {
+        let middle = pipeline.cloud.bounds().center;
+        let place = args.camera.look_at.map_or(middle, Vec3::from_array);
+        for Frame { camera, .. } in &mut frames {
+            if camera.lens.focus <= 0.0 {
+                camera.lens.focus = camera.project(place).1.max(camera.near);
+            }
+            camera.lens.radius = aperture as f32 * camera.lens.focus;
+        }
+    }
     let samples = |f: &Frame| {
         let of_a_pixel = usize::from(args.supersample).pow(2);
         f.camera.width.saturating_mul(f.camera.height) * of_a_pixel
@@ -645,8 +662,9 @@ impl Shots<'_> {
             self.set_plate(frame)?;
             let path = self.output.picture(target, frame.number);
             let factor = usize::from(self.args.supersample);
-            let raster =
-                summary.time("rasterize", || self.studio.take(&frame.camera, factor, lit))?;
+            let raster = summary.time("rasterize", || {
+                self.studio.take(&frame.camera, factor, lit, &no_progress)
+            })?;
             if self.output.is_film {
                 let size = [raster.width, raster.height];
                 let film = match &mut film {

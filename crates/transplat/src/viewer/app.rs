@@ -89,6 +89,8 @@ pub struct Viewer {
     pub(super) lost: bool,
     pub(super) quitting: Option<Quitting>,
     pub(super) settings_for_once: bool,
+    /// A picture as it would be saved.
+    pub(super) preview: Option<egui::TextureHandle>,
     /// A file that would be written over, to be asked about.
     pub(super) replacing: Option<(PathBuf, SaveKind)>,
     /// Lights that the sides had when they were last put on the shelf.
@@ -155,6 +157,7 @@ impl Viewer {
             lost: false,
             quitting: None,
             settings_for_once: false,
+            preview: None,
             replacing: None,
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
@@ -332,9 +335,10 @@ impl Viewer {
             }
             return;
         }
-        if kind == SaveKind::Plate {
-            self.session.set_plate(path.to_owned());
-            return;
+        match kind {
+            SaveKind::Plate => return self.session.set_plate(path.to_owned()),
+            SaveKind::Lut => return self.session.open_lut(path.to_owned()),
+            _ => {}
         }
         if path.is_dir() {
             let why = "is a folder; a file's name is asked for";
@@ -432,6 +436,12 @@ impl Viewer {
                 self.shown.path_field = Some(PathField::of(dialog, &folder));
             }
             Event::Clipboard(size, bytes) => self.copy(size, bytes),
+            Event::Preview(size, bytes) => {
+                let picture = egui::ColorImage::from_rgba_unmultiplied(size, &bytes);
+                let options = egui::TextureOptions::LINEAR;
+                let context = self.session.jobs.context();
+                self.preview = Some(context.load_texture("preview", picture, options));
+            }
         }
     }
 

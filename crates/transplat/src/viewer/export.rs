@@ -125,6 +125,9 @@ impl Default for ExportSettings {
     }
 }
 
+/// Pixels along the longer edge of a preview.
+const PREVIEW_EDGE: usize = 960;
+
 /// What is saved.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
@@ -132,6 +135,8 @@ pub enum Task {
     Screenshot(Option<PathBuf>),
     /// The same to the clipboard.
     Clipboard,
+    /// The same in the window, as small as it can be looked at.
+    Preview,
     /// One file a light of the shelf.
     EachLight,
     /// One file with a picture a light of the shelf.
@@ -148,6 +153,12 @@ impl Task {
         let mut settings = settings.clone();
         match self {
             Self::Clipboard => settings.format = Format::Png8,
+            Self::Preview => {
+                settings.format = Format::Png8;
+                let longer = settings.size[0].max(settings.size[1]).max(PREVIEW_EDGE);
+                let scaled = |edge: usize| (edge * PREVIEW_EDGE / longer).max(1);
+                settings.size = settings.size.map(scaled);
+            }
             // A film holds display values too.
             Self::Turntable if settings.film.is_some() => settings.format = Format::Png8,
             Self::Screenshot(Some(path)) => {
@@ -183,6 +194,7 @@ impl Task {
             Self::Screenshot(Some(path)) => format!("picture {}", file(path)),
             Self::Screenshot(None) => format!("picture of {name}, {light}"),
             Self::Clipboard => format!("picture of {name} for the clipboard"),
+            Self::Preview => format!("preview of {name}, {light}"),
             Self::EachLight => format!("{lights} pictures of {name}, one per light"),
             Self::ContactSheet => format!("contact sheet of {name}, {lights} lights"),
             Self::Turntable => {
@@ -198,8 +210,9 @@ impl Task {
 /// What an export made.
 enum Made {
     Files(Vec<PathBuf>),
-    /// Width, height, straight RGBA bytes.
+    /// Width, height, straight RGBA bytes: for the clipboard, or to be looked at.
     Picture([usize; 2], Vec<u8>),
+    Preview([usize; 2], Vec<u8>),
 }
 
 /// Everything that an export reads, as it was when it was asked for, and what is made of it once.
@@ -355,6 +368,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     session.start(Kind::Export, label, work, |session, made| match made {
         Made::Files(paths) => session.info(saved(&paths)),
         Made::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
+        Made::Preview(size, bytes) => session.events.push(Event::Preview(size, bytes)),
     });
 }
 

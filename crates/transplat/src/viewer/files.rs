@@ -60,6 +60,7 @@ impl PathField {
             Some(Dialog::Save(SaveKind::Plate, _)) => {
                 &[("Show behind the objects", Some(SaveKind::Plate))]
             }
+            Some(Dialog::Save(SaveKind::Lut, _)) => &[("Grade by it", Some(SaveKind::Lut))],
         }
     }
 }
@@ -89,11 +90,12 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter(
                 "All that opens",
                 &[
-                    "ply", "hdr", "exr", "png", "jpg", "jpeg", "json", "bin", "txt",
+                    "ply", "hdr", "exr", "png", "jpg", "jpeg", "json", "bin", "txt", "cube",
                 ],
             )
             .add_filter("Splats", &["ply"])
             .add_filter("Environments", &["hdr", "exr", "png", "jpg", "jpeg"])
+            .add_filter("Tables of colours", &["cube"])
             .add_filter("Looks and cameras", &["json", "bin", "txt"])
             .pick_files()
             .map(Event::Files),
@@ -110,6 +112,11 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter("Photographs", &["png", "jpg", "jpeg", "exr", "hdr"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Plate)),
+        Dialog::Save(SaveKind::Lut, _) => rfd::FileDialog::new()
+            .set_title("Table of colours")
+            .add_filter("Tables of colours", &["cube"])
+            .pick_file()
+            .map(|file| Event::SaveTo(file, SaveKind::Lut)),
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
                 SaveKind::Look => ("Save look", "Look", &["json"]),
@@ -140,6 +147,7 @@ mod tests {
             SaveKind::Screenshot,
             SaveKind::Folder,
             SaveKind::Plate,
+            SaveKind::Lut,
         ] {
             let asked = actions(Dialog::Save(kind, "name".into()));
             assert!(matches!(asked, [(_, Some(does))] if *does == kind));

@@ -63,6 +63,7 @@ impl Session {
                 wipe: scene.wipe,
                 difference_scale: scene.difference_scale,
                 display: scene.display,
+                graded: [SOURCE, TARGET].map(|side| self.is_graded(side, view)),
                 false_color: scene.false_color,
                 background,
                 plate: self.plate.get().copied().unwrap_or([1; 2]),

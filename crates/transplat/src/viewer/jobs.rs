@@ -28,6 +28,7 @@ pub enum Kind {
     PrepareTogether,
     RelightTogether,
     Backdrop(usize),
+    Lut(usize),
     Export,
     Extremes,
     Dialog,

@@ -84,7 +84,10 @@ impl Session {
             self.events.push(Event::PictureSize(size));
         }
         let camera = frame.camera(size.unwrap_or([800, 800]), 1e-3);
-        self.pose = CameraPose::of(&camera, up, middle);
+        self.pose = CameraPose {
+            aperture: self.pose.aperture,
+            ..CameraPose::of(&camera, up, middle)
+        };
     }
 
     /// Shows a photograph behind the objects.

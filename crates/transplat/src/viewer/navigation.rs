@@ -146,6 +146,7 @@ mod tests {
             fov: 40.0,
             orthographic: false,
             roll: 0.0,
+            aperture: 0.0,
         }
     }
 

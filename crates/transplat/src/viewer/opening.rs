@@ -51,6 +51,7 @@ impl Session {
             Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
                 self.set_light(TARGET, path.to_owned());
             }
+            Ok(FileKind::Lut) => self.open_lut(path.to_owned()),
             Ok(FileKind::Bake) => self.error(format!(
                 "{}: a bake is found by itself when it lies beside its splat",
                 path.display()

@@ -326,6 +326,9 @@ impl Viewer {
                     Some(Dialog::Save(SaveKind::Plate, _)) => {
                         "The desktop shows no file dialog. A photograph:"
                     }
+                    Some(Dialog::Save(SaveKind::Lut, _)) => {
+                        "The desktop shows no file dialog. A table of colours (.cube):"
+                    }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
                         "The desktop shows no file dialog. A folder for pictures:"
                     }
@@ -385,6 +388,29 @@ impl Viewer {
                     }
                 });
             });
+    }
+
+    /// A picture as it would be saved, as large as there is room.
+    pub(super) fn preview_window(&mut self, context: &egui::Context) {
+        let Some(picture) = &self.preview else {
+            return;
+        };
+        let mut is_shown = !context.input(|i| i.key_pressed(Key::Escape));
+        let room = 0.9 * self.viewport.rect.size();
+        let size = picture.size_vec2();
+        let scale = (room.x / size.x).min(room.y / size.y).min(1.0);
+        egui::Window::new("Preview")
+            .pivot(egui::Align2::CENTER_CENTER)
+            .default_pos(self.viewport.rect.center())
+            .open(&mut is_shown)
+            .resizable(false)
+            .show(context, |ui| {
+                let image = egui::Image::new((picture.id(), size * scale));
+                ui.add(image.alt_text("The picture as it would be saved"));
+            });
+        if !is_shown {
+            self.preview = None;
+        }
     }
 
     /// Asks what is to become of exports that are under way when the window is to be closed.

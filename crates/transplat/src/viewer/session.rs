@@ -50,6 +50,8 @@ pub enum Event {
     Files(Vec<PathBuf>),
     /// A picture for the clipboard: width, height, straight RGBA bytes.
     Clipboard([usize; 2], Vec<u8>),
+    /// The same, to be looked at.
+    Preview([usize; 2], Vec<u8>),
     SaveTo(PathBuf, SaveKind),
     /// The desktop shows no dialogs.
     NoDialog(Dialog),
@@ -70,6 +72,8 @@ pub enum SaveKind {
     Folder,
     /// A photograph to be shown behind the objects.
     Plate,
+    /// A table of colours to grade the picture by.
+    Lut,
 }
 
 /// What a file dialog is for.
@@ -198,6 +202,8 @@ pub struct Session {
     pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
     /// The photograph behind the objects by its file, and its size.
     pub(super) plate: Derived<PathBuf, [usize; 2]>,
+    /// Tables of colours that the sides are graded by.
+    pub(super) luts: [Derived<PathBuf, ()>; 2],
     /// Cameras of a file that was opened.
     pub cameras: Option<OpenCameras>,
     pub pinned: Option<Pinned>,
@@ -244,6 +250,7 @@ impl Session {
                 fov: 35.0,
                 orthographic: false,
                 roll: 0.0,
+                aperture: 0.0,
             },
             matches_by_itself: false,
             framed: None,
@@ -261,6 +268,7 @@ impl Session {
             ground_lit: Derived::default(),
             backdrops: Default::default(),
             plate: Derived::default(),
+            luts: Default::default(),
             cameras: None,
             pinned: None,
             comparing: None,
@@ -523,6 +531,7 @@ impl Session {
         }
         self.start_backdrops();
         self.start_plate();
+        self.start_luts();
         self.pin_compared();
         if let Some(error) = self.context.take_error() {
             self.error(error.to_string());
@@ -587,6 +596,7 @@ impl Session {
             files.extend(bakes.filter_map(|b| b.file.clone()));
         }
         files.extend(self.scene.plate.clone());
+        files.extend(self.scene.lut.clone());
         files
     }
 

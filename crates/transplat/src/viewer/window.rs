@@ -71,6 +71,7 @@ impl eframe::App for Viewer {
         self.path_window(&context);
         self.replace_window(&context);
         self.quit_window(&context);
+        self.preview_window(&context);
         self.sheet_of_shortcuts(&context);
         self.drop_hint(&context);
     }

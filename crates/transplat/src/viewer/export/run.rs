@@ -1,5 +1,6 @@
 //! What an export makes of what it was started with.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,12 +11,12 @@ use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, folder_of, is_same_file, look_text, save_look, write_exr, write_layers,
-    write_png, write_relit, write_splat,
+    ExrFloats, PngBits, folder_of, is_same_file, load_lut, look_text, save_look, write_exr,
+    write_layers, write_png, write_relit, write_splat,
 };
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
-use transplat_core::progress::no_progress;
+use transplat_core::progress::{Progress, no_progress};
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
 use transplat_core::settings::Method;
@@ -25,7 +26,7 @@ use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, fre
 use crate::commands::render::MAX_SAMPLES;
 use crate::film::Film;
 use crate::layers::Layers;
-use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::jobs::Handle;
@@ -58,8 +59,8 @@ impl Snapshot {
         }
         match task {
             Task::Screenshot(Some(path)) => {
-                handle_step(handle, 0, 1)?;
-                self.save(path, self.scene.view, &self.lights[TARGET])?;
+                let report = |done| handle.progress(done);
+                self.save(path, self.scene.view, &self.lights[TARGET], &report)?;
                 Ok(Made::Files(vec![path.clone()]))
             }
             Task::Screenshot(None) => {
@@ -74,14 +75,19 @@ impl Snapshot {
                 let pictures = views.into_iter().map(|view| (view, &self.lights[TARGET]));
                 self.each(handle, pictures)
             }
-            Task::Clipboard => {
-                let raster = self.picture(self.scene.view, &self.lights[TARGET])?;
+            Task::Clipboard | Task::Preview => {
+                let report = |done| handle.progress(done);
+                let raster = self.picture(self.scene.view, &self.lights[TARGET], &report)?;
                 let bytes = present::straight(&raster)
                     .iter()
                     .flatten()
                     .map(|v| (v * 255.0 + 0.5) as u8)
                     .collect();
-                Ok(Made::Picture([raster.width, raster.height], bytes))
+                let size = [raster.width, raster.height];
+                Ok(match task {
+                    Task::Preview => Made::Preview(size, bytes),
+                    _ => Made::Picture(size, bytes),
+                })
             }
             Task::EachLight => {
                 self.need_shelf()?;
@@ -105,7 +111,8 @@ impl Snapshot {
         for (i, (view, light)) in pictures.enumerate() {
             handle_step(handle, i, count)?;
             let path = self.named(&light.name(), view, None);
-            self.save(&path, view, light)?;
+            let report = step(handle, i, count);
+            self.save(&path, view, light, &report)?;
             written.push(path);
         }
         Ok(Made::Files(written))
@@ -147,16 +154,28 @@ impl Snapshot {
         Ok(())
     }
 
-    pub(super) fn picture(&self, view: View, target: &Arc<Environment>) -> Result<Raster> {
+    pub(super) fn picture(
+        &self,
+        view: View,
+        target: &Arc<Environment>,
+        progress: Progress<'_>,
+    ) -> Result<Raster> {
         let studio = self.studio(view)?;
         let lit = self.lit(&self.scene, view, target)?;
-        self.take(&studio, &self.pose, &lit)
+        self.take(&studio, &self.pose, &lit, progress)
     }
 
-    fn save(&self, path: &Path, view: View, target: &Arc<Environment>) -> Result<()> {
+    fn save(
+        &self,
+        path: &Path,
+        view: View,
+        target: &Arc<Environment>,
+        progress: Progress<'_>,
+    ) -> Result<()> {
         let studio = self.studio(view)?;
         let lit = self.lit(&self.scene, view, target)?;
-        self.save_shot(path, &studio, (&self.scene, &self.pose), (target, &lit))
+        let of = (&self.scene, &self.pose);
+        self.save_shot(path, &studio, of, (target, &lit), progress)
     }
 
     /// Saves what a camera sees, as a picture or in layers.
@@ -166,9 +185,10 @@ impl Snapshot {
         studio: &Studio,
         (scene, pose): (&Scene, &CameraPose),
         (target, lit): (&Arc<Environment>, &Lit),
+        progress: Progress<'_>,
     ) -> Result<()> {
         if self.settings.format != Format::ExrLayers {
-            return self.write(path, &self.take(studio, pose, lit)?);
+            return self.write(path, &self.take(studio, pose, lit, progress)?);
         }
         let relit = lit.relit.clone().filter(|_| studio.view == View::After);
         let relit = relit.context("layers are of what is relit: choose After")?;
@@ -209,9 +229,15 @@ impl Snapshot {
         target
     }
 
-    fn take(&self, studio: &Studio, pose: &CameraPose, lit: &Lit) -> Result<Raster> {
+    fn take(
+        &self,
+        studio: &Studio,
+        pose: &CameraPose,
+        lit: &Lit,
+        progress: Progress<'_>,
+    ) -> Result<Raster> {
         let camera = Camera::from_pose(pose, self.up, self.settings.size, self.radius);
-        studio.take(&camera, self.settings.supersample, lit)
+        studio.take(&camera, self.settings.supersample, lit, progress)
     }
 
     fn studio(&self, view: View) -> Result<Studio> {
@@ -224,6 +250,7 @@ impl Snapshot {
         }
         studio.ground = self.ground.clone();
         studio.load_plate()?;
+        studio.load_lut()?;
         Ok(studio)
     }
 
@@ -307,7 +334,12 @@ impl Snapshot {
                 .pinned_relit
                 .get()
                 .context("the pinned look is relit")?;
-            lit.before = Some((relit.clone(), scene.display));
+            let lut = scene.lut.as_ref().map(|path| load_lut(path)).transpose()?;
+            lit.before = Some(Before {
+                relit: relit.clone(),
+                display: scene.display,
+                lut: lut.map(Arc::new),
+            });
         }
         if let Some(ground) = &self.ground {
             lit.ground = lit_ground(ground, scene, object, maps, self.up);
@@ -408,6 +440,7 @@ impl Snapshot {
         };
         for frame in 0..frames {
             handle_step(handle, frame, frames)?;
+            let report = step(handle, frame, frames);
             let turn = 360.0 * frame as f64 / frames as f64;
             let (mut pose, mut scene) = (self.pose, self.scene.clone());
             let turned;
@@ -423,11 +456,11 @@ impl Snapshot {
                 }
             };
             if let Some(film) = &mut film {
-                film.add(&self.take(&studio, &pose, lit)?)?;
+                film.add(&self.take(&studio, &pose, lit, &report)?)?;
                 continue;
             }
             let path = self.named(&target.name(), view, Some(frame));
-            self.save_shot(&path, &studio, (&scene, &pose), (target, lit))?;
+            self.save_shot(&path, &studio, (&scene, &pose), (target, lit), &report)?;
             written.push(path);
         }
         if let Some(film) = film {
@@ -455,6 +488,15 @@ impl Snapshot {
         }
         Ok(Made::Files(vec![path.to_owned()]))
     }
+}
+
+/// The progress of one of so many pictures, as all of theirs.
+pub(super) fn step(
+    handle: &Handle<Outcome>,
+    done: usize,
+    of: usize,
+) -> impl Fn(f64) -> ControlFlow<()> + Sync {
+    move |share| handle.progress((done as f64 + share) / of as f64)
 }
 
 pub(super) fn handle_step(handle: &Handle<Outcome>, done: usize, of: usize) -> Result<()> {

@@ -6,7 +6,7 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::rasterize::Raster;
 
 use super::label::Labels;
-use super::run::handle_step;
+use super::run::{handle_step, step};
 use super::{Made, Snapshot};
 use crate::commands::render::MAX_SAMPLES;
 use crate::viewer::environments::Environment;
@@ -51,7 +51,7 @@ impl Snapshot {
         let mut labels = Labels::new(0.6 * caption as f32);
         for (i, light) in self.shelf.iter().enumerate() {
             handle_step(handle, i, count)?;
-            let mut picture = self.picture(self.scene.view, light)?;
+            let mut picture = self.picture(self.scene.view, light, &step(handle, i, count))?;
             self.add_map(&mut picture, light);
             let origin = [i % columns * width, i / columns * cell];
             for (y, row) in picture.pixels.chunks_exact(width).enumerate() {

@@ -1,7 +1,7 @@
 //! Where the picture is seen from, and what helps to see it.
 
 use eframe::egui::{self, Ui};
-use transplat_core::camera::{CameraPose, FOV, framed};
+use transplat_core::camera::{APERTURE, CameraPose, FOV, framed};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
@@ -44,6 +44,19 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     .changed();
     if changed {
         navigation::set_fov(&mut session.pose, fov);
+    }
+    let mut percent = 100.0 * session.pose.aperture;
+    let last = percent;
+    Control {
+        label: "Depth of field",
+        unit: " %",
+        tip: "How wide the lens is, of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp.",
+        decimals: 2,
+        ..Control::of(0.0..=100.0 * *APERTURE.end(), 0.0)
+    }
+    .show(ui, &mut percent);
+    if percent != last {
+        session.pose.aperture = percent / 100.0;
     }
     ui.checkbox(&mut session.overlays.grid, "Grid")
         .on_hover_text("A grid on the ground. (G)");

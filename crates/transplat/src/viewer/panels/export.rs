@@ -98,6 +98,11 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
         if button(ui, "Save picture", "As it is shown. (F12)") {
             task = Some(Task::Screenshot(None));
         }
+        let tip =
+            "How the picture will be saved, in small: with depth of field, samples and background.";
+        if button(ui, "Preview", tip) {
+            task = Some(Task::Preview);
+        }
         let tip = "The picture to the clipboard. (ctrl + shift + C)";
         if button(ui, "Copy", tip) {
             task = Some(Task::Clipboard);

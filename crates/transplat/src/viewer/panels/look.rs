@@ -1,5 +1,7 @@
 //! How the picture looks: display, background, and how it is relit.
 
+use std::path::Path;
+
 use eframe::egui::{TextEdit, Ui};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
@@ -60,6 +62,8 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
             ("none (linear)", ToneMap::None),
         ],
     );
+    lut(ui, viewer);
+    let scene = &mut viewer.session.scene;
     ui.checkbox(&mut scene.false_color, "False-colour exposure")
         .on_hover_text("Shows how many stops from middle grey each part of the picture is.");
     if scene.view == View::Difference {
@@ -72,6 +76,34 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         }
         .show(ui, &mut scene.difference_scale);
     }
+}
+
+/// The table of colours over the whole picture.
+fn lut(ui: &mut Ui, viewer: &mut Viewer) {
+    ui.horizontal(|ui| {
+        let tip = "A look-up table (.cube) as colour grading makes them, applied last: to what is shown and to saved PNGs and films. It can be dropped on the window.";
+        if button(ui, "LUT…", tip) {
+            ask(
+                &mut viewer.session,
+                Dialog::Save(SaveKind::Lut, String::new()),
+            );
+        }
+        let file = viewer.session.scene.lut.clone();
+        let Some(file) = file else {
+            ui.weak("none");
+            return;
+        };
+        if button(ui, "×", "Without a table of colours.") {
+            viewer.session.scene.lut = None;
+        }
+        ui.weak(file_name(&file))
+            .on_hover_text(file.display().to_string());
+    });
+}
+
+fn file_name(file: &Path) -> String {
+    let name = file.file_name().unwrap_or(file.as_os_str());
+    name.to_string_lossy().into_owned()
 }
 
 fn background(ui: &mut Ui, viewer: &mut Viewer) {
@@ -123,8 +155,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
 fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let file = viewer.session.scene.plate.as_ref();
-        let name = file.and_then(|f| f.file_name());
-        let name = name.map_or("none yet".into(), |n| n.to_string_lossy().into_owned());
+        let name = file.map_or("none yet".into(), |file| file_name(file));
         let tip = "A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.";
         if button(ui, "Photograph…", tip) {
             ask(

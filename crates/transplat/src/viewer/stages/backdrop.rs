@@ -1,8 +1,10 @@
-//! The maps and photographs behind the objects.
+//! What is behind the objects and over the whole picture: maps, photographs and tables of colours.
 
-use transplat_core::files::load_plate;
-use transplat_core::present::Background;
-use transplat_gpu::present::Backdrop;
+use std::path::PathBuf;
+
+use transplat_core::files::{load_lut, load_plate};
+use transplat_core::present::{Background, View};
+use transplat_gpu::present::{Backdrop, ResidentLut};
 
 use crate::viewer::environments::load_map;
 use crate::viewer::jobs::Kind;
@@ -70,6 +72,55 @@ impl Session {
                 session.live().set_backdrop(TARGET, backdrop);
                 session.backdrops[TARGET].clear();
             }
+        });
+    }
+
+    /// The table that a side is graded by: a pinned look has its own.
+    fn lut_of(&self, side: usize, view: View) -> Option<&PathBuf> {
+        let pinned = self.compared();
+        let pinned = pinned.filter(|_| side == SOURCE && view.has_two_sides());
+        let scene = pinned.map_or(&self.scene, |pinned| &pinned.scene);
+        scene.lut.as_ref()
+    }
+
+    /// Whether the table that a side is graded by is there.
+    pub(in crate::viewer) fn is_graded(&self, side: usize, view: View) -> bool {
+        let lut = self.lut_of(side, view);
+        lut.is_some_and(|path| self.luts[side].of(path).is_some())
+    }
+
+    /// Reads the tables of colours that are asked for.
+    pub(in crate::viewer) fn start_luts(&mut self) {
+        for side in [TARGET, SOURCE] {
+            let kind = Kind::Lut(side);
+            let Some(path) = self.lut_of(side, self.scene.view).cloned() else {
+                continue;
+            };
+            if self.jobs.is_running(kind) || !self.luts[side].ask(&path) {
+                continue;
+            }
+            let (context, file) = (self.context.clone(), path.clone());
+            let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
+            let label = format!("reading {}", path.display());
+            self.start(kind, label, work, move |session, lut| {
+                if session.luts[side].accept(path, ()) {
+                    session.live().set_lut(side, lut);
+                }
+            });
+        }
+    }
+
+    /// Grades the picture by a table of colours, once it is read: one that is broken changes nothing.
+    pub fn open_lut(&mut self, path: PathBuf) {
+        let (context, file) = (self.context.clone(), path.clone());
+        let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
+        let label = format!("reading {}", path.display());
+        self.start(Kind::Lut(TARGET), label, work, move |session, lut| {
+            // The file may be another one than when it was last read.
+            session.luts[SOURCE].clear();
+            session.luts[TARGET].set(path.clone(), ());
+            session.live().set_lut(TARGET, lut);
+            session.scene.lut = Some(path);
         });
     }
 }
