@@ -36,6 +36,7 @@ mod shortcuts;
 mod stages;
 mod style;
 mod tabs;
+mod thumbnail;
 mod viewport;
 mod widgets;
 mod window;

@@ -13,6 +13,8 @@ const MOST_OF_CUBE: usize = 129;
 /// By the specification.
 const MOST_OF_CURVES: usize = 65536;
 
+const EXPECTED: &str = "a table of colours (.cube) is expected here";
+
 /// Of the largest cube, written with a dozen digits.
 const MOST_BYTES: u64 = 1 << 27;
 
@@ -68,16 +70,20 @@ fn parse(text: &str) -> Result<Lut, String> {
             "LUT_1D_INPUT_RANGE" => of_curves = Some(pair()?),
             "LUT_3D_INPUT_RANGE" => of_cube = Some(pair()?),
             _ if first.starts_with(|c: char| c.is_ascii_alphabetic()) => {
-                return Err(fail(format!(
-                    "{first:?} is no keyword of a .cube file; a table of colours (.cube) is expected here"
-                )));
+                let is_none = "is no keyword of a .cube file";
+                return Err(fail(format!("{first:?} {is_none}; {EXPECTED}")));
+            }
+            _ if curves.is_none() && cube.is_none() => {
+                return Err(fail(format!("comes before any size; {EXPECTED}")));
             }
             _ => entries.push(numbers(line.split_whitespace()).map_err(fail)?),
         }
     }
     let [in_curves, in_cube] = [curves.unwrap_or(0), cube.map_or(0, |n: usize| n.pow(3))];
     if in_curves + in_cube == 0 {
-        return Err("holds neither LUT_1D_SIZE nor LUT_3D_SIZE; a table of colours (.cube) is expected here".into());
+        return Err(format!(
+            "holds neither LUT_1D_SIZE nor LUT_3D_SIZE; {EXPECTED}"
+        ));
     }
     if entries.len() != in_curves + in_cube {
         return Err(format!(
@@ -151,7 +157,7 @@ mod tests {
     #[test]
     fn what_is_none_says_what_is_wrong() {
         for (change, with, why) in [
-            ("LUT_3D_SIZE 2", "", "neither LUT_1D_SIZE"),
+            ("LUT_3D_SIZE 2", "", "line 6: comes before any size"),
             ("LUT_3D_SIZE 2", "LUT_3D_SIZE 300", "line 3: a size of 2 to"),
             ("LUT_3D_SIZE 2", "LUT_3D_SIZE 3", "holds 8 colours"),
             ("0 1 0", "0 1", "line 8: 3 numbers"),

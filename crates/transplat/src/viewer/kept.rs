@@ -9,7 +9,7 @@ use transplat_core::present::View;
 use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Variant};
 
 use super::session::Session;
-use super::shelf::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
+use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
 
 /// Pixels of a picture.

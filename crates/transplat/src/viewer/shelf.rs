@@ -3,25 +3,20 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use eframe::egui::{self, Align2, Color32, Rect, Sense, Stroke, TextureHandle, Ui};
+use eframe::egui::{self, Align2, Color32, Rect, Sense, TextureHandle, Ui};
 
 use super::environments::{Environment, light_name};
 use super::kept::Pictures;
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
+use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
-
-/// Size of a thumbnail in points.
-pub const THUMBNAIL: egui::Vec2 = egui::vec2(112.0, 56.0);
 
 /// Pixels across a thumbnail.
 const THUMBNAIL_PIXELS: usize = 224;
 
 /// The shelf's height in points.
 pub const HEIGHT: f32 = 104.0;
-
-/// Room for a name over a thumbnail, in points.
-pub const NAME_HEIGHT: f32 = 17.0;
 
 /// Width of the list of pages in points.
 const PAGES_WIDTH: f32 = 64.0;
@@ -301,48 +296,9 @@ impl Shelf {
     }
 }
 
-/// A "+" as high as what it adds.
-pub fn add_button(ui: &mut Ui, name: &str) -> egui::Response {
-    let inside = ui.vertical(|ui| {
-        ui.add_space(NAME_HEIGHT);
-        let button = egui::Button::new("+").min_size(egui::vec2(44.0, THUMBNAIL.y));
-        ui.add(button)
-    });
-    named(&inside.inner, egui::Role::Button, name);
-    inside.inner
-}
-
 /// Whether a file is a copy of another that is called so, too.
 fn is_copy(a: &Path, b: &Path) -> bool {
     let length = |path: &Path| path.metadata().map(|m| m.len()).ok();
     let is_alike = a.file_name() == b.file_name() && length(a).is_some() && length(a) == length(b);
     is_alike && std::fs::read(a).ok() == std::fs::read(b).ok()
-}
-
-/// A thumbnail in its frame.
-pub fn paint_thumbnail(
-    ui: &Ui,
-    rect: Rect,
-    texture: Option<&TextureHandle>,
-    selected: bool,
-    hovered: bool,
-) {
-    let painter = ui.painter();
-    match texture {
-        Some(texture) => {
-            let uv = Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
-            painter.image(texture.id(), rect, uv, Color32::WHITE);
-        }
-        None => {
-            painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
-        }
-    }
-    let stroke = if selected {
-        Stroke::new(2.5, ui.visuals().selection.bg_fill)
-    } else if hovered {
-        Stroke::new(1.5, ui.visuals().text_color())
-    } else {
-        Stroke::new(1.0, ui.visuals().weak_text_color())
-    };
-    painter.rect_stroke(rect, 2.0, stroke, egui::StrokeKind::Outside);
 }
