@@ -375,6 +375,36 @@ pub fn framed(
     pose
 }
 
+/// All of an object, with room around it for what lies over the picture.
+pub fn with_room(
+    cloud: &SurfelCloud,
+    up: UpAxis,
+    bounds: &Bounds,
+    pose: &CameraPose,
+    size: [usize; 2],
+) -> CameraPose {
+    let mut pose = framed(cloud, up, bounds, pose, size);
+    pose.distance *= ROOM;
+    pose
+}
+
+/// Degrees of a first look: enough of the light's own place behind the object to know it.
+pub const FIELD_OF_VIEW: f64 = 40.0;
+
+/// How much farther away than needed a camera is.
+const ROOM: f32 = 1.15;
+
+/// The pose of a first look: from the front, a little from the right and above.
+pub fn first_pose(
+    cloud: &SurfelCloud,
+    up: UpAxis,
+    bounds: &Bounds,
+    size: [usize; 2],
+) -> CameraPose {
+    let pose = CameraPose::around(bounds, -60.0, 10.0, 1.0, FIELD_OF_VIEW);
+    with_room(cloud, up, bounds, &pose, size)
+}
+
 /// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.
 fn fitting_distance(cloud: &SurfelCloud, bounds: &Bounds, camera: &Camera, towards: Vec3) -> f32 {
     let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;

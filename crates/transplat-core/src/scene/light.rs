@@ -57,6 +57,9 @@ pub fn wrap(degrees: f64) -> f64 {
     (degrees + 180.0).rem_euclid(360.0) - 180.0
 }
 
+/// How far a light is tilted to bring something of it to where it is wanted, in degrees: beyond that its world lies on its side.
+pub const MOST_TILT: f64 = 60.0;
+
 impl EnvironmentLight {
     /// A light as it is.
     pub fn of(file: impl Into<PathBuf>) -> Self {
@@ -102,7 +105,7 @@ impl EnvironmentLight {
     }
 
     /// Turns and tilts the light so that what lies in a direction of the map, as it is in its file, comes from a direction of the Z-up world;
-    /// as high or as low as a tilt brings it, where the two do not reach. Of two ways the one that tilts less.
+    /// as high or as low as a tilt of [`MOST_TILT`] brings it, where that does not reach. Of two ways the one that tilts less.
     pub fn bring(&mut self, in_map: DVec3, to_world: DVec3) {
         let upright = self.up.asset_from_world().transpose() * self.mirroring() * in_map;
         // A tilt turns y and z on a circle: z is its radius times the sine of tilt and `first`.
@@ -112,11 +115,14 @@ impl EnvironmentLight {
         } else {
             first
         };
-        let tilts = [height, std::f64::consts::PI - height].map(|a| wrap((a - first).to_degrees()));
-        self.tilt = if tilts[0].abs() <= tilts[1].abs() {
-            tilts[0]
+        let ways = [height, std::f64::consts::PI - height].map(|a| wrap((a - first).to_degrees()));
+        let least = ways[0].abs().min(ways[1].abs());
+        self.tilt = if least <= MOST_TILT {
+            ways[usize::from(ways[1].abs() == least)]
         } else {
-            tilts[1]
+            // The nearer end: between the ends it only gets farther.
+            let off = |tilt: f64| (reach * (first + tilt.to_radians()).sin() - to_world.z).abs();
+            MOST_TILT.copysign(off(-MOST_TILT) - off(MOST_TILT))
         };
         let tilted = DMat3::from_rotation_x(self.tilt.to_radians()) * upright;
         let azimuth = |d: DVec3| d.y.atan2(d.x).to_degrees();
@@ -233,8 +239,9 @@ mod tests {
                     light.map_from_asset(UpAxis::PlusZ).transpose() * *in_map
                 };
                 let came = comes_from(&light);
-                // No other tilt brings it nearer to that height.
-                let nearest = (0..360).map(|tilt| {
+                // No other tilt brings it nearer to that height, and none turns the world over.
+                assert!(light.tilt.abs() <= MOST_TILT);
+                let nearest = (-60..=60).map(|tilt| {
                     let light = EnvironmentLight {
                         tilt: f64::from(tilt),
                         ..light.clone()

@@ -8,7 +8,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use clap::ValueEnum;
 use glam::Vec3;
 use transplat_core::bake::Bake;
-use transplat_core::camera::{Camera, CameraPose, NEAR, turntable};
+use transplat_core::camera::{Camera, CameraPose, NEAR, first_pose, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
     ExrFloats, PngBits, check_folder, check_output, load_cameras, load_plate, look_text,
@@ -187,15 +187,6 @@ fn view_asked(
     relit: bool,
     targets: &[(String, PathBuf)],
 ) -> Result<View> {
-    let has_camera = args.camera.cameras.is_some()
-        || args.camera.turntable.is_some()
-        || args.camera.eye.is_some()
-        || scene.camera.is_some();
-    if !has_camera {
-        return usage(
-            "a camera is needed: --cameras TRANSFORMS.json, --turntable N, --eye X,Y,Z, or a --look with one in it",
-        );
-    }
     if relit && targets.is_empty() {
         return usage(
             "a light to relight by is missing: --target, or the target's file in the look",
@@ -339,8 +330,13 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
         let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
         return numbered(vec![camera]);
     }
-    let count = camera.turntable.unwrap_or(1) as usize;
-    numbered(turntable(cloud, count, fov_x, size, near))
+    let Some(count) = camera.turntable else {
+        // As the window opens it.
+        let pose = first_pose(cloud, cloud.up, &bounds, size);
+        let camera = Camera::from_pose(&pose, cloud.up, size, bounds.radius);
+        return numbered(vec![camera]);
+    };
+    numbered(turntable(cloud, count as usize, fov_x, size, near))
 }
 
 /// A photograph, or all that lie in a folder of them: those that no frame is drawn over are not to be lost either.

@@ -39,15 +39,19 @@ pub fn make_and_keep(
     Ok(estimate)
 }
 
-/// Why the light of the capture cannot be told, and what is done then, for the user.
-pub fn why_not(method: Method, obstacle: Obstacle) -> String {
-    let instead = match (method, obstacle) {
+/// What is done where the light of the capture cannot be told, for the user.
+pub fn instead(method: Method, obstacle: Obstacle) -> &'static str {
+    match (method, obstacle) {
         (Method::Harmonic, _) | (_, Obstacle::EvenLight) => "even light is assumed",
         (Method::Directional, _) => {
             "half of the change is made that would be right for a capture under even light"
         }
-    };
-    let why = obstacle.reason();
+    }
+}
+
+/// Why the light of the capture cannot be told, and what is done then, for the user.
+pub fn why_not(method: Method, obstacle: Obstacle) -> String {
+    let (why, instead) = (obstacle.reason(), instead(method, obstacle));
     format!("cannot be told from the object: {why}; {instead}")
 }
 

@@ -9,7 +9,6 @@ use super::export::Task;
 use super::files::ask;
 use super::menus::COMPARE;
 use super::navigation;
-use super::panels;
 use super::session::{Dialog, SaveKind, TARGET};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
 
@@ -77,7 +76,7 @@ impl Viewer {
             Action::Redo => self.redo(),
             Action::Duplicate => session.duplicate_object(),
             Action::Remove => session.remove_object(),
-            Action::Frame => panels::frame(self),
+            Action::Frame => self.session.frame_all(),
             Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
             Action::Front => navigation::look_from(&mut session.pose, navigation::FRONT),
             Action::Right => navigation::look_from(&mut session.pose, navigation::RIGHT),

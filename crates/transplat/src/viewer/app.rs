@@ -22,7 +22,7 @@ use super::shelf::Shelf;
 use super::style;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_ROTATION, BUNDLED_SPLAT, bundled};
 use crate::pipeline::settings::environments_in;
 use crate::savings::Saved;
 
@@ -224,6 +224,10 @@ impl Viewer {
         let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
         let object = &mut scene.objects[self.session.selected];
         let nothing_named = splat.is_none() && object.asset.is_none() && !by_look;
+        if nothing_named {
+            scene.environment.rotation = BUNDLED_ROTATION;
+        }
+        let object = &mut scene.objects[self.session.selected];
         // The light is known only where somebody tells it, as for the bundled scene.
         let known = lights.first().filter(|_| nothing_named).cloned();
         let source = known.unwrap_or_else(|| ESTIMATE.into());
@@ -244,6 +248,10 @@ impl Viewer {
         for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
+                (Some(_), _) if is(&file, FileKind::Ply) => self.session.info(format!(
+                    "{}: left out, one splat is opened at a time; with Add what is opened (panel Asset) others are put beside it",
+                    file.display()
+                )),
                 (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
                     scene.objects.truncate(1);
                     scene.objects[0].asset = None;

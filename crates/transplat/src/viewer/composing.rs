@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use glam::Vec3;
+use transplat_core::camera::Camera;
 use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, Transform,
 };
 
-use transplat_core::surfels::Hide;
+use transplat_core::surfels::{Bounds, Hide};
 
 use super::session::Session;
 use crate::pipeline::object::{name_of, told_apart};
@@ -21,11 +22,14 @@ const ROUGH: f32 = 0.05;
 /// Cosine to the vertical from which a surface is too steep to stand on.
 const STEEP: f32 = 0.7;
 
+/// An object of a smaller share of the others' radius is put among them.
+const SMALL: f32 = 0.5;
+
 /// Share of an object's radius around its middle under which the ground is looked for.
 const FOOTPRINT: f32 = 0.5;
 
 impl Session {
-    /// Puts a splat into the scene, where the camera looks.
+    /// Puts a splat into the scene: a small one where the camera looks, another one beside what is there.
     pub fn add_object(&mut self, asset: PathBuf) {
         self.add(Object {
             asset: Some(asset),
@@ -37,6 +41,50 @@ impl Session {
             },
             ..Object::default()
         });
+        if let Some(added) = self.states.last_mut() {
+            added.seeks_room = true;
+        }
+    }
+
+    /// Puts what was added beside the others, unless it is small among them.
+    pub(super) fn find_room(&mut self, at: usize) {
+        let of = |at: usize| {
+            let object = &self.scene.objects[at];
+            let bounds = self.states[at].asset.as_ref()?.bounds;
+            Some(bounds.transformed(object.transform.scene_from_object()))
+        };
+        let others = (0..self.states.len()).filter(|other| *other != at);
+        let others: Vec<Bounds> = others.filter_map(of).collect();
+        let (Some(own), false) = (of(at), others.is_empty()) else {
+            return;
+        };
+        let all = Bounds::around(others.into_iter());
+        if all.is_none_or(|all| own.radius < SMALL * all.radius) {
+            return;
+        }
+        let Some(all) = all else { return };
+        let up = self.scene_up();
+        let camera = Camera::from_pose(&self.pose, up, [100, 100], all.radius);
+        let right = camera.view_from_world.row(0);
+        let level = (right - right.dot(up.direction()) * up.direction()).normalize_or(right);
+        let middle = all.center + level * (all.radius + own.radius);
+        self.scene.objects[at].transform.translation += middle - own.center;
+    }
+
+    /// Shows all, from the same side, where the middle of an object is not in the picture.
+    pub(super) fn reveal(&mut self, at: usize) {
+        let Some(asset) = &self.states[at].asset else {
+            return;
+        };
+        let place = self.scene.objects[at].transform.scene_from_object();
+        let middle = place.transform_point3(asset.bounds.center);
+        let [width, height] = self.viewport;
+        let camera = Camera::from_pose(&self.pose, self.scene_up(), self.viewport, 1.0);
+        let ([x, y], depth) = camera.project(middle);
+        let is_within = |v: f32, edge: usize| (0.0..edge as f32).contains(&v);
+        if depth <= 0.0 || !is_within(x, width) || !is_within(y, height) {
+            self.frame_all();
+        }
     }
 
     /// Puts an object into the scene; its splat is loaded when its turn comes.

@@ -72,21 +72,32 @@ impl LightMap {
         }
         let dragged = self.grab.drag(&response, rotation);
         // To the right azimuths fall.
-        let mut turned = dragged.map(|(then, by)| (then, -by.x / rect.width()));
+        let mut brought = false;
+        let turned = dragged.map(|(then, by)| (then, -by.x / rect.width()));
         if response.double_clicked()
-            && let (Some(d), Some(at)) = (brightest, response.interact_pointer_pos())
+            && let (Some(d), Some(at)) = (light.brightest, response.interact_pointer_pos())
         {
-            let aside = (at.x - rect.left()) / rect.width() - 0.5;
-            turned = Some((rotation, across(d) - ahead - aside));
+            let place = (at - rect.min) / rect.size();
+            let unturned_azimuth = TAU * (1.0 - ahead - place.x);
+            let azimuth = unturned_azimuth + (rotation as f32).to_radians();
+            let (sin, cos) = (PI * place.y).sin_cos();
+            let wanted = Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos);
+            session
+                .side_mut(side)
+                .bring(d.as_dvec3(), wanted.as_dvec3());
+            brought = true;
         }
         if let Some((from, by)) = turned {
             let rotation = from + 360.0 * f64::from(by);
             session.side_mut(side).rotation = navigation::wrap(rotation);
         }
-        response
-            .on_hover_cursor(egui::CursorIcon::ResizeHorizontal)
-            .on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
-        turned.is_some()
+        // What it says would hide the numbers that change.
+        let is_held = response.is_pointer_button_down_on();
+        let response = response.on_hover_cursor(egui::CursorIcon::ResizeHorizontal);
+        if !is_held {
+            response.on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
+        }
+        turned.is_some() || brought
     }
 
     fn texture(&mut self, ui: &Ui, light: &Environment, key: &Key) -> &TextureHandle {

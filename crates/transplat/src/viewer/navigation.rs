@@ -1,10 +1,10 @@
 //! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
 
 use glam::{DVec3, Vec2, Vec3};
-use transplat_core::camera::{Camera, CameraPose, FOV, framed};
+use transplat_core::camera::{Camera, CameraPose, FOV};
 use transplat_core::scene::EnvironmentLight;
 pub use transplat_core::scene::wrap;
-use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::surfels::UpAxis;
 
 /// Degrees of turn for a point of drag: of the camera, and of a light.
 const DEGREES_A_POINT: f64 = 0.4;
@@ -26,17 +26,6 @@ pub const VIEWPOINTS: [(&str, Viewpoint); 6] = [
     ("Top", TOP),
     ("Bottom", [-90.0, -90.0]),
 ];
-
-/// The pose of a first look: from the front, a little from the right and above.
-pub fn first_pose(
-    cloud: &SurfelCloud,
-    up: UpAxis,
-    bounds: &Bounds,
-    size: [usize; 2],
-) -> CameraPose {
-    let pose = CameraPose::around(bounds, -60.0, 20.0, 1.0, 35.0);
-    framed(cloud, up, bounds, &pose, size)
-}
 
 /// Looks from a side.
 pub fn look_from(pose: &mut CameraPose, from: Viewpoint) {

@@ -39,6 +39,8 @@ pub struct ObjectState {
     pub(super) tried: Option<PathBuf>,
     /// Whether the user has just put it into the scene: without its splat it goes again.
     pub(super) is_added: bool,
+    /// Whether it is to be put where there is room, once its size is known.
+    pub(super) seeks_room: bool,
     /// A saved bake that the command line names.
     pub saved_bake: Option<PathBuf>,
     /// What it was captured under.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
+use transplat_core::camera::{CameraPose, first_pose, with_room};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{
@@ -14,7 +15,6 @@ use super::asset::{Asset, OpenedWith, reading_of, told};
 use super::capture::Capture;
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
-use super::navigation;
 use super::object::ObjectState;
 use super::session::{Event, SOURCE, Session, TARGET};
 use super::stages::DROP_IT;
@@ -355,7 +355,7 @@ impl Session {
         let bakes = twin.map(ObjectState::kept_bakes).unwrap_or_default();
         self.tell_replaced(at, &asset.path);
         let last = &mut self.states[at];
-        let is_added = last.is_added;
+        let (is_added, seeks_room) = (last.is_added, last.seeks_room);
         let mut source = last.source.clone();
         if last.asset.as_ref().is_none_or(|a| a.path != asset.path) {
             source.settings = EnvironmentLight::of(ESTIMATE);
@@ -371,10 +371,14 @@ impl Session {
         if let Some(estimate) = estimate {
             last.estimate.set((), estimate);
         }
+        self.look_at_opened(&opened_with);
         if is_added {
             self.selected = at;
+            if seeks_room {
+                self.find_room(at);
+            }
+            self.reveal(at);
         }
-        self.look_at_opened(&opened_with);
     }
 
     /// Sets what nobody told of a splat that is opened, and says so: which way is up, by the ground in it, and where its light is not known
@@ -427,7 +431,18 @@ impl Session {
 
     fn look_at_all(&mut self) {
         if let (Some(cloud), Some(bounds)) = (self.whole_cloud(), self.scene_bounds()) {
-            self.pose = navigation::first_pose(&cloud, self.scene_up(), &bounds, self.viewport);
+            self.pose = first_pose(&cloud, self.scene_up(), &bounds, self.viewport);
+        }
+    }
+
+    /// Shows all of what is there, from the side that it is seen from.
+    pub fn frame_all(&mut self) {
+        let (up, size, last) = (self.scene_up(), self.viewport, self.pose);
+        if let (Some(bounds), Some(cloud)) = (self.scene_bounds(), self.whole_cloud()) {
+            self.pose = CameraPose {
+                orthographic: last.orthographic,
+                ..with_room(&cloud, up, &bounds, &last, size)
+            };
         }
     }
 
@@ -456,6 +471,13 @@ impl Session {
         }
     }
 
+    /// Whether the scene names a light.
+    fn is_named(&self, path: &Path) -> bool {
+        let sources = self.scene.objects.iter().map(|o| &o.source);
+        let mut lights = sources.chain([&self.scene.environment]);
+        lights.any(|light| light.file.as_deref() == Some(path))
+    }
+
     fn start_light(&mut self, path: PathBuf) {
         let background = self.background.clone();
         let label = format!("reading {}", light_name(&path));
@@ -464,8 +486,10 @@ impl Session {
         self.start_or_else(Kind::Light, label, work, move |session, read| match read {
             Ok(read) => {
                 session.stages.project_environment += 1;
-                for warning in read.warnings.clone() {
-                    session.info(warning);
+                // Of those that wait on the shelf the panel tells, once they are taken.
+                let is_taken = session.is_named(&path);
+                for warning in read.warnings.iter().filter(|_| is_taken) {
+                    session.info(warning.clone());
                 }
                 session.environments.has_read(&path, Some(read));
                 session.opened.push(path);

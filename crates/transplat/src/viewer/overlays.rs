@@ -20,6 +20,9 @@ use crate::words::milliseconds;
 /// How long a message stays that is no error, in seconds.
 const MESSAGE_S: f32 = 7.0;
 
+/// How many messages are shown, the latest.
+const MOST_MESSAGES: usize = 4;
+
 impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
@@ -125,7 +128,11 @@ impl Viewer {
             if messages.len() > 2 && ui.small_button("Dismiss all").clicked() {
                 dismiss_all = true;
             }
-            for (i, message) in messages.iter().enumerate() {
+            let hidden = messages.len().saturating_sub(MOST_MESSAGES);
+            if hidden > 0 {
+                ui.weak(format!("and {hidden} before these"));
+            }
+            for (i, message) in messages.iter().enumerate().skip(hidden) {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal_top(|ui| {
                         let close = ui.small_button("×").on_hover_text("Dismiss");

@@ -11,8 +11,6 @@ mod transfer;
 
 use eframe::egui::{self, Align2, Sense, Ui};
 
-pub use camera::frame;
-
 use super::app::Viewer;
 use super::style;
 use super::tabs::{TABS, Tab};

@@ -44,7 +44,7 @@ impl Default for Preferences {
             transfer: TransferSettings::default(),
             display: Display::default(),
             background: Background::Environment,
-            background_blur: 2.0,
+            background_blur: 0.3,
             match_strength: false,
             grid: false,
             probes: true,

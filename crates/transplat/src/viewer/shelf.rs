@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Align2, Color32, Rect, Sense, TextureHandle, Ui};
+use transplat_core::scene::is_even;
 
 use super::environments::{Environment, light_name};
 use super::kept::Pictures;
@@ -185,7 +186,10 @@ impl Shelf {
                 if session.is_loading(&wanted) {
                     "being estimated".to_owned()
                 } else {
-                    "even light (assumed)".to_owned()
+                    match is_even(&light.path) {
+                        true => "even light (assumed)".to_owned(),
+                        false => "not known".to_owned(),
+                    }
                 }
             } else {
                 light.name()

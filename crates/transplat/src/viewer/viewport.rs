@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
+use transplat_core::surfels::UpAxis;
 use transplat_gpu::live::Live;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel};
@@ -16,6 +17,9 @@ use super::gizmo::Gizmo;
 use super::navigation;
 use super::session::{Session, TARGET};
 use super::widgets::named;
+
+/// Cosine to where a highlight is wanted from which it is there.
+const NEAR_ENOUGH: f64 = 0.999;
 
 /// A frame on the GPU that takes longer than this makes a drag step down in quality.
 const SLOW_FRAME_MS: f64 = 40.0;
@@ -351,7 +355,12 @@ impl Viewport {
         let mirrored = 2.0 * normal.dot(to_eye) * normal - to_eye;
         let world_from_scene = up.asset_from_world().transpose();
         let light = &mut session.scene.environment;
-        light.bring(brightest.as_dvec3(), world_from_scene * mirrored.as_dvec3());
+        let (in_map, wanted) = (brightest.as_dvec3(), world_from_scene * mirrored.as_dvec3());
+        light.bring(in_map, wanted);
+        let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;
+        if came.dot(wanted.normalize_or_zero()) < NEAR_ENOUGH {
+            session.info("the highlight is as near as the light can be brought without turning its world over");
+        }
     }
 
     /// The surfel that was clicked, where it is of the selected object.

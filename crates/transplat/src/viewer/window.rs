@@ -1,5 +1,7 @@
 //! The window: menus, panels, shelf, viewport, status.
 
+use std::time::Duration;
+
 use eframe::egui::{self, Key, Ui};
 
 use super::app::{STORAGE_KEY, Viewer};
@@ -74,6 +76,11 @@ impl eframe::App for Viewer {
         self.preview_window(&context);
         self.sheet_of_shortcuts(&context);
         self.drop_hint(&context);
+    }
+
+    /// A program that is stopped from outside loses no more than that.
+    fn auto_save_interval(&self) -> Duration {
+        Duration::from_secs(5)
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {

@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Ui};
 use glam::{Quat, Vec3};
+use transplat_core::camera::first_pose;
 use transplat_core::color::decode_sh;
 use transplat_core::files::AssetKind;
 use transplat_core::scene::MOST_PLACES;
@@ -47,7 +48,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 let size = session.viewport;
                 let alone = !session.is_composed();
                 if let Some(asset) = session.asset().filter(|_| alone) {
-                    session.pose = navigation::first_pose(&asset.cloud, axis, &asset.bounds, size);
+                    session.pose = first_pose(&asset.cloud, axis, &asset.bounds, size);
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Where the picture is seen from, and what helps to see it.
 
 use eframe::egui::{self, Ui};
-use transplat_core::camera::{APERTURE, CameraPose, FOV, framed};
+use transplat_core::camera::{APERTURE, FIELD_OF_VIEW, FOV};
 
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
@@ -16,7 +16,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
         if button(ui, "Frame", "Shows all of the object. (F)") {
-            frame(viewer);
+            viewer.session.frame_all();
         }
         let tip = "Keeps where it is seen from, on the shelf. (ctrl + B)";
         if button(ui, "Keep this view", tip) {
@@ -38,7 +38,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         unit: "°",
         tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
         decimals: 1,
-        ..Control::of(*FOV.start()..=120.0, 35.0)
+        ..Control::of(*FOV.start()..=120.0, FIELD_OF_VIEW)
     }
     .show(ui, &mut fov)
     .changed();
@@ -64,19 +64,6 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         .on_hover_text(
             "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
         );
-}
-
-/// Shows all of the object.
-pub fn frame(viewer: &mut Viewer) {
-    let session = &mut viewer.session;
-    let (up, size, last) = (session.scene_up(), session.viewport, session.pose);
-    let (Some(bounds), Some(cloud)) = (session.scene_bounds(), session.whole_cloud()) else {
-        return;
-    };
-    session.pose = CameraPose {
-        orthographic: last.orthographic,
-        ..framed(&cloud, up, &bounds, &last, size)
-    };
 }
 
 /// The cameras of a file that is open.

@@ -1,14 +1,14 @@
 //! One of the two lights: how it is turned, how strong it is.
 
 use eframe::egui::{self, Button, Ui};
-use transplat_core::estimate::Estimate;
+use transplat_core::scene::{EVEN, is_even};
 use transplat_core::surfels::UpAxis;
 
-use crate::pipeline::estimate::why_not;
+use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
-use crate::viewer::widgets::{Control, advanced, angle, fact, file, name};
+use crate::viewer::widgets::{Control, advanced, angle, button, fact, file, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
@@ -40,15 +40,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
-    let can_tell = session.estimate().is_none_or(Estimate::is_good);
-    let is_estimated = session.object().source.is_estimate()
-        && (session.estimate().is_some() || is_on_its_way(session));
-    if side == SOURCE
-        && can_tell
-        && !is_estimated
-        && ui.button("Estimate it from the object").clicked()
-    {
-        session.ask_for_estimate();
+    if side == SOURCE {
+        other_sources(ui, session);
     }
     let settings = session.side_mut(side);
     angle(
@@ -130,10 +123,26 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
         let size = format!("{} x {} pixels", light.size[0], light.size[1]);
         fact(ui, "holds", size);
     }
-    let is_wished = light.is_even && !transplat_core::scene::is_estimate(&light.path);
-    if !is_wished && ui.button("Use even light instead").clicked() {
-        session.set_light(side, transplat_core::scene::EVEN.into());
+    if side == TARGET && !is_even(&light.path) && ui.button("Use even light instead").clicked() {
+        session.set_light(side, EVEN.into());
     }
+}
+
+/// What may be taken for the light of the capture without a file.
+fn other_sources(ui: &mut Ui, session: &mut Session) {
+    let is_wished = session.object().source.is_estimate();
+    let is_there = session.estimate().is_some() || is_on_its_way(session);
+    let even = session.object().source.file.as_deref().is_some_and(is_even);
+    ui.horizontal_wrapped(|ui| {
+        let tip = "What the object's own shading tells of the light on it.";
+        if !(is_wished && is_there) && button(ui, "Estimate it from the object", tip) {
+            session.ask_for_estimate();
+        }
+        let tip = "As if the capture had been made under the same light from all sides, under a white sky: the whole new shading is laid over what the capture shows.";
+        if !even && button(ui, "Assume even light", tip) {
+            session.set_light(SOURCE, EVEN.into());
+        }
+    });
 }
 
 fn is_on_its_way(session: &Session) -> bool {
@@ -142,31 +151,28 @@ fn is_on_its_way(session: &Session) -> bool {
 
 /// What is said of the light of the capture where nobody told it.
 fn source_without_file(ui: &mut Ui, session: &mut Session) {
-    let is_even = session.light(SOURCE).is_even;
-    let is_on_its_way = is_on_its_way(session);
     let estimate = session.estimate();
-    if is_on_its_way {
-        ui.label("not known, until the light is estimated from the object");
-    } else if is_even {
-        ui.label("not known: nobody told what it was captured under");
-    } else {
-        ui.label("estimated from the object");
-    }
-    if let Some(estimate) = estimate.filter(|_| session.object().source.is_estimate()) {
-        fact(ui, "confidence", format!("{:.0} %", estimate.percent()));
+    let estimate = estimate.filter(|_| session.object().source.is_estimate());
+    ui.label(match estimate {
+        _ if is_on_its_way(session) => "Not known: it is being estimated from the object.",
+        Some(estimate) if estimate.is_good() => "Estimated from the object.",
+        Some(_) => "Not known, and the object does not tell it.",
+        None if session.object().source.is_estimate() => "Not known.",
+        None => "Not known: even light is assumed.",
+    });
+    if let Some(estimate) = estimate {
         if estimate.may_lie_on_its_side(session.up()) {
             ui.weak(
                 "Most of it comes from the side or from below: is the up axis right (panel Asset)?",
             );
         }
-        match (estimate.obstacle, is_even) {
-            (Some(obstacle), _) => {
-                ui.weak(format!(
-                    "It {}.",
-                    why_not(session.scene.transfer.method, obstacle)
-                ));
+        match estimate.obstacle {
+            Some(obstacle) => {
+                let so = instead(session.scene.transfer.method, obstacle);
+                ui.weak(format!("Why: {}. So {so}.", obstacle.reason()));
             }
-            (None, false) => {
+            None => {
+                fact(ui, "confidence", format!("{:.0} %", estimate.percent()));
                 let sun = if estimate.light.sun.is_some() {
                     "found"
                 } else {
@@ -175,7 +181,6 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
                 fact(ui, "sun", sun);
                 ui.weak("Strength and tint are assumed, since no object tells them: grey on the whole, and so strong that the whitest surface is about as white as paper. Set them below.");
             }
-            (None, true) => {}
         }
     }
     ui.weak(format!("{DROP_IT}."));

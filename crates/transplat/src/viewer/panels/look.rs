@@ -135,7 +135,7 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
                 unit: "°",
                 tip: "Blurs the environment behind the object; the light on it stays.",
                 decimals: 1,
-                ..Control::of(0.0..=30.0f32.min(*BLUR.end()), 2.0)
+                ..Control::of(0.0..=30.0f32.min(*BLUR.end()), 0.3)
             }
             .show(ui, &mut scene.background_blur);
         }

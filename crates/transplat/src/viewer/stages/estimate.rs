@@ -7,6 +7,7 @@ use transplat_core::settings::Method;
 use crate::pipeline::estimate::{make_and_keep, why_not};
 use crate::viewer::environments::Environment;
 use crate::viewer::jobs::{Handle, Kind, Work};
+use crate::viewer::object::ObjectState;
 use crate::viewer::session::{SOURCE, Session};
 
 /// For the user, where nobody told the light.
@@ -85,6 +86,13 @@ impl Session {
     /// Makes a light of the estimate where it is good, upright as the asset is.
     fn show_estimate(&mut self, at: usize) {
         let up = self.up_of(at);
+        let path = self.states[at].asset.as_ref().map(|a| &a.path);
+        let is_twin = |(other, state): (usize, &ObjectState)| {
+            let of_it = state.asset.as_ref().map(|a| &a.path) == path;
+            other != at && of_it && state.estimate.get().is_some()
+        };
+        // What one tells, its double tells again.
+        let is_known = self.states.iter().enumerate().any(is_twin);
         let state = &mut self.states[at];
         let Some(estimate) = state.estimate.get() else {
             return;
@@ -100,7 +108,7 @@ impl Session {
         } else {
             Ok(Environment::standing_in(estimate.stand_in()))
         };
-        if is_new && self.scene.objects[at].source.is_estimate() {
+        if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
                 None => format!(
                     "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. {DROP_IT}",
