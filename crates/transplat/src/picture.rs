@@ -147,7 +147,7 @@ struct Shot<'a> {
 const SHARP: f32 = 0.5;
 
 /// Square pixels that a part of a lens stands for, and how many parts a picture is the mean of.
-const BLUR_PER_SAMPLE: f32 = 8.0;
+const BLUR_PER_SAMPLE: f32 = 12.0;
 const LENS_SAMPLES: [usize; 2] = [16, 256];
 
 /// The asset, ready to be pictured.

@@ -64,8 +64,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.live().has_relit(0));
     assert_eq!(session.light(1).name(), "sunset", "the target stays");
-    d.harness
-        .get_by_label("captured under: even light (assumed)");
+    d.harness.get_by_label("captured under: not known");
     d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
     d.picture();
     assert_eq!(d.viewer().session.up(), UpAxis::MinusY);

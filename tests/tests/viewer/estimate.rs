@@ -54,8 +54,7 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     let mut d = Driver::bundled();
     let few = d.folder.write("few.ply", small_splat(30));
     d.after(|v| v.open(Path::new(&few)));
-    d.harness
-        .get_by_label("captured under: even light (assumed)");
+    d.harness.get_by_label("captured under: not known");
     let session = &d.viewer().session;
     assert!(session.source_is_assumed() && session.estimate().is_some_and(|e| !e.is_good()));
     assert_eq!(session.oriented_lights()[0].light.trust, STAND_IN_TRUST);

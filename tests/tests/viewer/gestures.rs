@@ -2,8 +2,10 @@
 
 use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, pos2};
 use egui_kittest::kittest::Queryable;
+use glam::DVec2;
 use transplat::viewer::Startup;
 use transplat_core::present::{Background, View};
+use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, small_splat};
 
@@ -173,6 +175,32 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
     let (rotation, tilt) = turned(&mut d, ball.center(), egui::vec2(40.0, -20.0));
     assert!((rotation + 70.0).abs() < 1e-3 && (tilt + 10.0).abs() < 1e-3);
     assert_eq!(d.viewer().session.pose, pose, "the camera stays");
+    // A double click brings the brightest light there, as high too.
+    let at = map.min + egui::vec2(0.7, 0.4) * map.size();
+    d.harness.input_mut().events.push(Event::PointerMoved(at));
+    d.harness.step();
+    for pressed in [true, false, true, false] {
+        d.harness
+            .input_mut()
+            .events
+            .push(press(a, at, pressed, none));
+    }
+    d.harness.step();
+    d.settle();
+    let session = &d.viewer().session;
+    let brightest = session.light(1).brightest.expect("a sun").as_dvec3();
+    let map_from_world = session.scene.environment.map_from_asset(UpAxis::PlusZ);
+    let came = map_from_world.transpose() * brightest;
+    let azimuth = (pose.azimuth + 180.0 - 360.0 * 0.2).to_radians();
+    let height = (std::f64::consts::PI * 0.4).cos();
+    let off = came
+        .truncate()
+        .normalize()
+        .angle_to(DVec2::from_angle(azimuth));
+    assert!(
+        off.abs() < 0.02 && (came.z - height).abs() < 0.01,
+        "{came} {off}"
+    );
 }
 
 /// The highlight comes to where the pointer was: what is mirrored there gets brighter.

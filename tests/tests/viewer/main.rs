@@ -6,6 +6,7 @@ mod estimate;
 mod gestures;
 mod keeping;
 mod live;
+mod named;
 
 use std::fs;
 use std::path::PathBuf;

@@ -126,7 +126,7 @@ impl Default for ExportSettings {
 }
 
 /// Pixels along the longer edge of a preview.
-const PREVIEW_EDGE: usize = 960;
+const PREVIEW_EDGE: usize = 640;
 
 /// What is saved.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,6 +11,9 @@ use super::panels;
 use super::session::Dialog;
 use super::shelf;
 
+/// How often work and settings are kept.
+const KEEPS_AFTER: Duration = Duration::from_secs(5);
+
 impl eframe::App for Viewer {
     fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
         self.check_device(context);
@@ -30,6 +33,10 @@ impl eframe::App for Viewer {
             if self.history.is_in_flux() {
                 context.request_repaint_after_secs(history::STEP_S as f32 + 0.05);
             }
+        }
+        // What was done is kept when there is a frame, too.
+        if context.input(|i| !i.events.is_empty()) {
+            context.request_repaint_after(KEEPS_AFTER + Duration::from_secs(1));
         }
         self.shelve_lights();
         self.remember_opened();
@@ -80,7 +87,7 @@ impl eframe::App for Viewer {
 
     /// A program that is stopped from outside loses no more than that.
     fn auto_save_interval(&self) -> Duration {
-        Duration::from_secs(5)
+        KEEPS_AFTER
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {

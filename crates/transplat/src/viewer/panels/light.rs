@@ -8,7 +8,7 @@ use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
-use crate::viewer::widgets::{Control, advanced, angle, button, fact, file, name};
+use crate::viewer::widgets::{Control, advanced, angle, button, choice, fact, file, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
@@ -98,13 +98,10 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     ui.checkbox(&mut settings.mirror, "Mirrored").on_hover_text(
         "Turns left and right of the environment round, for maps that were stored so.",
     );
-    ui.horizontal(|ui| {
-        name(ui, "Up in the map");
-        for (axis_name, axis) in UpAxis::ALL {
-            ui.selectable_value(&mut settings.up, axis, axis_name)
-                .on_hover_text("Which axis of the map points up; +z is an upright panorama.");
-        }
-    });
+    let tip = "Which axis of the map points up; +z is an upright panorama.";
+    let mut axes = UpAxis::ALL;
+    axes.sort_by_key(|(_, axis)| *axis != UpAxis::default());
+    choice(ui, "Up in the map", tip, &mut settings.up, &axes);
     if side == TARGET {
         let locked = &mut viewer.viewport.light_locked_to_camera;
         let response = ui

@@ -43,8 +43,8 @@ impl Session {
             return;
         }
         self.show_estimate(at);
-        self.tell_if_broken_off(at);
         if self.states[at].estimate.is_asked(&()) {
+            self.tell_if_broken_off(at);
             return;
         }
         let state = &mut self.states[at];
@@ -56,6 +56,7 @@ impl Session {
             None => own,
         };
         let (Some(asset), Some(bake)) = (&state.asset, bake) else {
+            self.tell_if_broken_off(at);
             return;
         };
         state.estimate.ask(&());

@@ -1,0 +1,98 @@
+//! Whoever does not see the window, or has no mouse: every control has a name and comes under the keyboard.
+
+use eframe::egui::{Key, Modifiers, accesskit::Role};
+use egui_kittest::kittest::{NodeT, Queryable};
+use transplat_tests::driver::Driver;
+
+/// What can be worked with.
+const CONTROLS: [Role; 9] = [
+    Role::Button,
+    Role::CheckBox,
+    Role::RadioButton,
+    Role::Slider,
+    Role::SpinButton,
+    Role::TextInput,
+    Role::MultilineTextInput,
+    Role::ComboBox,
+    Role::ColorWell,
+];
+
+/// Role and name of all controls that are there.
+fn controls(d: &Driver) -> Vec<(Role, String)> {
+    let nodes = d.harness.root().children_recursive();
+    let controls = nodes.filter_map(|node| {
+        let node = node.accesskit_node();
+        let role = CONTROLS.into_iter().find(|role| *role == node.role())?;
+        let name = node.label().unwrap_or_default();
+        Some((role, name.trim().to_owned()))
+    });
+    controls.collect()
+}
+
+fn check(d: &Driver, place: &str) {
+    let all = controls(d);
+    assert!(all.len() > 20, "{place}: {all:?}");
+    for (role, name) in &all {
+        let says_something = name.chars().any(char::is_alphanumeric);
+        assert!(
+            says_something,
+            "{place}: a {role:?} is called {name:?}: {all:?}"
+        );
+    }
+}
+
+#[test]
+fn every_control_has_a_name() {
+    let mut d = Driver::bundled();
+    for tab in ["Light", "Look", "Camera", "Asset", "Export", "Report"] {
+        d.click(tab);
+        check(&d, tab);
+        if d.harness.query_by_label("Advanced").is_some() {
+            d.click("Advanced");
+            check(&d, &format!("{tab}, advanced"));
+        }
+    }
+    d.viewer().session.keep_look();
+    d.viewer().session.keep_view();
+    for page in ["Looks", "Views"] {
+        d.click(page);
+        check(&d, page);
+    }
+    d.click("Lights");
+    d.click("Light");
+    d.click("captured under");
+    check(&d, "captured under");
+}
+
+/// Tab goes through all of a panel, and the space bar does what a click does.
+#[test]
+fn all_of_a_panel_comes_under_the_keyboard() {
+    let mut d = Driver::bundled();
+    d.click("Camera");
+    let wanted: Vec<String> = controls(&d)
+        .into_iter()
+        .map(|(_, name)| name)
+        .filter(|name| {
+            ["Front", "Frame", "orthographic", "Grid", "Light probes"].contains(&&**name)
+        })
+        .collect();
+    assert_eq!(wanted.len(), 5, "{:?}", controls(&d));
+    let mut reached = Vec::new();
+    let before = d.viewer().session.overlays.grid;
+    for _ in 0..120 {
+        d.harness.key_press_modifiers(Modifiers::NONE, Key::Tab);
+        d.harness.step();
+        let nodes = d.harness.root().children_recursive();
+        let focused = nodes.map(|n| n.accesskit_node()).find(|n| n.is_focused());
+        let name = focused.and_then(|n| n.label()).unwrap_or_default();
+        if name == "Grid" && !reached.contains(&name) {
+            d.harness.key_press(Key::Space);
+            d.harness.step();
+        }
+        reached.push(name);
+    }
+    for name in wanted {
+        assert!(reached.contains(&name), "{name} is not among {reached:?}");
+    }
+    assert_ne!(d.viewer().session.overlays.grid, before);
+}
