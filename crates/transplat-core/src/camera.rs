@@ -350,14 +350,14 @@ pub fn turntable(
     let distance = towards
         .iter()
         .step_by(count.div_ceil(16).max(1))
-        .map(|t| fitting_distance(cloud, &bounds, &camera(*t, 1.0), *t))
+        .map(|t| fitting_distance(&cloud.positions, &bounds, &camera(*t, 1.0), *t))
         .fold(0f32, f32::max);
     towards.iter().map(|t| camera(*t, distance)).collect()
 }
 
-/// The pose that shows all of an object from a direction, its picture `size` pixels.
+/// The pose that shows all of an object's points from a direction, its picture `size` pixels.
 pub fn framed(
-    cloud: &SurfelCloud,
+    points: &[Vec3],
     up: UpAxis,
     bounds: &Bounds,
     pose: &CameraPose,
@@ -371,19 +371,19 @@ pub fn framed(
     };
     let camera = Camera::from_pose(&pose, up, size, bounds.radius);
     let towards = (camera.eye - bounds.center).normalize_or(Vec3::X);
-    pose.distance = fitting_distance(cloud, bounds, &camera, towards);
+    pose.distance = fitting_distance(points, bounds, &camera, towards);
     pose
 }
 
 /// All of an object, with room around it for what lies over the picture.
 pub fn with_room(
-    cloud: &SurfelCloud,
+    points: &[Vec3],
     up: UpAxis,
     bounds: &Bounds,
     pose: &CameraPose,
     size: [usize; 2],
 ) -> CameraPose {
-    let mut pose = framed(cloud, up, bounds, pose, size);
+    let mut pose = framed(points, up, bounds, pose, size);
     pose.distance *= ROOM;
     pose
 }
@@ -395,22 +395,16 @@ pub const FIELD_OF_VIEW: f64 = 40.0;
 const ROOM: f32 = 1.15;
 
 /// The pose of a first look: from the front, a little from the right and above.
-pub fn first_pose(
-    cloud: &SurfelCloud,
-    up: UpAxis,
-    bounds: &Bounds,
-    size: [usize; 2],
-) -> CameraPose {
+pub fn first_pose(points: &[Vec3], up: UpAxis, bounds: &Bounds, size: [usize; 2]) -> CameraPose {
     let pose = CameraPose::around(bounds, -60.0, 10.0, 1.0, FIELD_OF_VIEW);
-    with_room(cloud, up, bounds, &pose, size)
+    with_room(points, up, bounds, &pose, size)
 }
 
 /// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.
-fn fitting_distance(cloud: &SurfelCloud, bounds: &Bounds, camera: &Camera, towards: Vec3) -> f32 {
+fn fitting_distance(points: &[Vec3], bounds: &Bounds, camera: &Camera, towards: Vec3) -> f32 {
     let slope = |pixels: usize| 0.92 * 0.5 * pixels as f32 / camera.focal;
     let (across, down) = (slope(camera.width), slope(camera.height));
-    let needed = cloud
-        .positions
+    let needed = points
         .iter()
         .map(|p| *p - bounds.center)
         .filter(|p| p.length() <= bounds.radius)

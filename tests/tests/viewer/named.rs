@@ -3,6 +3,7 @@
 use eframe::egui::{Key, Modifiers, accesskit::Role};
 use egui_kittest::kittest::{NodeT, Queryable};
 use transplat_tests::driver::Driver;
+use transplat_tests::small_lut;
 
 /// What can be worked with.
 const CONTROLS: [Role; 9] = [
@@ -44,6 +45,8 @@ fn check(d: &Driver, place: &str) {
 #[test]
 fn every_control_has_a_name() {
     let mut d = Driver::bundled();
+    let lut = d.folder.write("small.cube", small_lut());
+    d.after(|v| v.open(lut.as_ref()));
     for tab in ["Light", "Look", "Camera", "Asset", "Export", "Report"] {
         d.click(tab);
         check(&d, tab);

@@ -332,7 +332,7 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     }
     let Some(count) = camera.turntable else {
         // As the window opens it.
-        let pose = first_pose(cloud, cloud.up, &bounds, size);
+        let pose = first_pose(&cloud.positions, cloud.up, &bounds, size);
         let camera = Camera::from_pose(&pose, cloud.up, size, bounds.radius);
         return numbered(vec![camera]);
     };

@@ -26,7 +26,7 @@ use super::asset::reading_of;
 use super::capture::Part;
 use super::environments::Environment;
 use super::jobs::{Handle, Kind};
-use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET};
+use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET, Whole};
 use crate::device::Transfer;
 use crate::film::{FRAME_RATE, FilmFormat};
 use crate::pipeline::object::name_of;
@@ -227,6 +227,8 @@ struct Snapshot {
     maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
     cloud: Arc<SurfelCloud>,
+    /// That the cloud is yet to be made of, where it is all objects.
+    whole: Option<Whole>,
     /// What that is cut out of.
     part: Option<Part>,
     file: Arc<AssetFile>,
@@ -314,6 +316,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         maps: RefCell::default(),
         device: session.background.clone(),
         cloud: asset.cloud.clone(),
+        whole: None,
         part: asset.part.clone(),
         file: asset.file.clone(),
         name: asset.name(),
@@ -374,7 +377,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
 
 /// All objects of a scene, to be saved as one.
 struct Composed {
-    cloud: Arc<SurfelCloud>,
+    whole: Whole,
     hidden: Vec<bool>,
     captures: Vec<PathBuf>,
     objects: Vec<(String, usize)>,
@@ -387,9 +390,9 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
     if !session.is_composed() {
         return Ok(None);
     }
-    let Some(cloud) = session.whole_cloud() else {
+    if session.shown().next().is_none() {
         bail!("no object is shown: there is nothing to save");
-    };
+    }
     // As things stand now, and not as they stood before the last move.
     let prepared = session.scene_transfer().filter(|(members, ..)| {
         session.is_traced() && members.iter().all(|at| session.is_prepared(*at))
@@ -414,7 +417,7 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         hidden: hidden.collect(),
         captures: captures.collect(),
         objects: objects.collect(),
-        cloud,
+        whole: session.whole(),
         prepared,
     }))
 }
@@ -432,7 +435,7 @@ impl Composed {
             prepared,
             bake,
             bakes: Vec::new(),
-            cloud: self.cloud,
+            whole: Some(self.whole),
             hidden: self.hidden,
             captures: self.captures,
             objects: self.objects,

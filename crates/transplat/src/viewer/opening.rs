@@ -430,18 +430,20 @@ impl Session {
     }
 
     fn look_at_all(&mut self) {
-        if let (Some(cloud), Some(bounds)) = (self.whole_cloud(), self.scene_bounds()) {
-            self.pose = first_pose(&cloud, self.scene_up(), &bounds, self.viewport);
+        if let Some(bounds) = self.scene_bounds() {
+            let points = self.points();
+            self.pose = first_pose(&points, self.scene_up(), &bounds, self.viewport);
         }
     }
 
     /// Shows all of what is there, from the side that it is seen from.
     pub fn frame_all(&mut self) {
         let (up, size, last) = (self.scene_up(), self.viewport, self.pose);
-        if let (Some(bounds), Some(cloud)) = (self.scene_bounds(), self.whole_cloud()) {
+        if let Some(bounds) = self.scene_bounds() {
+            let points = self.points();
             self.pose = CameraPose {
                 orthographic: last.orthographic,
-                ..with_room(&cloud, up, &bounds, &last, size)
+                ..with_room(&points, up, &bounds, &last, size)
             };
         }
     }

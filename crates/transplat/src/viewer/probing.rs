@@ -24,7 +24,7 @@ impl Session {
     /// and puts it on the shelf.
     pub fn save_light_here(&mut self, folder: &str) {
         let at = self.selected;
-        let (Some(asset), Some(cloud)) = (self.asset(), self.whole_cloud()) else {
+        let Some(asset) = self.asset() else {
             self.error("there is nothing to be seen yet");
             return;
         };
@@ -39,7 +39,7 @@ impl Session {
         let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
         let (source, up) = (source.clone(), self.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
-        let device = self.background.clone();
+        let (device, whole) = (self.background.clone(), self.whole());
         let folder = PathBuf::from(folder);
         let label = format!("looking around from {}", asset.name());
         let work = move |_: &_| -> Result<_> {
@@ -48,6 +48,7 @@ impl Session {
                 let radiance = map.sample(turn * d);
                 std::array::from_fn(|c| gain[c] * radiance[c])
             };
+            let cloud = whole.cloud().context("no object is shown")?;
             let (painter, _) = device.fastest().painter(&cloud)?;
             let beyond = Beyond {
                 environment: Some(&sky as RadianceToward<'_>),

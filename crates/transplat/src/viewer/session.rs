@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui;
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
@@ -149,6 +149,29 @@ pub struct Pinned {
     pub environment: Arc<Environment>,
     /// Whether it stands where the capture would.
     pub is_compared: bool,
+}
+
+/// All that is shown, to be put together beside the interface.
+pub struct Whole {
+    each: Vec<(Arc<SurfelCloud>, Affine3A)>,
+    up: UpAxis,
+}
+
+impl Whole {
+    /// As one splat; none where nothing is shown.
+    pub fn cloud(&self) -> Option<Arc<SurfelCloud>> {
+        let whole = SurfelCloud::whole(&self.each)?;
+        let is_upright = whole.up == self.up;
+        let turned = || SurfelCloud {
+            up: self.up,
+            ..(*whole).clone()
+        };
+        Some(if is_upright {
+            whole
+        } else {
+            Arc::new(turned())
+        })
+    }
 }
 
 /// Cameras of a file that is open.
@@ -360,19 +383,23 @@ impl Session {
     }
 
     /// All that is shown as one splat, in the scene's coordinates; none where nothing is.
-    pub fn whole_cloud(&self) -> Option<Arc<SurfelCloud>> {
+    pub fn whole(&self) -> Whole {
         let each = self.shown();
         let each = each.map(|(_, o, a)| (a.cloud.clone(), o.transform.scene_from_object()));
-        let whole = SurfelCloud::whole(&each.collect::<Vec<_>>())?;
-        let up = self.scene_up();
-        Some(if whole.up == up {
-            whole
-        } else {
-            Arc::new(SurfelCloud {
-                up,
-                ..(*whole).clone()
-            })
-        })
+        Whole {
+            each: each.collect(),
+            up: self.scene_up(),
+        }
+    }
+
+    /// Where the surfels of all that is shown are.
+    pub(super) fn points(&self) -> Vec<Vec3> {
+        let Whole { each, .. } = self.whole();
+        let placed = each.iter().flat_map(|(cloud, place)| {
+            let there = |p: &Vec3| place.transform_point3(*p);
+            cloud.positions.iter().map(there)
+        });
+        placed.collect()
     }
 
     /// Where the objects that are shown are.

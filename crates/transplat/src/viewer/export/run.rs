@@ -35,6 +35,9 @@ use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
 
 impl Snapshot {
     pub(super) fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {
+        if let Some(whole) = self.whole.take() {
+            self.cloud = whole.cloud().context("no object is shown")?;
+        }
         if let Task::Splat(path) = task {
             return self.write_splat(path, handle);
         }

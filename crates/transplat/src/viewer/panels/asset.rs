@@ -48,7 +48,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 let size = session.viewport;
                 let alone = !session.is_composed();
                 if let Some(asset) = session.asset().filter(|_| alone) {
-                    session.pose = first_pose(&asset.cloud, axis, &asset.bounds, size);
+                    session.pose = first_pose(&asset.cloud.positions, axis, &asset.bounds, size);
                 }
             }
         }

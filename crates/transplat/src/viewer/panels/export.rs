@@ -77,7 +77,9 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         ui.add(field)
             .labelled_by(label.id)
             .on_hover_text("Where pictures are saved.");
-        if button(ui, "…", "Choose a folder.") {
+        let choose = ui.button("…").on_hover_text("Choose a folder.");
+        named(&choose, egui::Role::Button, "Choose the folder");
+        if choose.clicked() {
             ask(
                 &mut viewer.session,
                 Dialog::Save(SaveKind::Folder, String::new()),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use eframe::egui::{TextEdit, Ui};
+use eframe::egui::{self, TextEdit, Ui};
 use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
@@ -11,7 +11,7 @@ use super::transfer;
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
-use crate::viewer::widgets::{Control, button, choice};
+use crate::viewer::widgets::{Control, button, choice, named};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);
@@ -93,7 +93,9 @@ fn lut(ui: &mut Ui, viewer: &mut Viewer) {
             ui.weak("none");
             return;
         };
-        if button(ui, "×", "Without a table of colours.") {
+        let none = ui.button("×").on_hover_text("Without a table of colours.");
+        named(&none, egui::Role::Button, "No table of colours");
+        if none.clicked() {
             viewer.session.scene.lut = None;
         }
         ui.weak(file_name(&file))
