@@ -81,7 +81,7 @@ impl CameraPose {
             fov: fov.to_degrees().clamp(*FOV.start(), *FOV.end()),
             orthographic: false,
             roll: roll.to_degrees(),
-            aperture: f64::from(camera.lens.radius / distance),
+            aperture: f64::from(camera.lens.radius / distance).min(*APERTURE.end()),
         }
     }
 
@@ -283,6 +283,15 @@ impl Camera {
         2.0 * radius * self.focal * off(near).max(off(far))
     }
 
+    /// The same of what is infinitely far, as the backdrop's focal length shows it.
+    pub fn backdrop_blur(&self) -> f32 {
+        let Lens { radius, focus } = self.lens;
+        if radius <= 0.0 {
+            return 0.0;
+        }
+        2.0 * radius * self.backdrop_focal / focus
+    }
+
     /// Where the optical axis meets the picture; pixel centres are at integers.
     pub fn principal_point(&self) -> [f32; 2] {
         [
@@ -300,8 +309,11 @@ impl Camera {
 
     /// The same through the backdrop's focal length.
     pub fn backdrop_ray(&self, x: usize, y: usize) -> Vec3 {
+        // What a lens shifts, it shifts as far as the focal length is.
+        let aside = self.shift * (self.backdrop_focal / self.focal - 1.0);
         let [cx, cy] = self.principal_point();
-        let view = Vec3::new(x as f32 - cx, y as f32 - cy, self.backdrop_focal);
+        let (x, y) = (x as f32 - cx - aside.x, y as f32 - cy - aside.y);
+        let view = Vec3::new(x, y, self.backdrop_focal);
         (self.view_from_world.transpose() * view).normalize()
     }
 
@@ -528,6 +540,18 @@ mod tests {
                     "{told} {found}"
                 );
             }
+            // And so is what is infinitely far, whose rays the pixel in the middle meets.
+            let rays: Vec<Vec3> = camera
+                .through_lens(200)
+                .map(|c| c.backdrop_ray(200, 150))
+                .collect();
+            let apart = |a: &Vec3| rays.iter().map(|b| a.distance(*b)).fold(0f32, f32::max);
+            let found = rays.iter().map(apart).fold(0f32, f32::max) * camera.backdrop_focal;
+            let told = camera.backdrop_blur();
+            assert!(
+                told > 5.0 && (found - told).abs() < smooth,
+                "{told} {found}"
+            );
         }
     }
 

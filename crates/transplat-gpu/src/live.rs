@@ -252,9 +252,9 @@ impl Live {
         self.surroundings_version += 1;
     }
 
-    /// Sets the table of colours that a side is graded by.
-    pub fn set_lut(&mut self, side: usize, lut: ResidentLut) {
-        self.luts[side] = Some(lut);
+    /// Sets a table of colours: 0 is the pinned look's, 1 the scene's.
+    pub fn set_lut(&mut self, of: usize, lut: ResidentLut) {
+        self.luts[of] = Some(lut);
         self.surroundings_version += 1;
     }
 
@@ -280,7 +280,7 @@ impl Live {
         presentation.depth_unit = units.fold(0.0, f32::max);
         presentation.false_color &= presentation.view.is_light();
         let is_graded = presentation.view.is_graded() && !presentation.false_color;
-        presentation.graded = presentation.graded.map(|graded| graded && is_graded);
+        presentation.graded = presentation.graded.map(|of| of.filter(|_| is_graded));
         presentation.display = presentation.display.for_picture(presentation.false_color);
         self.draw_sides(&frame);
         let presentation = frame.presentation;
@@ -450,11 +450,7 @@ impl Live {
         let (Some(screen), Some(any)) = (&self.screen, targets[0].or(targets[1])) else {
             return;
         };
-        let graded = |side: usize| {
-            self.luts[side]
-                .as_ref()
-                .filter(|_| presentation.graded[side])
-        };
+        let graded = |side: usize| self.luts[presentation.graded[side]?].as_ref();
         let around = Around {
             backdrops: self.backdrops.each_ref().map(Option::as_ref),
             ground: self.ground.each_ref().map(Option::as_ref),

@@ -87,8 +87,8 @@ pub struct Presentation {
     pub difference_scale: f32,
     /// Exposure and tone curve, for the background.
     pub display: Display,
-    /// Whether each side is graded by its table of colours.
-    pub graded: [bool; 2],
+    /// Which table of colours each side is graded by: 0 the pinned look's, 1 the scene's.
+    pub graded: [Option<usize>; 2],
     /// Whether exposure is shown as colours.
     pub false_color: bool,
     /// What is behind.

@@ -23,8 +23,8 @@ pub fn bundled(name: &str) -> Option<PathBuf> {
 /// The environments of the bundled scene; the first is the one that its splat was captured under.
 pub const BUNDLED_LIGHTS: [&str; 3] = ["city.hdr", "sunset.hdr", "interior.hdr"];
 
-/// How the light that the splat is first relit by is turned, in degrees: its sun stands in the picture, behind the splat.
-pub const BUNDLED_ROTATION: f64 = 180.0;
+/// The light that the splat is first relit by: its lamp throws a shadow that is seen.
+pub const BUNDLED_FIRST_LIGHT: &str = "interior.hdr";
 
 /// The splat of the bundled scene.
 pub const BUNDLED_SPLAT: &str = "teapot.ply";

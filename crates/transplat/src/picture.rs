@@ -140,6 +140,8 @@ struct Shot<'a> {
     /// Samples a pixel along each edge.
     factor: usize,
     lit: &'a Lit,
+    /// Reduced to the picture's size.
+    plate: Option<&'a Plate>,
     progress: Progress<'a>,
 }
 
@@ -241,10 +243,15 @@ impl Studio {
         lit: &Lit,
         progress: Progress<'_>,
     ) -> Result<Raster> {
+        let shorter = camera.width.min(camera.height);
+        let is_behind = self.scene.background == Background::Plate;
+        let plate = self.plate.as_ref().filter(|_| is_behind);
+        let plate = plate.map(|plate| plate.reduced(shorter));
         let shot = Shot {
             camera,
             factor,
             lit,
+            plate: plate.as_ref(),
             progress,
         };
         let mut raster = match self.view {
@@ -296,12 +303,11 @@ impl Studio {
     /// One side of a picture, 0 before and 1 after: through the lens, and graded.
     fn side(&self, shot: Shot<'_>, side: usize) -> Result<Raster> {
         let camera = shot.camera;
-        let mut depths = present::depth_range(camera, &self.cloud.bounds());
-        let is_before = self.scene.background == Background::Environment;
-        if is_before && shot.lit.backdrops[side].is_some() {
-            depths[1] = f32::INFINITY;
+        let mut blur = camera.blur(present::depth_range(camera, &self.cloud.bounds()));
+        let is_behind = self.scene.background == Background::Environment;
+        if is_behind && shot.lit.backdrops[side].is_some() {
+            blur = blur.max(camera.backdrop_blur());
         }
-        let blur = camera.blur(depths);
         let mut raster = if self.view.is_graded() && blur > SHARP {
             let by_blur = (blur * blur / BLUR_PER_SAMPLE) as usize;
             let fewest = LENS_SAMPLES[0].max(shot.factor * shot.factor);
@@ -415,8 +421,7 @@ impl Studio {
         match (background, &lit.backdrops[side]) {
             (Background::Transparent, _) | (Background::Environment, None) => {}
             (Background::Plate, _) => {
-                let shorter = camera.width.min(camera.height);
-                if let Some(plate) = self.plate.as_ref().map(|p| p.reduced(shorter)) {
+                if let Some(plate) = shot.plate {
                     // A photograph has its own lens behind it.
                     let camera = &Camera {
                         shift: Vec2::ZERO,

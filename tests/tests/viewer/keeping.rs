@@ -112,9 +112,10 @@ fn any_kept_look_can_be_compared_with() {
     assert_eq!(d.viewer().session.scene, now);
     let pinned = d.viewer().session.pinned.clone().expect("it is pinned");
     assert_eq!(pinned.scene.look_alone(), now.variants[0].look);
-    // A key takes the two in turn.
+    // A key takes the two in turn, and what is kept stays.
     d.harness.key_press(Key::T);
     assert!(psnr(&sunset, &d.picture()) > 60.0);
+    assert_eq!(d.viewer().session.scene.variants, now.variants);
     d.harness.key_press(Key::T);
     d.settle();
     assert_eq!(d.viewer().session.scene, now);

@@ -49,7 +49,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         _ if start.trim_ascii_start().starts_with(b"{") => FileKind::Look,
         _ if lut::begins_as_one(&start) => FileKind::Lut,
         // These may begin with any comment.
-        _ if start[0] == b'#' && is_named(path, "cube") => FileKind::Lut,
+        _ if lut::begins_as_text(&start) && is_named(path, "cube") => FileKind::Lut,
         _ if is_named(path, "json") => {
             let message = "no look: that is a JSON object, and begins with \"{\"";
             return Err(Error::invalid(path, message));

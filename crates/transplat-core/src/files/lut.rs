@@ -20,10 +20,19 @@ const MOST_BYTES: u64 = 1 << 27;
 
 /// Whether a file that begins so says that it is one.
 pub(super) fn begins_as_one(start: &[u8]) -> bool {
-    let text = start.strip_prefix("\u{feff}".as_bytes()).unwrap_or(start);
-    let text = text.trim_ascii_start();
+    let text = text_of(start);
     let mut words = [&b"TITLE"[..], b"LUT_1D_", b"LUT_3D_", b"DOMAIN_"].into_iter();
     words.any(|word| text.starts_with(word))
+}
+
+/// Whether it may be one all the same: with a comment first.
+pub(super) fn begins_as_text(start: &[u8]) -> bool {
+    text_of(start).starts_with(b"#")
+}
+
+fn text_of(start: &[u8]) -> &[u8] {
+    let bom = "\u{feff}".as_bytes();
+    start.strip_prefix(bom).unwrap_or(start).trim_ascii_start()
 }
 
 /// Loads a grade.

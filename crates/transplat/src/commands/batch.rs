@@ -374,7 +374,7 @@ impl Batch {
         let look: serde_json::Value = serde_json::from_str(&look_text(&look).map_err(Error::msg)?)?;
         let camera = self.camera(args);
         let cameras = camera.cameras.as_ref().and_then(|path| path.file_name());
-        let settings = json!({
+        let mut settings = json!({
             "look": look,
             "size": args.size,
             "supersample": args.supersample,
@@ -385,6 +385,9 @@ impl Batch {
             "look_at": camera.look_at,
             "fov": camera.fov,
         });
+        if let (Some(aperture), Some(all)) = (camera.aperture, settings.as_object_mut()) {
+            all.insert("aperture".into(), aperture.into());
+        }
         let settings = format!("{settings:#}\n");
         make_folder(&args.output)?;
         let kept = args.output.join(SETTINGS);

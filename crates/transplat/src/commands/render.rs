@@ -11,7 +11,7 @@ use transplat_core::bake::Bake;
 use transplat_core::camera::{Camera, CameraPose, NEAR, first_pose, turntable};
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, check_folder, check_output, load_cameras, load_plate, look_text,
+    ExrFloats, PngBits, check_folder, check_output, load_cameras, load_lut, load_plate, look_text,
     plate_size, save_look, write_exr, write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
@@ -113,6 +113,10 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         check_output(&args.output)?;
     } else {
         check_folder(&args.output)?;
+    }
+    if let Some(lut) = &pipeline.scene.lut {
+        // What is wrong with it is told before the work.
+        load_lut(lut)?;
     }
     let linear = output.format == PictureFormat::Exr;
     let is_plain = pipeline.scene.display.is_identity() && pipeline.scene.lut.is_none();

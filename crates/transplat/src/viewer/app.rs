@@ -22,7 +22,7 @@ use super::shelf::Shelf;
 use super::style;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_ROTATION, BUNDLED_SPLAT, bundled};
+use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::pipeline::settings::environments_in;
 use crate::savings::Saved;
 
@@ -88,6 +88,8 @@ pub struct Viewer {
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
     pub(super) quitting: Option<Quitting>,
+    /// Whether what is needed to relight was cancelled.
+    pub(super) is_stopped: bool,
     pub(super) settings_for_once: bool,
     /// A picture as it would be saved.
     pub(super) preview: Option<egui::TextureHandle>,
@@ -156,6 +158,7 @@ impl Viewer {
             clipboard: None,
             lost: false,
             quitting: None,
+            is_stopped: false,
             settings_for_once: false,
             preview: None,
             replacing: None,
@@ -219,14 +222,15 @@ impl Viewer {
         }
         // A look beside a splat is for that splat.
         scene.objects.truncate(1);
-        let second = || lights.get(1).cloned().unwrap_or_else(|| EVEN.into());
-        scene.environment.file.get_or_insert_with(second);
         let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
         let object = &mut scene.objects[self.session.selected];
         let nothing_named = splat.is_none() && object.asset.is_none() && !by_look;
-        if nothing_named {
-            scene.environment.rotation = BUNDLED_ROTATION;
-        }
+        let first = nothing_named
+            .then(|| bundled(BUNDLED_FIRST_LIGHT))
+            .flatten();
+        let first = first.or_else(|| lights.get(1).cloned());
+        let first = first.unwrap_or_else(|| EVEN.into());
+        scene.environment.file.get_or_insert(first);
         let object = &mut scene.objects[self.session.selected];
         // The light is known only where somebody tells it, as for the bundled scene.
         let known = lights.first().filter(|_| nothing_named).cloned();

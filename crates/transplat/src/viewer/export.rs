@@ -16,6 +16,7 @@ use transplat_core::camera::CameraPose;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::AssetFile;
 use transplat_core::ground::Ground;
+use transplat_core::lut::Lut;
 use transplat_core::present::{Background, View};
 use transplat_core::scene::Scene;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
@@ -223,6 +224,7 @@ struct Snapshot {
     transfer: RefCell<Option<Transfer>>,
     /// What the pinned look shows: its lights are its own.
     pinned_relit: OnceCell<Relit>,
+    pinned_lut: OnceCell<Option<Arc<Lut>>>,
     /// Blurred maps by light.
     maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
@@ -313,6 +315,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         prepared: OnceCell::new(),
         transfer: RefCell::default(),
         pinned_relit: OnceCell::new(),
+        pinned_lut: OnceCell::new(),
         maps: RefCell::default(),
         device: session.background.clone(),
         cloud: asset.cloud.clone(),

@@ -28,7 +28,9 @@ impl PathField {
     /// In the place of a dialog, with what it would propose.
     pub fn of(dialog: Dialog, folder: &Path) -> Self {
         let text = match &dialog {
-            Dialog::Open | Dialog::OpenFolder => String::new(),
+            Dialog::Open
+            | Dialog::OpenFolder
+            | Dialog::Save(SaveKind::Plate | SaveKind::Lut, _) => String::new(),
             Dialog::Save(SaveKind::Folder, _) => folder.display().to_string(),
             Dialog::Save(_, name) => folder.join(name).display().to_string(),
         };

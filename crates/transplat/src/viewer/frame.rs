@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use transplat_core::camera::{Camera, CameraPose};
+use transplat_core::camera::{Camera, CameraPose, Lens};
 use transplat_core::present::{Background, View};
 use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_gpu::live::{Frame, Placement};
@@ -28,7 +28,11 @@ impl Session {
     ) -> Option<Frame> {
         let asset = self.states.iter().find_map(|s| s.asset.as_ref())?;
         let (up, bounds) = (self.scene_up(), self.scene_bounds().unwrap_or(asset.bounds));
-        let whole = Camera::from_pose(pose, up, size, bounds.radius);
+        let whole = Camera {
+            // It is for saved pictures: nothing is drawn anew for it.
+            lens: Lens::default(),
+            ..Camera::from_pose(pose, up, size, bounds.radius)
+        };
         let camera = if view == View::SideBySide {
             half(&whole)
         } else {
@@ -63,7 +67,7 @@ impl Session {
                 wipe: scene.wipe,
                 difference_scale: scene.difference_scale,
                 display: scene.display,
-                graded: [SOURCE, TARGET].map(|side| self.is_graded(side, view)),
+                graded: [SOURCE, TARGET].map(|side| self.graded_by(side, view)),
                 false_color: scene.false_color,
                 background,
                 plate: self.plate.get().copied().unwrap_or([1; 2]),

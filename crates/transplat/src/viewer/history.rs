@@ -1,7 +1,7 @@
 //! What was done, step by step, to go back to.
 
 use transplat_core::files::look_text;
-use transplat_core::scene::Scene;
+use transplat_core::scene::{Object, Scene};
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.
 pub const STEP_S: f64 = 1.0;
@@ -92,6 +92,12 @@ impl History {
 
     /// One of the steps.
     pub fn go_to(&mut self, step: usize) -> Option<&Scene> {
+        if step <= self.at
+            && let Some(change) = self.change.take()
+        {
+            // What is on its way is a step, too, to come back to.
+            self.take(&change.scene);
+        }
         let scene = &self.steps.get(step)?.scene;
         self.at = step;
         self.change = None;
@@ -178,8 +184,18 @@ fn changes(before: &Scene, after: &Scene) -> String {
         let text = look_text(scene).unwrap_or_default();
         serde_json::from_str(&text).unwrap_or_default()
     };
+    let listed = |scene: &Scene| {
+        let mut scene = scene.clone();
+        scene.objects.push(Object::default());
+        value(&scene)
+    };
+    let (mut last, mut now) = (value(before), value(after));
+    if last.get("objects").is_some() != now.get("objects").is_some() {
+        // A look says of one object otherwise what it says of several.
+        (last, now) = (listed(before), listed(after));
+    }
     let mut found = Vec::new();
-    differences(String::new(), &value(before), &value(after), &mut found);
+    differences(String::new(), &last, &now, &mut found);
     let mut said: Vec<String> = Vec::new();
     for (path, value) in found {
         let known = WORDS.iter().filter(|(of, _)| {
@@ -251,7 +267,9 @@ fn simple(value: &serde_json::Value) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use transplat_core::scene::EnvironmentLight;
+    use transplat_core::camera::CameraPose;
+    use transplat_core::scene::{Bookmark, EnvironmentLight, Variant};
+    use transplat_core::surfels::Bounds;
 
     use super::*;
 
@@ -310,9 +328,24 @@ mod tests {
         assert!(changes(&before, &after).ends_with(", …"));
         let mut moved = before.clone();
         moved.objects[0].transform.scale = 2.0;
-        assert!(!changes(&before, &moved).is_empty());
+        assert_eq!(changes(&before, &moved), "objects");
         // No setting lacks its words.
-        let text = look_text(&before).expect("plain data");
+        let bounds = Bounds {
+            center: glam::Vec3::ZERO,
+            radius: 1.0,
+        };
+        let mut full = before.clone();
+        (full.lut, full.plate) = (Some("a.cube".into()), Some("a.png".into()));
+        full.note = "a note".into();
+        full.bookmarks = vec![Bookmark {
+            name: "a view".into(),
+            camera: CameraPose::around(&bounds, 0.0, 0.0, 1.0, 40.0),
+        }];
+        full.variants = vec![Variant {
+            name: "a look".into(),
+            look: before.look_alone(),
+        }];
+        let text = look_text(&full).expect("plain data");
         let look: serde_json::Value = serde_json::from_str(&text).expect("a look");
         for name in look.as_object().expect("settings").keys() {
             let is_said = WORDS

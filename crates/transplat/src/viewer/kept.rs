@@ -6,7 +6,7 @@ use eframe::egui::{
 };
 use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
-use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Variant};
+use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform, Variant};
 
 use super::session::Session;
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
@@ -122,9 +122,40 @@ fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String 
 
 /// What a picture is of.
 #[derive(PartialEq)]
-enum Subject {
+struct Subject {
+    kept: Kept,
+    objects: Vec<Placed>,
+}
+
+#[derive(PartialEq)]
+enum Kept {
     Look(Box<Scene>),
     View(CameraPose),
+}
+
+/// An object by its number, where it stands, and whether it is shown.
+type Placed = (u64, Transform, bool);
+
+impl Subject {
+    fn look(session: &Session, look: &Scene) -> Self {
+        Self {
+            kept: Kept::Look(Box::new(look.clone())),
+            objects: placed(session),
+        }
+    }
+
+    fn view(session: &Session, pose: CameraPose) -> Self {
+        Self {
+            kept: Kept::View(pose),
+            objects: placed(session),
+        }
+    }
+}
+
+fn placed(session: &Session) -> Vec<Placed> {
+    let each = session.scene.objects.iter().zip(&session.states);
+    each.map(|(object, state)| (state.id, object.transform, object.shown))
+        .collect()
 }
 
 /// What is to be done with something kept.
@@ -138,7 +169,7 @@ enum Wish {
     Remove,
 }
 
-/// Pictures of what is kept, as it was last seen: a look once it was shown, a view under the light of the time.
+/// Pictures of what is kept, of the objects as they stand: a look once it was shown, a view under the light of the time.
 #[derive(Default)]
 pub struct Pictures(Vec<(Subject, TextureHandle)>);
 
@@ -148,9 +179,9 @@ impl Pictures {
         let shown = session.shown_look();
         let mut wished = None;
         for at in 0..session.scene.variants.len() {
-            let kept = &mut session.scene.variants[at];
-            let subject = Subject::Look(Box::new(kept.look.clone()));
+            let subject = Subject::look(session, &session.scene.variants[at].look);
             let picture = self.of(&subject);
+            let kept = &mut session.scene.variants[at];
             let note = kept.look.note.clone();
             let pinned = session.pinned.as_ref().filter(|p| p.is_compared);
             let is_pinned = pinned.is_some_and(|p| p.scene.look_alone() == kept.look);
@@ -192,8 +223,9 @@ impl Pictures {
         let shown = session.shown_view();
         let mut wished = None;
         for at in 0..session.scene.bookmarks.len() {
+            let subject = Subject::view(session, session.scene.bookmarks[at].camera);
+            let picture = self.of(&subject);
             let kept = &mut session.scene.bookmarks[at];
-            let picture = self.of(&Subject::View(kept.camera));
             let card = Card {
                 what: "View",
                 tip: "Click: look from there. Right click: more.".into(),
@@ -234,11 +266,11 @@ impl Pictures {
             return;
         }
         let shown = session.shown_look().map(|at| {
-            let look = session.scene.variants[at].look.clone();
-            (Subject::Look(Box::new(look)), session.pose)
+            let look = &session.scene.variants[at].look;
+            (Subject::look(session, look), session.pose)
         });
         let views = session.scene.bookmarks.iter();
-        let views = views.map(|kept| (Subject::View(kept.camera), kept.camera));
+        let views = views.map(|kept| (Subject::view(session, kept.camera), kept.camera));
         let mut missing = shown
             .into_iter()
             .chain(views)

@@ -24,6 +24,8 @@ pub struct LightMap {
     shown: Option<(Key, TextureHandle)>,
     /// How the light was turned at the press.
     grab: Grab<f64>,
+    /// Whether it was taken once, and need not be explained.
+    is_known: bool,
 }
 
 /// All that it depends on; turned, it is shown from another column on.
@@ -92,9 +94,9 @@ impl LightMap {
             session.side_mut(side).rotation = navigation::wrap(rotation);
         }
         // What it says would hide the numbers that change.
-        let is_held = response.is_pointer_button_down_on();
+        self.is_known |= response.is_pointer_button_down_on();
         let response = response.on_hover_cursor(egui::CursorIcon::ResizeHorizontal);
-        if !is_held {
+        if !self.is_known {
             response.on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
         }
         turned.is_some() || brought

@@ -84,7 +84,7 @@ impl Viewer {
             .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
             // Windows can be brought before it.
             .order(egui::Order::Middle);
-        let is_stopped = self.session.is_stopped();
+        let is_stopped = self.is_stopped;
         let mut goes_on = false;
         let Session { messages, jobs, .. } = &mut self.session;
         messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
@@ -420,10 +420,9 @@ impl Viewer {
         }
     }
 
-    /// Asks what is to become of exports that are under way when the window is to be closed.
-    pub(super) fn quit_window(&mut self, context: &egui::Context) {
+    /// Keeps the window open while exports are under way, until it is said what is to become of them.
+    pub(super) fn decide_on_quitting(&mut self, context: &egui::Context) {
         let under_way = self.session.jobs.is_awaited(Kind::Export);
-        let close = || context.send_viewport_cmd(egui::ViewportCommand::Close);
         if context.input(|i| i.viewport().close_requested()) && under_way && !self.lost {
             context.send_viewport_cmd(egui::ViewportCommand::CancelClose);
             self.quitting.get_or_insert(Quitting::Asks);
@@ -433,11 +432,21 @@ impl Viewer {
         };
         if !under_way {
             self.quitting = None;
-            if quitting == Quitting::WhenDone {
-                close();
+            // One that failed is to be seen.
+            let failed = self.session.messages.iter().any(|m| m.is_error);
+            if quitting == Quitting::WhenDone && !failed {
+                context.send_viewport_cmd(egui::ViewportCommand::Close);
             }
-            return;
         }
+    }
+
+    /// Asks what is to become of exports that are under way.
+    pub(super) fn quit_window(&mut self, context: &egui::Context) {
+        let Some(quitting) = self.quitting else {
+            return;
+        };
+        let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
+        let count = self.session.jobs.running().iter().filter(of_export).count();
         egui::Window::new("Quit?")
             .pivot(egui::Align2::CENTER_CENTER)
             .default_pos(self.viewport.rect.center())
@@ -445,8 +454,9 @@ impl Viewer {
             .collapsible(false)
             .show(context, |ui| {
                 ui.label(match quitting {
-                    Quitting::Asks => "Pictures are still being saved.",
-                    Quitting::WhenDone => "The window closes once the pictures are saved.",
+                    Quitting::Asks if count > 1 => format!("{count} exports are not done yet."),
+                    Quitting::Asks => "An export is not done yet.".into(),
+                    Quitting::WhenDone => "The window closes once all is saved.".into(),
                 });
                 ui.horizontal(|ui| {
                     let asks = quitting == Quitting::Asks;
@@ -455,7 +465,7 @@ impl Viewer {
                     }
                     if ui.button("Stop them and quit").clicked() {
                         self.session.jobs.cancel(Kind::Export);
-                        close();
+                        context.send_viewport_cmd(egui::ViewportCommand::Close);
                     }
                     if ui.button("Stay").clicked() {
                         self.quitting = None;
@@ -477,7 +487,7 @@ impl Viewer {
         painter.text(
             rect.center(),
             egui::Align2::CENTER_CENTER,
-            "Drop splats, environments, folders of environments, looks.\nOn a slot below: the light of that slot.",
+            "Drop splats, environments, folders of environments, looks, tables of colours.\nOn a slot below: the light of that slot.",
             egui::FontId::proportional(20.0),
             Color32::WHITE,
         );

@@ -2,6 +2,7 @@
 
 use transplat_core::color::Display;
 use transplat_core::present::View;
+use transplat_core::scene::Scene;
 use transplat_core::transfer::Part;
 use transplat_gpu::rasterize::ResidentSh;
 
@@ -29,6 +30,11 @@ impl Session {
     /// Pins one of the looks that are kept: it is shown until it is relit, and then what is shown now is shown again.
     pub fn compare_with(&mut self, at: usize) {
         if self.scene.variants.get(at).is_some() {
+            // Another one instead.
+            let last = self.comparing.take();
+            if let Some([now, _]) = last.filter(|[_, compared]| self.scene == *compared) {
+                self.scene = now;
+            }
             let now = self.scene.clone();
             self.show_look(at);
             self.comparing = Some([now, self.scene.clone()]);
@@ -41,10 +47,17 @@ impl Session {
             return;
         };
         if self.scene != compared {
-            // Something else was done since.
+            let taken_back = Scene {
+                environment: compared.environment.clone(),
+                ..self.scene.clone()
+            };
+            // Its light could not be read, which was told, or something else was done since.
+            if taken_back == compared {
+                self.scene = now;
+            }
             return;
         }
-        if !self.is_settled() || self.not_final(View::After).is_some() {
+        if !self.is_relit_as_set() || self.not_final(View::After).is_some() {
             self.comparing = Some([now, compared]);
             return;
         }
@@ -58,7 +71,9 @@ impl Session {
         if self.pinned.is_some() && self.pin_what_is_shown(self.scene.display) {
             let now = self.to_pin(self.compared().is_some());
             if let Some(pinned) = self.pinned.replace(now) {
-                self.scene = pinned.scene;
+                let last = std::mem::replace(&mut self.scene, pinned.scene);
+                // What is kept belongs to neither of the two.
+                (self.scene.bookmarks, self.scene.variants) = (last.bookmarks, last.variants);
             }
         }
     }

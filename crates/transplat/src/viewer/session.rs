@@ -26,7 +26,7 @@ use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
-use super::jobs::{Handle, Jobs, Kind};
+use super::jobs::{Handle, Jobs, Kind, Work};
 use super::object::{
     GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight, Surroundings,
     TogetherKey,
@@ -225,7 +225,7 @@ pub struct Session {
     pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
     /// The photograph behind the objects by its file, and its size.
     pub(super) plate: Derived<PathBuf, [usize; 2]>,
-    /// Tables of colours that the sides are graded by.
+    /// Tables of colours: that of the pinned look, and the scene's.
     pub(super) luts: [Derived<PathBuf, ()>; 2],
     /// Cameras of a file that was opened.
     pub cameras: Option<OpenCameras>,
@@ -646,6 +646,16 @@ impl Session {
         }
         let is_traced = !self.is_composed() || self.is_traced();
         (!is_traced).then_some("coarse: light between the objects is being traced")
+    }
+
+    /// Whether nothing is being computed that the picture waits for.
+    pub(super) fn is_relit_as_set(&self) -> bool {
+        let mut running = self.jobs.running().iter();
+        let is_beside = |kind: Kind| {
+            let of_object = matches!(kind, Kind::Of(_, Work::Doubts | Work::Measure));
+            of_object || matches!(kind, Kind::Export | Kind::Extremes | Kind::Dialog)
+        };
+        running.all(|job| is_beside(job.kind))
     }
 
     /// Whether everything that the settings ask for is shown: nothing is being computed.

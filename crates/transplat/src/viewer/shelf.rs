@@ -102,6 +102,8 @@ impl Shelf {
             let scroll = egui::ScrollArea::horizontal().id_salt(self.page as usize);
             scroll.auto_shrink([false, false]).show(ui, |ui| {
                 ui.horizontal_top(|ui| {
+                    // For the frame of the first.
+                    ui.add_space(3.0);
                     match self.page {
                         Page::Looks => return kept.looks(ui, session),
                         Page::Views => return kept.views(ui, session),

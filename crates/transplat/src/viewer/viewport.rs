@@ -325,7 +325,7 @@ impl Viewport {
                     navigation::set_pivot(&mut session.pose, up, pick.position);
                 }
             }
-        } else if response.clicked() {
+        } else if response.clicked() && !ui.input(|i| i.modifiers.shift) {
             let at = response.interact_pointer_pos();
             let picked = at.and_then(|at| self.picked(session, at));
             if let Some((object, _)) = picked {

@@ -22,12 +22,20 @@ impl eframe::App for Viewer {
         for event in self.session.update() {
             self.deal_with(event);
         }
+        // What is to be computed has been started: all that is settled is as it is set.
+        self.is_stopped = self.session.is_stopped();
+        if !self.viewport.is_dragging() {
+            self.pictures.draw(context, &self.session);
+        }
+        self.decide_on_quitting(context);
         if std::mem::take(&mut self.shelf.wants_files) {
             ask(&mut self.session, Dialog::Open);
         }
         let time = context.input(|i| i.time);
         // While a splat is loading, its look is still to come; and a drag is one step.
-        if !self.session.is_loading_asset() && !self.viewport.is_dragging() {
+        let is_comparing = self.session.comparing.is_some();
+        let is_between = self.session.is_loading_asset() || self.viewport.is_dragging();
+        if !is_between && !is_comparing {
             self.history.feed(time, &self.session.scene);
             // That is seen only when there is a frame.
             if self.history.is_in_flux() {
@@ -66,10 +74,8 @@ impl eframe::App for Viewer {
                 .size_range(300.0..=480.0)
                 .show(ui, |ui| panels::show(ui, self));
         }
-        let hold_before = !ui.ctx().text_edit_focused() && ui.input(|i| i.key_down(Key::B));
-        if !self.viewport.is_dragging() {
-            self.pictures.draw(ui.ctx(), &self.session);
-        }
+        let hold_before = !ui.ctx().text_edit_focused()
+            && ui.input(|i| i.key_down(Key::B) && !i.modifiers.command);
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.show(ui, &mut self.session, hold_before);
         });

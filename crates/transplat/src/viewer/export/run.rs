@@ -16,7 +16,7 @@ use transplat_core::files::{
 };
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
-use transplat_core::progress::{Progress, no_progress};
+use transplat_core::progress::{Progress, no_progress, tell};
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
 use transplat_core::settings::Method;
@@ -191,7 +191,9 @@ impl Snapshot {
         progress: Progress<'_>,
     ) -> Result<()> {
         if self.settings.format != Format::ExrLayers {
-            return self.write(path, &self.take(studio, pose, lit, progress)?);
+            let taken = self.take(studio, pose, lit, progress)?;
+            tell(progress, 1.0)?;
+            return self.write(path, &taken);
         }
         let relit = lit.relit.clone().filter(|_| studio.view == View::After);
         let relit = relit.context("layers are of what is relit: choose After")?;
@@ -337,11 +339,16 @@ impl Snapshot {
                 .pinned_relit
                 .get()
                 .context("the pinned look is relit")?;
-            let lut = scene.lut.as_ref().map(|path| load_lut(path)).transpose()?;
+            if self.pinned_lut.get().is_none() {
+                let path = scene.lut.as_ref();
+                let path = path.filter(|_| !self.settings.format.is_linear());
+                let lut = path.map(|path| load_lut(path)).transpose()?;
+                let _ = self.pinned_lut.set(lut.map(Arc::new));
+            }
             lit.before = Some(Before {
                 relit: relit.clone(),
                 display: scene.display,
-                lut: lut.map(Arc::new),
+                lut: self.pinned_lut.get().cloned().flatten(),
             });
         }
         if let Some(ground) = &self.ground {

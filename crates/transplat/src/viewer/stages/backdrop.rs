@@ -75,36 +75,36 @@ impl Session {
         });
     }
 
-    /// The table that a side is graded by: a pinned look has its own.
-    fn lut_of(&self, side: usize, view: View) -> Option<&PathBuf> {
-        let pinned = self.compared();
-        let pinned = pinned.filter(|_| side == SOURCE && view.has_two_sides());
-        let scene = pinned.map_or(&self.scene, |pinned| &pinned.scene);
-        scene.lut.as_ref()
+    /// The tables of colours of the pinned look and of the scene.
+    fn lut_paths(&self) -> [Option<&PathBuf>; 2] {
+        let pinned = self.compared().and_then(|p| p.scene.lut.as_ref());
+        [pinned, self.scene.lut.as_ref()]
     }
 
-    /// Whether the table that a side is graded by is there.
-    pub(in crate::viewer) fn is_graded(&self, side: usize, view: View) -> bool {
-        let lut = self.lut_of(side, view);
-        lut.is_some_and(|path| self.luts[side].of(path).is_some())
+    /// Which of the tables a side is graded by, once that is there.
+    pub(in crate::viewer) fn graded_by(&self, side: usize, view: View) -> Option<usize> {
+        let is_of_pinned = side == SOURCE && view.has_two_sides() && self.compared().is_some();
+        let of = if is_of_pinned { SOURCE } else { TARGET };
+        let path = self.lut_paths()[of]?;
+        self.luts[of].of(path).map(|()| of)
     }
 
     /// Reads the tables of colours that are asked for.
     pub(in crate::viewer) fn start_luts(&mut self) {
-        for side in [TARGET, SOURCE] {
-            let kind = Kind::Lut(side);
-            let Some(path) = self.lut_of(side, self.scene.view).cloned() else {
+        for of in [TARGET, SOURCE] {
+            let kind = Kind::Lut(of);
+            let Some(path) = self.lut_paths()[of].cloned() else {
                 continue;
             };
-            if self.jobs.is_running(kind) || !self.luts[side].ask(&path) {
+            if self.jobs.is_running(kind) || !self.luts[of].ask(&path) {
                 continue;
             }
             let (context, file) = (self.context.clone(), path.clone());
             let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
             let label = format!("reading {}", path.display());
             self.start(kind, label, work, move |session, lut| {
-                if session.luts[side].accept(path, ()) {
-                    session.live().set_lut(side, lut);
+                if session.luts[of].accept(path, ()) {
+                    session.live().set_lut(of, lut);
                 }
             });
         }
@@ -112,6 +112,8 @@ impl Session {
 
     /// Grades the picture by a table of colours, once it is read: one that is broken changes nothing.
     pub fn open_lut(&mut self, path: PathBuf) {
+        // The last one that is asked for is taken, however long each takes to read.
+        self.jobs.cancel(Kind::Lut(TARGET));
         let (context, file) = (self.context.clone(), path.clone());
         let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
         let label = format!("reading {}", path.display());
