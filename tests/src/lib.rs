@@ -128,9 +128,12 @@ impl Folder {
     }
 }
 
-/// A table of colours (.cube) that takes most of the blue away and lifts the dark.
+/// A table of colours (.cube), curves and a cube, that takes most of the blue away and lifts the dark.
 pub fn small_lut() -> String {
-    let mut text = String::from("TITLE \"small\"\nLUT_3D_SIZE 3\n");
+    let mut text = String::from(
+        "TITLE \"small\"\nLUT_1D_SIZE 3\nLUT_1D_INPUT_RANGE 0 1.25\nLUT_3D_SIZE 3\nLUT_3D_INPUT_RANGE 0.0 0.9\n",
+    );
+    text += "0 0 0\n0.6 0.5 0.55\n1 0.95 0.9\n";
     for i in 0..27 {
         let [r, g, b] = [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 / 2.0);
         text += &format!("{} {} {}\n", 0.1 + 0.9 * r * r, 0.1 + 0.8 * g, 0.4 * b);

@@ -167,7 +167,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
     run_told(&[&bake[..], &["-o", &of_harmonic]].concat(), 0, &[]);
-    let cut_lut = folder.write("cut.cube", &small_lut()[..100]);
+    let cut_lut = folder.write("cut.cube", &small_lut()[..140]);
     let missing_lut = folder.name("missing.cube");
     let before = folder.files();
     let out = folder.name("out.ply");
@@ -224,7 +224,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     for (lut, expected) in [
         (&asset("teapot_cameras.json"), "is expected here"),
         (&missing_lut, "No such file"),
-        (&cut_lut, "colours where its sizes ask for 27"),
+        (&cut_lut, "colours where its sizes ask for 30"),
     ] {
         let line = "render {} --turntable 1 --lut {} --device cpu -o {}";
         check(

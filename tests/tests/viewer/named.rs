@@ -57,7 +57,7 @@ fn every_control_has_a_name() {
     }
     d.viewer().session.keep_look();
     d.viewer().session.keep_view();
-    for page in ["Looks", "Views"] {
+    for page in ["Looks 1", "Views 1"] {
         d.click(page);
         check(&d, page);
     }

@@ -427,14 +427,11 @@ impl Viewer {
             context.send_viewport_cmd(egui::ViewportCommand::CancelClose);
             self.quitting.get_or_insert(Quitting::Asks);
         }
-        let Some(quitting) = self.quitting else {
-            return;
-        };
-        if !under_way {
+        if self.quitting.is_some() && !under_way {
             self.quitting = None;
             // One that failed is to be seen.
             let failed = self.session.messages.iter().any(|m| m.is_error);
-            if quitting == Quitting::WhenDone && !failed {
+            if !failed {
                 context.send_viewport_cmd(egui::ViewportCommand::Close);
             }
         }
@@ -460,7 +457,9 @@ impl Viewer {
                 });
                 ui.horizontal(|ui| {
                     let asks = quitting == Quitting::Asks;
-                    if asks && ui.button("Quit when they are done").clicked() {
+                    // It keeps its place: a second click must not meet another button.
+                    let waits = ui.add_enabled(asks, egui::Button::new("Quit when they are done"));
+                    if waits.clicked() {
                         self.quitting = Some(Quitting::WhenDone);
                     }
                     if ui.button("Stop them and quit").clicked() {
