@@ -86,7 +86,6 @@ fn wrong_usage_exits_with_2() {
         &["relight"][..],
         &["relight", &teapot, "-o", "x.ply"],
         &["relight", &teapot, "--source", "even", "-o", "x.ply"],
-        &["render", &teapot, "-o", "x"],
         &["render", &teapot, "--turntable", "0", "-o", "x"],
         &args("render {} --turntable 2 --eye 0,0,1 -o x", &[&teapot]),
         &args("render {} --turntable 2 --target even -o x", &[&teapot]),
@@ -167,7 +166,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
     run_told(&[&bake[..], &["-o", &of_harmonic]].concat(), 0, &[]);
-    let cut_lut = folder.write("cut.cube", &small_lut()[..140]);
+    let cut_lut = folder.write(
+        "cut.cube",
+        small_lut().lines().take(12).collect::<Vec<_>>().join("\n"),
+    );
     let missing_lut = folder.name("missing.cube");
     let before = folder.files();
     let out = folder.name("out.ply");

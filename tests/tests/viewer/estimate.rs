@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
@@ -174,15 +174,20 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     let named = bytes.windows(name.len()).position(|w| w == name);
     bytes[named.expect("it is named")] = b'-';
     fs::write(&path, bytes).expect("room for it");
-    d.after(|v| v.open(&path));
+    d.viewer().open(&path);
+    // What is told goes again after some seconds.
+    let (start, mut told) = (Instant::now(), String::new());
+    while !(told.contains("set upright") && told.contains("matched")) {
+        d.harness.step();
+        let messages = d.viewer().session.messages.iter();
+        told = messages.map(|m| m.text.clone()).collect();
+        assert!(start.elapsed() < Duration::from_secs(60), "{told}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    d.settle();
     let session = &d.viewer().session;
     assert_eq!(session.object().up, Some(UpAxis::MinusY));
     assert!(session.scene.match_strength);
-    let told: String = session.messages.iter().map(|m| m.text.clone()).collect();
-    assert!(
-        told.contains("set upright") && told.contains("matched"),
-        "{told}"
-    );
     // One that stands is left, and light that is told is as strong as it is.
     open_own(&mut d);
     d.settle();

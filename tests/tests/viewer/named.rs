@@ -55,8 +55,10 @@ fn every_control_has_a_name() {
             check(&d, &format!("{tab}, advanced"));
         }
     }
-    d.viewer().session.keep_look();
-    d.viewer().session.keep_view();
+    d.after(|v| {
+        v.session.keep_look();
+        v.session.keep_view();
+    });
     for page in ["Looks 1", "Views 1"] {
         d.click(page);
         check(&d, page);
