@@ -105,7 +105,7 @@ impl EnvironmentLight {
     }
 
     /// Turns and tilts the light so that what lies in a direction of the map, as it is in its file, comes from a direction of the Z-up world;
-    /// as high or as low as a tilt of [`MOST_TILT`] brings it, where that does not reach. Of two ways the one that tilts less.
+    /// as high or as low as a tilt of 60 degrees brings it, where that does not reach. Of two ways the one that tilts less.
     pub fn bring(&mut self, in_map: DVec3, to_world: DVec3) {
         let upright = self.up.asset_from_world().transpose() * self.mirroring() * in_map;
         // A tilt turns y and z on a circle: z is its radius times the sine of tilt and `first`.
