@@ -156,6 +156,18 @@ pub fn small_splat(rows: usize) -> String {
     text
 }
 
+/// Red, green, blue and alpha of an EXR, `[height * width]`, in whatever order it holds its lines.
+pub fn exr_pixels(path: &str) -> Vec<[f32; 4]> {
+    let exr = exr::prelude::read_first_rgba_layer_from_file(
+        path,
+        |size, _| (size.width(), vec![[0.0; 4]; size.area()]),
+        |(width, pixels): &mut (usize, Vec<[f32; 4]>), at, (r, g, b, a): (f32, f32, f32, f32)| {
+            pixels[at.y() * *width + at.x()] = [r, g, b, a]
+        },
+    );
+    exr.expect("an EXR").layer_data.channel_data.pixels.1
+}
+
 /// A picture's colour over black, 0 to 1, `[height * width]`.
 pub fn picture(path: &Path) -> Vec<[f32; 3]> {
     let picture = image::open(path).expect("a picture").into_rgba32f();

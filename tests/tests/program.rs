@@ -5,7 +5,7 @@ use std::process::Command;
 
 use transplat_core::files::load_asset;
 use transplat_tests::{
-    Folder, args, asset, program, run, run_json, run_told, small_lut, small_splat,
+    Folder, args, asset, exr_pixels, program, run, run_json, run_told, small_lut, small_splat,
 };
 
 #[test]
@@ -288,17 +288,6 @@ fn a_film_holds_the_frames_or_says_what_it_needs() {
     assert!(!fs::exists(folder.name("b.mp4")).expect("the folder is there"));
 }
 
-fn exr_pixels(path: &str) -> Vec<[f32; 4]> {
-    let exr = exr::prelude::read_first_rgba_layer_from_file(
-        path,
-        |size, _| (size.width(), vec![[0.0; 4]; size.area()]),
-        |(width, pixels): &mut (usize, Vec<[f32; 4]>), at, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels[at.y() * *width + at.x()] = [r, g, b, a]
-        },
-    );
-    exr.expect("an EXR").layer_data.channel_data.pixels.1
-}
-
 #[test]
 fn every_view_and_format_is_written_by_both_devices() {
     let folder = Folder::empty();
@@ -374,86 +363,6 @@ fn the_version_tells_what_was_built_and_what_draws() {
         let adapter = second.strip_prefix("adapter: ").expect("the adapter");
         assert!(!adapter.is_empty() && !adapter.starts_with("none"));
     }
-}
-
-/// Every pixel is what the table says of it; light that is linear has no table.
-#[test]
-fn a_table_of_colours_grades_what_is_for_display() {
-    let folder = Folder::empty();
-    let lut = folder.write("small.cube", small_lut());
-    let table = transplat_core::files::load_lut(&folder.path("small.cube")).expect("a table");
-    let teapot = asset("teapot.ply");
-    for background in ["checker", "transparent"] {
-        let draw = |name: &str, more: &[&str]| {
-            let line = "render {} --turntable 1 --size 160x160 --device cpu --background {} -o {}";
-            let out = folder.name(name);
-            run_json(&[&args(line, &[&teapot, background, &out])[..], more].concat());
-            image::open(folder.path(name))
-                .expect("a picture")
-                .into_rgba8()
-        };
-        let plain = draw("plain.png", &[]);
-        let graded = draw("graded.png", &["--lut", &lut]);
-        let (mut worst, mut seen) = (0f32, 0);
-        for (plain, graded) in plain
-            .pixels()
-            .zip(graded.pixels())
-            .filter(|(p, _)| p[3] > 200)
-        {
-            let color = [0, 1, 2].map(|c| f32::from(plain[c]) / 255.0);
-            for (c, expected) in table.apply(color).into_iter().enumerate() {
-                worst = worst.max((expected * 255.0 - f32::from(graded[c])).abs());
-            }
-            assert_eq!(plain[3], graded[3]);
-            seen += 1;
-        }
-        // Half a step before the table, where it is steepest twice that, and half a step after it.
-        assert!(seen > 2000 && worst < 1.6, "{seen} {worst}");
-    }
-    let linear = |name: &str, more: &[&str]| {
-        let line = "render {} --turntable 1 --size 40x40 --device cpu -o {}";
-        let out = folder.name(name);
-        let json = run_json(&[&args(line, &[&teapot, &out])[..], more].concat());
-        (exr_pixels(&out), json["warnings"].to_string())
-    };
-    let (plain, _) = linear("plain.exr", &[]);
-    let (graded, warned) = linear("graded.exr", &["--lut", &lut]);
-    assert!(
-        plain == graded && warned.contains("table of colours"),
-        "{warned}"
-    );
-}
-
-/// A lens spreads light and makes none, and nothing is spread that is in focus.
-#[test]
-fn a_lens_blurs_what_is_not_in_focus() {
-    let folder = Folder::empty();
-    let teapot = asset("teapot.ply");
-    let draw = |name: &str, more: &[&str]| {
-        // All of it is within the picture.
-        let line = "render {} --eye 0,-4,1.5 --fov 40 --size 160x160 --device cpu -o {}";
-        let out = folder.name(name);
-        run_json(&[&args(line, &[&teapot, &out])[..], more].concat());
-        exr_pixels(&out)
-    };
-    let sharp = draw("sharp.exr", &[]);
-    assert!(sharp == draw("closed.exr", &["--aperture", "0"]));
-    let near = draw("near.exr", &["--aperture", "0.03"]);
-    // Far before the object: all of it is blurred.
-    let far = draw("far.exr", &["--aperture", "0.1", "--look-at", "0,-2.5,1"]);
-    let straight = draw("straight.exr", &["--look-at", "0,-2.5,1"]);
-    let light = |p: &[[f32; 4]]| p.iter().map(|p| p[1]).sum::<f32>();
-    let edges = |p: &[[f32; 4]]| {
-        let steps = p.windows(2).map(|p| (p[0][1] - p[1][1]).powi(2));
-        steps.sum::<f32>()
-    };
-    for (sharp, blurred, most) in [(&sharp, &near, 0.8), (&straight, &far, 0.15)] {
-        let kept = light(blurred) / light(sharp);
-        assert!((kept - 1.0).abs() < 0.02, "{kept}");
-        let left = edges(blurred) / edges(sharp);
-        assert!(left < most, "{left}");
-    }
-    assert!(edges(&near) > 0.2 * edges(&sharp));
 }
 
 #[test]

@@ -135,12 +135,22 @@ pub struct Camera {
 }
 
 /// A thin lens.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     /// In scene units; 0: everything is sharp.
     pub radius: f32,
     /// Depth that is sharp, in scene units.
     pub focus: f32,
+}
+
+impl Default for Lens {
+    /// A pinhole.
+    fn default() -> Self {
+        Self {
+            radius: 0.0,
+            focus: f32::INFINITY,
+        }
+    }
 }
 
 /// Field of view that stands for parallel projection, in degrees: over an object's radius it widens things by 0.2 %, and the distance
@@ -276,20 +286,13 @@ impl Camera {
     /// Across how many pixels a point between two depths is spread by the lens at most.
     pub fn blur(&self, [near, far]: [f32; 2]) -> f32 {
         let Lens { radius, focus } = self.lens;
-        if radius <= 0.0 {
-            return 0.0;
-        }
         let off = |depth: f32| (1.0 / focus - 1.0 / depth.max(self.near)).abs();
         2.0 * radius * self.focal * off(near).max(off(far))
     }
 
     /// The same of what is infinitely far, as the backdrop's focal length shows it.
     pub fn backdrop_blur(&self) -> f32 {
-        let Lens { radius, focus } = self.lens;
-        if radius <= 0.0 {
-            return 0.0;
-        }
-        2.0 * radius * self.backdrop_focal / focus
+        2.0 * self.lens.radius * self.backdrop_focal / self.lens.focus
     }
 
     /// Where the optical axis meets the picture; pixel centres are at integers.
@@ -367,7 +370,7 @@ pub fn turntable(
     towards.iter().map(|t| camera(*t, distance)).collect()
 }
 
-/// The pose that shows all of an object's points from a direction, its picture `size` pixels.
+/// The pose that shows all of an object's points, with room around them for what lies over the picture, from a direction, its picture `size` pixels.
 pub fn framed(
     points: &[Vec3],
     up: UpAxis,
@@ -383,20 +386,7 @@ pub fn framed(
     };
     let camera = Camera::from_pose(&pose, up, size, bounds.radius);
     let towards = (camera.eye - bounds.center).normalize_or(Vec3::X);
-    pose.distance = fitting_distance(points, bounds, &camera, towards);
-    pose
-}
-
-/// All of an object, with room around it for what lies over the picture.
-pub fn with_room(
-    points: &[Vec3],
-    up: UpAxis,
-    bounds: &Bounds,
-    pose: &CameraPose,
-    size: [usize; 2],
-) -> CameraPose {
-    let mut pose = framed(points, up, bounds, pose, size);
-    pose.distance *= ROOM;
+    pose.distance = ROOM * fitting_distance(points, bounds, &camera, towards);
     pose
 }
 
@@ -409,7 +399,7 @@ const ROOM: f32 = 1.15;
 /// The pose of a first look: from the front, a little from the right and above.
 pub fn first_pose(points: &[Vec3], up: UpAxis, bounds: &Bounds, size: [usize; 2]) -> CameraPose {
     let pose = CameraPose::around(bounds, -60.0, 10.0, 1.0, FIELD_OF_VIEW);
-    with_room(points, up, bounds, &pose, size)
+    framed(points, up, bounds, &pose, size)
 }
 
 /// How far from the object's centre a camera in direction `towards` must be to see all of it; floaters do not count.

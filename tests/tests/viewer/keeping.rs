@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use eframe::egui::{Key, Modifiers};
 use transplat::viewer::Task;
 use transplat_core::files::{load_look, load_lut, save_look};
-use transplat_core::present::View;
+use transplat_core::present::{Background, View};
 use transplat_tests::driver::Driver;
 use transplat_tests::{picture, psnr, small_lut};
 
@@ -93,6 +93,37 @@ fn keys_go_from_look_to_look_and_from_view_to_view() {
 }
 
 #[test]
+fn a_pinned_look_is_compared_with_and_swapped() {
+    let mut d = Driver::bundled();
+    let a = d.picture();
+    d.click("Pin");
+    let interior = d.folder.path("interior.hdr");
+    d.viewer().session.set_light(1, interior);
+    let b = d.picture();
+    assert!(psnr(&a, &b) < 35.0);
+    // All of the split is its left side: the pinned look, but for the background behind it.
+    d.viewer().session.scene.background = Background::Color([0.0; 3]);
+    d.viewer().session.scene.view = View::Split;
+    d.viewer().session.scene.wipe = 1.0;
+    let left = d.picture();
+    d.viewer().session.scene.view = View::After;
+    let right = d.picture();
+    assert!(psnr(&left, &right) < 35.0);
+    d.viewer().session.swap_pinned();
+    d.viewer().session.scene.background = Background::Color([0.0; 3]);
+    let swapped = d.picture();
+    assert!(psnr(&left, &swapped) > 50.0, "{}", psnr(&left, &swapped));
+    // Pinned while a channel is shown, it is the whole colour all the same.
+    d.viewer().session.scene.view = View::Diffuse;
+    d.picture();
+    d.viewer().session.pin();
+    d.viewer().session.scene.view = View::Split;
+    d.viewer().session.scene.wipe = 1.0;
+    let whole = d.picture();
+    assert!(psnr(&left, &whole) > 50.0, "{}", psnr(&left, &whole));
+}
+
+#[test]
 fn any_kept_look_can_be_compared_with() {
     let mut d = Driver::bundled();
     let sunset = d.picture();
@@ -146,7 +177,7 @@ fn looks_are_compared_by_their_own_tables_of_colours() {
             v.export_settings().size = size;
             v.export_settings().supersample = 1;
         });
-        // The wipe's line is a column of pixels.
+        // The wipe's line is a column of pixels, and what another table makes of it is below 25 dB.
         let shown = psnr(&d.picture(), expected);
         assert!(shown > 33.0, "{wipe}: {shown}");
         d.after(|v| v.export(Task::Screenshot(Some(saved.clone()))));

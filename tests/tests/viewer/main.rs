@@ -531,37 +531,6 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     assert!(psnr(&after, &before) < 40.0 && psnr(&after, &again) > 60.0);
 }
 
-#[test]
-fn a_pinned_look_is_compared_with_and_swapped() {
-    let mut d = Driver::bundled();
-    let a = d.picture();
-    d.click("Pin");
-    let interior = d.folder.path("interior.hdr");
-    d.viewer().session.set_light(1, interior);
-    let b = d.picture();
-    assert!(psnr(&a, &b) < 35.0);
-    // All of the split is its left side: the pinned look, but for the background behind it.
-    d.viewer().session.scene.background = Background::Color([0.0; 3]);
-    d.viewer().session.scene.view = View::Split;
-    d.viewer().session.scene.wipe = 1.0;
-    let left = d.picture();
-    d.viewer().session.scene.view = View::After;
-    let right = d.picture();
-    assert!(psnr(&left, &right) < 35.0);
-    d.viewer().session.swap_pinned();
-    d.viewer().session.scene.background = Background::Color([0.0; 3]);
-    let swapped = d.picture();
-    assert!(psnr(&left, &swapped) > 50.0, "{}", psnr(&left, &swapped));
-    // Pinned while a channel is shown, it is the whole colour all the same.
-    d.viewer().session.scene.view = View::Diffuse;
-    d.picture();
-    d.viewer().session.pin();
-    d.viewer().session.scene.view = View::Split;
-    d.viewer().session.scene.wipe = 1.0;
-    let whole = d.picture();
-    assert!(psnr(&left, &whole) > 50.0, "{}", psnr(&left, &whole));
-}
-
 /// A scene has room for another object before its splat is there, and what is shown and kept of the first stays.
 #[test]
 fn a_scene_grows_and_shrinks() {

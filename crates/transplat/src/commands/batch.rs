@@ -374,7 +374,7 @@ impl Batch {
         let look: serde_json::Value = serde_json::from_str(&look_text(&look).map_err(Error::msg)?)?;
         let camera = self.camera(args);
         let cameras = camera.cameras.as_ref().and_then(|path| path.file_name());
-        let mut settings = json!({
+        let settings = json!({
             "look": look,
             "size": args.size,
             "supersample": args.supersample,
@@ -384,10 +384,8 @@ impl Batch {
             "eye": camera.eye,
             "look_at": camera.look_at,
             "fov": camera.fov,
+            "aperture": camera.aperture,
         });
-        if let (Some(aperture), Some(all)) = (camera.aperture, settings.as_object_mut()) {
-            all.insert("aperture".into(), aperture.into());
-        }
         let settings = format!("{settings:#}\n");
         make_folder(&args.output)?;
         let kept = args.output.join(SETTINGS);

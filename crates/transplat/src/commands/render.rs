@@ -114,10 +114,9 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     } else {
         check_folder(&args.output)?;
     }
-    if let Some(lut) = &pipeline.scene.lut {
-        // What is wrong with it is told before the work.
-        load_lut(lut)?;
-    }
+    // What is wrong with it is told before the work.
+    let lut = pipeline.scene.lut.as_ref().map(|path| load_lut(path));
+    let lut = lut.transpose()?.map(Arc::new);
     let linear = output.format == PictureFormat::Exr;
     let is_plain = pipeline.scene.display.is_identity() && pipeline.scene.lut.is_none();
     if linear && (pipeline.scene.false_color || !is_plain) {
@@ -153,7 +152,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         painter,
     );
     studio.hidden = pipeline.hidden();
-    studio.load_lut()?;
+    studio.lut = lut;
     if let (Some(bake), View::Visibility) = (&bake, view) {
         studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
     }
@@ -246,7 +245,7 @@ fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Resu
         let middle = pipeline.cloud.bounds().center;
         let place = args.camera.look_at.map_or(middle, Vec3::from_array);
         for Frame { camera, .. } in &mut frames {
-            if camera.lens.focus <= 0.0 {
+            if camera.lens.focus.is_infinite() {
                 camera.lens.focus = camera.project(place).1.max(camera.near);
             }
             camera.lens.radius = aperture as f32 * camera.lens.focus;

@@ -223,12 +223,12 @@ impl Viewer {
         // A look beside a splat is for that splat.
         scene.objects.truncate(1);
         let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
-        let object = &mut scene.objects[self.session.selected];
-        let nothing_named = splat.is_none() && object.asset.is_none() && !by_look;
-        let first = nothing_named
-            .then(|| bundled(BUNDLED_FIRST_LIGHT))
-            .flatten();
-        let first = first.or_else(|| lights.get(1).cloned());
+        let is_told = scene.objects[self.session.selected].asset.is_some();
+        let nothing_named = splat.is_none() && !is_told && !by_look;
+        let first = match nothing_named {
+            true => bundled(BUNDLED_FIRST_LIGHT),
+            false => lights.get(1).cloned(),
+        };
         let first = first.unwrap_or_else(|| EVEN.into());
         scene.environment.file.get_or_insert(first);
         let object = &mut scene.objects[self.session.selected];

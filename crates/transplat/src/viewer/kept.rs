@@ -121,13 +121,11 @@ fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String 
 }
 
 /// What a picture is of.
-#[derive(PartialEq)]
 struct Subject {
     kept: Kept,
     objects: Vec<Placed>,
 }
 
-#[derive(PartialEq)]
 enum Kept {
     Look(Box<Scene>),
     View(CameraPose),
@@ -135,22 +133,6 @@ enum Kept {
 
 /// An object by its number, where it stands, and whether it is shown.
 type Placed = (u64, Transform, bool);
-
-impl Subject {
-    fn look(session: &Session, look: &Scene) -> Self {
-        Self {
-            kept: Kept::Look(Box::new(look.clone())),
-            objects: placed(session),
-        }
-    }
-
-    fn view(session: &Session, pose: CameraPose) -> Self {
-        Self {
-            kept: Kept::View(pose),
-            objects: placed(session),
-        }
-    }
-}
 
 fn placed(session: &Session) -> Vec<Placed> {
     let each = session.scene.objects.iter().zip(&session.states);
@@ -177,10 +159,10 @@ impl Pictures {
     /// The looks that are kept.
     pub fn looks(&self, ui: &mut Ui, session: &mut Session) {
         let shown = session.shown_look();
+        let objects = placed(session);
         let mut wished = None;
         for at in 0..session.scene.variants.len() {
-            let subject = Subject::look(session, &session.scene.variants[at].look);
-            let picture = self.of(&subject);
+            let picture = self.of_look(&session.scene.variants[at].look, &objects);
             let kept = &mut session.scene.variants[at];
             let note = kept.look.note.clone();
             let pinned = session.pinned.as_ref().filter(|p| p.is_compared);
@@ -221,10 +203,10 @@ impl Pictures {
     /// The views that are kept.
     pub fn views(&self, ui: &mut Ui, session: &mut Session) {
         let shown = session.shown_view();
+        let objects = placed(session);
         let mut wished = None;
         for at in 0..session.scene.bookmarks.len() {
-            let subject = Subject::view(session, session.scene.bookmarks[at].camera);
-            let picture = self.of(&subject);
+            let picture = self.of_view(&session.scene.bookmarks[at].camera, &objects);
             let kept = &mut session.scene.bookmarks[at];
             let card = Card {
                 what: "View",
@@ -251,9 +233,21 @@ impl Pictures {
         }
     }
 
-    fn of(&self, subject: &Subject) -> Option<TextureHandle> {
-        let of = self.0.iter().find(|(of, _)| of == subject);
-        of.map(|(_, picture)| picture.clone())
+    fn of_look(&self, look: &Scene, objects: &[Placed]) -> Option<TextureHandle> {
+        self.find(
+            objects,
+            |kept| matches!(kept, Kept::Look(of) if **of == *look),
+        )
+    }
+
+    fn of_view(&self, pose: &CameraPose, objects: &[Placed]) -> Option<TextureHandle> {
+        self.find(objects, |kept| matches!(kept, Kept::View(of) if of == pose))
+    }
+
+    fn find(&self, objects: &[Placed], is_it: impl Fn(&Kept) -> bool) -> Option<TextureHandle> {
+        let mut all = self.0.iter();
+        let found = all.find(|(of, _)| of.objects == objects && is_it(&of.kept));
+        found.map(|(_, picture)| picture.clone())
     }
 
     /// Draws what has no picture yet and can have one now, one at a time; the viewport is drawn after it.
@@ -265,17 +259,15 @@ impl Pictures {
         if session.not_final(View::After).is_some() {
             return;
         }
-        let shown = session.shown_look().map(|at| {
-            let look = &session.scene.variants[at].look;
-            (Subject::look(session, look), session.pose)
-        });
-        let views = session.scene.bookmarks.iter();
-        let views = views.map(|kept| (Subject::view(session, kept.camera), kept.camera));
-        let mut missing = shown
-            .into_iter()
-            .chain(views)
-            .filter(|(subject, _)| self.of(subject).is_none());
-        let Some((subject, pose)) = missing.next() else {
+        let objects = placed(session);
+        let shown = session.shown_look().map(|at| &scene.variants[at].look);
+        let shown = shown.filter(|look| self.of_look(look, &objects).is_none());
+        let shown = shown.map(|look| (Kept::Look(Box::new(look.clone())), session.pose));
+        let views = scene.bookmarks.iter().map(|kept| kept.camera);
+        let views = views.filter(|pose| self.of_view(pose, &objects).is_none());
+        let views = views.map(|pose| (Kept::View(pose), pose));
+        let mut missing = shown.into_iter().chain(views);
+        let Some((kept, pose)) = missing.next() else {
             return;
         };
         if missing.next().is_some() {
@@ -289,7 +281,7 @@ impl Pictures {
         if self.0.len() > 2 * MOST_KEPT {
             drop(self.0.remove(0));
         }
-        self.0.push((subject, texture));
+        self.0.push((Subject { kept, objects }, texture));
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
-use transplat_core::camera::{CameraPose, first_pose, with_room};
+use transplat_core::camera::{CameraPose, first_pose, framed};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{
@@ -443,7 +443,7 @@ impl Session {
             let points = self.points();
             self.pose = CameraPose {
                 orthographic: last.orthographic,
-                ..with_room(&points, up, &bounds, &last, size)
+                ..framed(&points, up, &bounds, &last, size)
             };
         }
     }

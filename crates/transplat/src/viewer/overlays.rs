@@ -23,6 +23,14 @@ const MESSAGE_S: f32 = 7.0;
 /// How many messages are shown, the latest.
 const MOST_MESSAGES: usize = 4;
 
+/// A window over the middle of the picture.
+fn in_the_middle(title: &str, picture: egui::Rect) -> egui::Window<'_> {
+    egui::Window::new(title)
+        .pivot(egui::Align2::CENTER_CENTER)
+        .default_pos(picture.center())
+        .resizable(false)
+}
+
 impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
@@ -318,11 +326,8 @@ impl Viewer {
         };
         let (mut open, mut is_shown) = (true, true);
         let mut act = None;
-        egui::Window::new("By path")
-            .pivot(egui::Align2::CENTER_CENTER)
-            .default_pos(self.viewport.rect.center())
+        in_the_middle("By path", self.viewport.rect)
             .open(&mut is_shown)
-            .resizable(false)
             .show(context, |ui| {
                 let label = ui.label(match &field.dialog {
                     None => "A file or folder to open, or the name of a file to write:",
@@ -406,11 +411,8 @@ impl Viewer {
         let room = 0.9 * self.viewport.rect.size();
         let size = picture.size_vec2();
         let scale = (room.x / size.x).min(room.y / size.y).min(1.0);
-        egui::Window::new("Preview")
-            .pivot(egui::Align2::CENTER_CENTER)
-            .default_pos(self.viewport.rect.center())
+        in_the_middle("Preview", self.viewport.rect)
             .open(&mut is_shown)
-            .resizable(false)
             .show(context, |ui| {
                 let image = egui::Image::new((picture.id(), size * scale));
                 ui.add(image.alt_text("The picture as it would be saved"));
@@ -444,10 +446,7 @@ impl Viewer {
         };
         let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
         let count = self.session.jobs.running().iter().filter(of_export).count();
-        egui::Window::new("Quit?")
-            .pivot(egui::Align2::CENTER_CENTER)
-            .default_pos(self.viewport.rect.center())
-            .resizable(false)
+        in_the_middle("Quit?", self.viewport.rect)
             .collapsible(false)
             .show(context, |ui| {
                 ui.label(match quitting {
