@@ -105,7 +105,10 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
             if any(there < vec2f(0.0)) || any(there > vec2f(1.0)) {
                 return checkerboard(pixel);
             }
-            let radiance = textureSampleLevel(after_map, ground_sampler, there, 0.0).rgb;
+            // The sampler of maps goes round: a picture has edges. With one of its own OpenGL refuses the shader.
+            let half_pixel = 0.5 / f32(textureDimensions(after_map).x);
+            let inside = vec2f(clamp(there.x, half_pixel, 1.0 - half_pixel), there.y);
+            let radiance = textureSampleLevel(after_map, map_sampler, inside, 0.0).rgb;
             return vec4f(clamp(srgb_encode(radiance), vec3f(0.0), vec3f(1.0)), 1.0);
         }
         default: {

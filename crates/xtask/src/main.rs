@@ -9,6 +9,7 @@ use std::process::{Command, ExitCode};
 
 const HELP: &str = "cargo xtask run [ARGUMENTS]   run the program; without arguments the viewer on the bundled scene, or where there is no display, pictures of it
 cargo xtask test              format, lints, docs, unit, parity and picture tests, the program on the bundled scene
+cargo xtask bench [ARGUMENTS] how long each stage takes by surfels and pixels; --help tells more
 cargo xtask dist              a package for Debian and an archive for other Linux systems, in target/dist
 cargo xtask setup             only install what is missing";
 
@@ -20,6 +21,7 @@ fn main() -> ExitCode {
     let outcome = match arguments.first().map(String::as_str) {
         Some("run") => run(&arguments[1..]),
         Some("test") => checks::test(),
+        Some("bench") => bench(&arguments[1..]),
         Some("dist") => dist::dist(),
         Some("setup") => setup::setup(has_display()),
         Some(other) => Err(format!("unknown command {other}\n{HELP}")),
@@ -90,6 +92,12 @@ fn run(arguments: &[String]) -> Outcome {
         full.display()
     );
     Ok(())
+}
+
+fn bench(arguments: &[String]) -> Outcome {
+    setup::setup(has_display())?;
+    let line = "cargo bench --quiet --package transplat-tests --bench stages --";
+    must(line, arguments)
 }
 
 /// The program's own commands on the bundled scene; `program` is how it is started, `more` goes to each command.

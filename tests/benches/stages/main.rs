@@ -1,0 +1,375 @@
+//! How long each stage takes by the number of surfels and pixels, on the CPU and on the GPU: `cargo xtask bench`.
+//!
+//! The assets are made up, so that every machine has the same ones: a rough ball over a slab, in two layers and with colour of degree 3, about
+//! as many surfels behind a pixel as trained splats have.
+
+mod measure;
+mod subject;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Parser, ValueEnum};
+use eframe::wgpu::TextureFormat;
+use glam::{Affine3A, DMat3, Vec3};
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::camera::{Camera, first_pose};
+use transplat_core::color::Display;
+use transplat_core::environment::{Beams, EnvironmentMap, Illumination};
+use transplat_core::files::{load_asset, load_environment, write_relit};
+use transplat_core::present::{Background, View};
+use transplat_core::progress::no_progress;
+use transplat_core::rasterize::{ColorSpace, depth_order, rasterize, shade};
+use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::{Part, PreparedTransfer};
+use transplat_gpu::Context;
+use transplat_gpu::bake::directional::GpuTracer;
+use transplat_gpu::live::{Frame, Live, LiveAsset, Placement};
+use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
+use transplat_gpu::rasterize::{GpuRasterizer, Layer, ResidentPaint, ResidentSh, Target};
+use transplat_gpu::transfer::GpuTransfer;
+use transplat_tests::root;
+
+use measure::{Bench, read_rows};
+
+/// What is measured.
+#[derive(Parser)]
+#[command(name = "cargo xtask bench")]
+struct Args {
+    /// Surfels, such as 30k or 1M
+    #[arg(long, value_delimiter = ',', value_parser = count, default_value = "10k,30k,100k,300k")]
+    surfels: Vec<usize>,
+    /// Degrees of colour
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(0..=3), default_value = "3")]
+    degrees: Vec<u8>,
+    /// Sizes of the picture
+    #[arg(long, value_delimiter = ',', value_parser = size, default_value = "1280x720,1920x1080,3840x2160")]
+    sizes: Vec<[usize; 2]>,
+    #[arg(long, value_enum, default_value = "both")]
+    device: Devices,
+    /// Keep the figures
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Say how many times as long each took as in figures kept before
+    #[arg(long)]
+    compare: Option<PathBuf>,
+    /// What cargo tells every benchmark
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Devices {
+    Cpu,
+    Gpu,
+    Both,
+}
+
+/// A number that may end in k or M.
+fn count(text: &str) -> Result<usize, String> {
+    let (digits, unit) = match text.strip_suffix(['k', 'K']) {
+        Some(digits) => (digits, 1e3),
+        None => match text.strip_suffix('M') {
+            Some(digits) => (digits, 1e6),
+            None => (text, 1.0),
+        },
+    };
+    let number: f64 = digits.parse().map_err(|_| "such as 30k or 1M".to_owned())?;
+    let all = number * unit;
+    (1e3..=2e7)
+        .contains(&all)
+        .then_some(all as usize)
+        .ok_or("from 1k to 20M".into())
+}
+
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let edges: Option<Vec<usize>> = text.split('x').map(|e| e.parse().ok()).collect();
+    match edges.as_deref() {
+        Some(&[w @ 1..=8192, h @ 1..=8192]) => Ok([w, h]),
+        _ => Err("such as 1280x720".into()),
+    }
+}
+
+fn main() {
+    let args = Args::parse();
+    let before = args.compare.as_deref().map(read_rows).unwrap_or_default();
+    let mut bench = Bench::new(before);
+    let gpu = (args.device != Devices::Cpu).then(|| {
+        Arc::new(Context::new(true).expect("a Vulkan driver; --device cpu measures without"))
+    });
+    if let Some(context) = &gpu {
+        println!("{}", context.name());
+    }
+    println!(
+        "{} threads",
+        std::thread::available_parallelism().map_or(1, usize::from)
+    );
+    let maps = ["city", "sunset"].map(|name| {
+        let path = root().join(format!("assets/{name}.hdr"));
+        load_environment(&path).expect("it is bundled")
+    });
+    let lights = maps.each_ref().map(light);
+    bench.at("", [1024, 512]);
+    if args.device != Devices::Gpu {
+        bench.time("cpu", "project environment", || light(&maps[1]));
+    }
+    if let Some(context) = &gpu {
+        bench.time("gpu", "project environment", || {
+            transplat_gpu::environment::project_environment(context, &maps[1], MAX_DEGREE)
+                .expect("the driver works")
+        });
+    }
+    for &degree in &args.degrees {
+        for &surfels in &args.surfels {
+            let cloud = Arc::new(subject::rough_ball_over_slab(surfels, degree.into()));
+            let subject = Subject {
+                cloud: &cloud,
+                bounds: cloud.bounds(),
+                lights: &lights,
+                sizes: &args.sizes,
+            };
+            bench.at(&format!("degree {degree}"), [cloud.len(), 0]);
+            if args.device != Devices::Gpu {
+                subject.files(&mut bench);
+            }
+            let bake = match &gpu {
+                Some(context) => subject.bake_on(context, &mut bench),
+                None => subject.bake(&mut bench),
+            };
+            if args.device == Devices::Both {
+                subject.bake(&mut bench);
+            }
+            let settings = TransferSettings::of(Method::Directional);
+            let prepared = bench.time("cpu", "prepare", || {
+                PreparedTransfer::new(&cloud, &bake, &lights[0], &settings).expect("it fits")
+            });
+            if args.device != Devices::Gpu {
+                subject.on_cpu(&prepared, &mut bench);
+            }
+            if let Some(context) = &gpu {
+                subject.on_gpu(context, &prepared, &mut bench);
+            }
+        }
+    }
+    bench.tell_growth();
+    if let Some(path) = &args.json {
+        bench.write(path);
+    }
+}
+
+/// A map's light, as the directional method needs it.
+fn light(map: &EnvironmentMap) -> Illumination {
+    Illumination {
+        radiance: transplat_core::environment::project_environment(map, MAX_DEGREE),
+        beams: Some(Beams::of(map)),
+        trust: 1.0,
+    }
+}
+
+struct Subject<'a> {
+    cloud: &'a Arc<SurfelCloud>,
+    bounds: Bounds,
+    lights: &'a [Illumination; 2],
+    sizes: &'a [[usize; 2]],
+}
+
+impl Subject<'_> {
+    fn camera(&self, size: [usize; 2], degrees: f64) -> Camera {
+        let (cloud, bounds) = (self.cloud, &self.bounds);
+        let mut pose = first_pose(&cloud.positions, cloud.up, bounds, size);
+        pose.azimuth += degrees;
+        Camera::from_pose(&pose, cloud.up, size, bounds.radius)
+    }
+
+    fn files(&self, bench: &mut Bench) {
+        let folder = tempfile::tempdir().expect("a folder for files that go away");
+        let [path, out] = ["asset.ply", "relit.ply"].map(|name| folder.path().join(name));
+        subject::write_ply(self.cloud, &path);
+        let (loaded, file) = bench.time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
+        bench.time("cpu", "export PLY", || {
+            write_relit(&file, &loaded.sh, &out).expect("it can be written");
+        });
+    }
+
+    fn bake(&self, bench: &mut Bench) -> Bake {
+        bench.time("cpu", "bake", || {
+            Bake::new(self.cloud, Method::Directional, 0, &no_progress).expect("nobody cancels")
+        })
+    }
+
+    fn bake_on(&self, context: &Arc<Context>, bench: &mut Bench) -> Bake {
+        let tracer = bench.time("cpu", "bake: boxes and fronts", || {
+            DirectionalBake::tracer(self.cloud, &no_progress).expect("nobody cancels")
+        });
+        let baked = bench.time("gpu", "bake", || {
+            let rays = GpuTracer::new(context, &tracer).expect("it fits");
+            DirectionalBake::bake_by(
+                self.cloud,
+                &tracer,
+                (&[1], &Default::default()),
+                |patches, found, progress| {
+                    rays.trace(patches, found, progress)
+                        .map_err(|e| transplat_core::Error::Mismatch(e.to_string()))
+                },
+                &no_progress,
+                |_, _| (),
+            )
+            .expect("nobody cancels")
+        });
+        Bake::Directional(Arc::new(baked))
+    }
+
+    fn on_cpu(&self, prepared: &PreparedTransfer, bench: &mut Bench) {
+        let cloud = self.cloud;
+        let mut last = None;
+        bench.time("cpu", "transfer", || {
+            let relit = prepared.relight_after(last.take(), &self.lights[1], Part::Whole, &[]);
+            last = Some(relit.expect("read for it"));
+        });
+        let surfels = cloud.len();
+        for &size in self.sizes {
+            bench.size([surfels, size[0] * size[1]]);
+            let mut turn = 0.0;
+            let mut next = || {
+                turn += 7.0;
+                self.camera(size, turn)
+            };
+            if size == self.sizes[0] {
+                bench.time_of("cpu", "sort", &mut next, |camera| {
+                    depth_order(&cloud.positions, &camera, &[])
+                });
+                bench.time_of("cpu", "shade", &mut next, |camera| {
+                    let (degree, encoding) = (cloud.sh_degree, cloud.encoding);
+                    shade(
+                        &cloud.positions,
+                        &cloud.sh,
+                        degree,
+                        encoding,
+                        camera.eye,
+                        ColorSpace::Linear,
+                    )
+                });
+            }
+            let colors = vec![[0.5; 3]; surfels];
+            bench.time_of("cpu", "sort and draw", &mut next, |camera| {
+                rasterize(cloud, &camera, &colors, &[])
+            });
+        }
+    }
+
+    fn on_gpu(&self, context: &Arc<Context>, prepared: &PreparedTransfer, bench: &mut Bench) {
+        let cloud = self.cloud;
+        let surfels = cloud.len();
+        bench.size([surfels, 0]);
+        let done = |context: &Context| context.finish(&context.last_submission());
+        let asset = bench.time("gpu", "upload asset", || {
+            LiveAsset::new(context, cloud).expect("it fits")
+        });
+        let transfer = bench.time("gpu", "upload transfer", || {
+            GpuTransfer::new(context, prepared).expect("it fits")
+        });
+        let mut live = Live::new(context, TextureFormat::Rgba8Unorm);
+        live.set_asset(0, asset).expect("it fits");
+        live.set_transfer(0, transfer);
+        bench.time("gpu", "transfer", || {
+            let relit = live.relight(0, &self.lights[1], Part::Whole, &[]);
+            relit.expect("read for it");
+            done(context);
+        });
+        let rasterizer = GpuRasterizer::new(context, cloud).expect("it fits");
+        let sh = ResidentSh::upload(context, &cloud.sh, cloud.sh_degree, cloud.encoding);
+        for &size in self.sizes {
+            bench.size([surfels, size[0] * size[1]]);
+            let mut turn = 0.0;
+            let mut next = || {
+                turn += 7.0;
+                self.camera(size, turn)
+            };
+            if size == self.sizes[0] {
+                bench.time_of("gpu", "sort", &mut next, |camera| {
+                    rasterizer.sort(&camera, &[]);
+                    done(context);
+                });
+                bench.time_of("gpu", "project", &mut next, |camera| {
+                    rasterizer.project(&camera);
+                    done(context);
+                });
+                bench.time_of("gpu", "shade", &mut next, |camera| {
+                    rasterizer.shade(
+                        &camera,
+                        ResidentPaint::Sh(&sh, Part::Whole),
+                        ColorSpace::Linear,
+                    );
+                    done(context);
+                });
+            }
+            let camera = next();
+            let order = rasterizer.sort(&camera, &[]);
+            rasterizer.project(&camera);
+            let target = Target::new(context, size);
+            bench.time("gpu", "draw", || {
+                let layer = Layer {
+                    depth_unit: 1.0,
+                    ..Layer::default()
+                };
+                rasterizer.draw_tile(&camera, layer, &order, &target);
+                done(context);
+            });
+            bench.time_of("gpu", "frame, camera moves", &mut next, |camera| {
+                live.frame(&self.frame(camera, size));
+                done(context);
+            });
+            let camera = next();
+            live.frame(&self.frame(camera, size));
+            let mut lights = self.lights.iter().cycle();
+            bench.time("gpu", "frame, light turns", || {
+                let light = lights.next().expect("it goes round");
+                live.relight(0, light, Part::Whole, &[])
+                    .expect("read for it");
+                live.frame(&self.frame(camera, size));
+                done(context);
+            });
+        }
+    }
+
+    fn frame(&self, camera: Camera, size: [usize; 2]) -> Frame {
+        let light = BackdropLight {
+            map_from_asset: DMat3::IDENTITY,
+            gain: [1.0; 3],
+        };
+        Frame {
+            presentation: Presentation {
+                camera,
+                size,
+                view: View::After,
+                wipe: 0.5,
+                difference_scale: 1.0,
+                display: Display::default(),
+                graded: [None; 2],
+                false_color: false,
+                background: Background::Color([0.2; 3]),
+                plate: [1; 2],
+                lights: [light; 2],
+                ground: GroundPlane {
+                    center: Vec3::ZERO,
+                    axes: [Vec3::X, Vec3::Y],
+                    half: 1.0,
+                    catches: false,
+                    grid: None,
+                },
+                bounds: self.bounds,
+                depth_unit: 1.0,
+            },
+            against_pinned: false,
+            marks: false,
+            objects: vec![Placement {
+                scene_from_object: Affine3A::IDENTITY,
+                shown: true,
+                ..Placement::default()
+            }],
+        }
+    }
+}
