@@ -17,6 +17,7 @@ mod history;
 mod inspecting;
 mod jobs;
 mod kept;
+pub mod language;
 mod light_map;
 mod matching;
 mod measuring;

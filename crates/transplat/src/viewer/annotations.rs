@@ -5,6 +5,7 @@ use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, tau_colors};
 
+use super::language::{tr, tr_format};
 use super::session::Session;
 
 /// Height of a legend's line in points.
@@ -29,9 +30,9 @@ pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
 
 fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
     let [left, right] = if session.compared().is_some() {
-        ["pinned look", "this look"]
+        [tr("pinned look"), tr("this look")]
     } else {
-        ["before", "after"]
+        [tr("before"), tr("after")]
     };
     let (top, margin) = (rect.top() + 14.0, 14.0);
     let at = |share: f32| egui::pos2(rect.left() + share * rect.width(), top);
@@ -53,11 +54,18 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
             tag(painter, at(0.25), Align2::CENTER_TOP, left);
             tag(painter, at(0.75), Align2::CENTER_TOP, right);
         }
-        View::Before => tag(painter, at(0.5), Align2::CENTER_TOP, "before: as captured"),
+        View::Before => tag(
+            painter,
+            at(0.5),
+            Align2::CENTER_TOP,
+            tr("before: as captured"),
+        ),
         View::Difference => {
-            let text = format!(
-                "{right} minus {left}, x {:.1}",
-                session.scene.difference_scale
+            let text = tr_format!(
+                "{right} minus {left}, x {difference_scale:.1}",
+                difference_scale = session.scene.difference_scale,
+                right = right,
+                left = left
             );
             tag(painter, at(0.5), Align2::CENTER_TOP, &text);
         }
@@ -79,7 +87,12 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
     if view == View::Tau {
         let stops = [-3.0f32, -1.5, 0.0, 1.5, 3.0];
         let colors = tau_colors(&stops.map(|s| [s.exp2(); 3]));
-        let entry = |(s, c): (f32, _)| (encoded(c), format!("{s:+.1} stops by the new light"));
+        let entry = |(s, c): (f32, _)| {
+            (
+                encoded(c),
+                tr_format!("{s:+.1} stops by the new light", s = s),
+            )
+        };
         return stops.into_iter().zip(colors).map(entry).collect();
     }
     if view == View::Doubts || session.overlays.marks {
@@ -91,16 +104,16 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         };
         let mut entries: Vec<_> = Doubt::ALL.iter().zip(shares).map(entry).collect();
         if view == View::Doubts {
-            entries.push((encoded(NO_DOUBT), "nothing doubtful".into()));
+            entries.push((encoded(NO_DOUBT), tr("nothing doubtful").into()));
         }
         return entries;
     }
     if session.scene.false_color && view.is_light() {
         let bounds = FALSE_COLORS.map(|(to, _)| to);
         let text = |i: usize| match i {
-            0 => format!("under {:+.1} stops from middle grey", bounds[0]),
-            _ if bounds[i].is_finite() => format!("{:+.1} to {:+.1}", bounds[i - 1], bounds[i]),
-            _ => format!("over {:+.1}", bounds[i - 1]),
+            0 => tr_format!("under {:+.1} stops from middle grey", bounds[0]),
+            _ if bounds[i].is_finite() => tr_format!("{:+.1} to {:+.1}", bounds[i - 1], bounds[i]),
+            _ => tr_format!("over {:+.1}", bounds[i - 1]),
         };
         let entries = FALSE_COLORS.iter().enumerate();
         return entries
@@ -180,10 +193,10 @@ pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surf
 /// A doubt's name for the user.
 pub fn doubt_name(doubt: Doubt) -> &'static str {
     match doubt {
-        Doubt::LeftOut => "left out: broken or too faint",
-        Doubt::DarkSource => "dark under the source light",
-        Doubt::Clipped => "captured clipped at white",
-        Doubt::AtLimit => "ratio beyond 3 stops",
-        Doubt::AmbiguousNormal => "ambiguous normal",
+        Doubt::LeftOut => tr("left out: broken or too faint"),
+        Doubt::DarkSource => tr("dark under the source light"),
+        Doubt::Clipped => tr("captured clipped at white"),
+        Doubt::AtLimit => tr("ratio beyond 3 stops"),
+        Doubt::AmbiguousNormal => tr("ambiguous normal"),
     }
 }

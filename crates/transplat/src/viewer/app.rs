@@ -14,6 +14,7 @@ use super::export::{self, Task};
 use super::files::{PathField, ask};
 use super::history::History;
 use super::kept::Pictures;
+use super::language::{tr, tr_format};
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
@@ -171,6 +172,10 @@ impl Viewer {
             title: String::new(),
             preferences,
         };
+        // What is spoken before is English.
+        if let Some(file) = viewer.preferences.language.clone() {
+            viewer.speak(Some(file));
+        }
         viewer.first_scene(startup);
         Ok(viewer)
     }
@@ -244,18 +249,17 @@ impl Viewer {
         }
         match asset.or_else(|| bundled(BUNDLED_SPLAT).filter(|_| nothing_named)) {
             Some(asset) => (self.session).load_asset(self.session.selected, asset, opened_with),
-            None if nothing_named => self
-                .session
-                .error("the bundled scene is not installed; drop a splat on the window"),
+            None if nothing_named => self.session.error(tr(
+                "the bundled scene is not installed; drop a splat on the window",
+            )),
             None => {}
         }
         for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
-                (Some(_), _) if is(&file, FileKind::Ply) => self.session.info(format!(
+                (Some(_), _) if is(&file, FileKind::Ply) => self.session.info(tr_format!(
                     "{}: left out, one splat is opened at a time; with Add what is opened (panel Asset) others are put beside it",
-                    file.display()
-                )),
+                    file.display())),
                 (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
                     scene.objects.truncate(1);
                     scene.objects[0].asset = None;
@@ -277,7 +281,7 @@ impl Viewer {
         }
         if path.is_dir() {
             match environments_in(&path) {
-                Ok(inside) if inside.is_empty() => self.session.error(format!(
+                Ok(inside) if inside.is_empty() => self.session.error(tr_format!(
                     "{}: the folder holds no environment (.hdr, .exr)",
                     path.display()
                 )),
@@ -340,7 +344,7 @@ impl Viewer {
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
         if kind == SaveKind::Folder {
             if path.is_file() {
-                let why = "is a file; the folder for pictures is asked for";
+                let why = tr("is a file; the folder for pictures is asked for");
                 self.session.error(format!("{}: {why}", path.display()));
             } else {
                 self.preferences.export.folder = path.display().to_string();
@@ -353,7 +357,7 @@ impl Viewer {
             _ => {}
         }
         if path.is_dir() {
-            let why = "is a folder; a file's name is asked for";
+            let why = tr("is a folder; a file's name is asked for");
             self.session.error(format!("{}: {why}", path.display()));
             return;
         }
@@ -374,7 +378,7 @@ impl Viewer {
             .chain(&self.shelf.paths)
             .any(|p| is_same_file(p, &path));
         if path.exists() && is_open {
-            self.session.error(format!(
+            self.session.error(tr_format!(
                 "{}: is open here and would be lost; choose another name",
                 path.display()
             ));
@@ -393,7 +397,7 @@ impl Viewer {
         match transplat_core::files::save_look(path, &self.session.scene_to_save()) {
             Ok(()) => {
                 self.preferences.remember(path);
-                self.session.info(format!("saved {}", path.display()));
+                self.session.info(tr_format!("saved {}", path.display()));
             }
             Err(error) => self.session.error(error.to_string()),
         }
@@ -469,13 +473,16 @@ impl Viewer {
         };
         let copied = self.clipboard.as_mut().map(|c| c.set_image(image));
         match copied {
-            Some(Ok(())) => self
-                .session
-                .info(format!("copied {width} x {height} pixels")),
-            Some(Err(error)) => self
-                .session
-                .error(format!("the clipboard refused the picture: {error}")),
-            None => self.session.error("there is no clipboard here"),
+            Some(Ok(())) => self.session.info(tr_format!(
+                "copied {width} x {height} pixels",
+                width = width,
+                height = height
+            )),
+            Some(Err(error)) => self.session.error(tr_format!(
+                "the clipboard refused the picture: {error}",
+                error = error
+            )),
+            None => self.session.error(tr("there is no clipboard here")),
         }
     }
 
@@ -520,13 +527,17 @@ impl Viewer {
         if session.source_is_assumed() {
             out.push(Skipped::exact(
                 Stage::Project,
-                "projection of the source",
-                "its light is even",
+                tr("projection of the source"),
+                tr("its light is even"),
             ));
         }
         let baked = session.baked();
         if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
-            out.push(Skipped::exact(Stage::Bake, "bake", "a kept one is used"));
+            out.push(Skipped::exact(
+                Stage::Bake,
+                tr("bake"),
+                tr("a kept one is used"),
+            ));
         } else if let Some(baked) = baked {
             out.extend(baked.bake.left_out());
         }
@@ -573,9 +584,9 @@ impl Viewer {
             let made = folder.is_none_or(|f| std::fs::create_dir_all(f).is_ok());
             made && transplat_core::files::save_look(path, &self.session.scene_to_save()).is_ok()
         });
-        let mut text = "the graphics device was lost; its driver may have been updated or reset, or have run out of memory".to_owned();
+        let mut text = tr("the graphics device was lost; its driver may have been updated or reset, or have run out of memory").to_owned();
         if let Some(path) = kept {
-            text += &format!(
+            text += &tr_format!(
                 ". The settings are in {}: open that after a new start",
                 path.display()
             );

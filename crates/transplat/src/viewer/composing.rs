@@ -10,6 +10,7 @@ use transplat_core::scene::{
 
 use transplat_core::surfels::{Bounds, Hide};
 
+use super::language::{tr, tr_format};
 use super::session::Session;
 use crate::pipeline::object::{name_of, told_apart};
 
@@ -90,7 +91,10 @@ impl Session {
     /// Puts an object into the scene; its splat is loaded when its turn comes.
     fn add(&mut self, object: Object) {
         if self.scene.objects.len() >= MOST_OBJECTS {
-            self.error(format!("a scene holds up to {MOST_OBJECTS} objects"));
+            self.error(tr_format!(
+                "a scene holds up to {MOST_OBJECTS} objects",
+                MOST_OBJECTS = MOST_OBJECTS
+            ));
             return;
         }
         self.scene.objects.push(object);
@@ -106,7 +110,7 @@ impl Session {
         let of_file = self.states.get(at).and_then(|s| s.asset.as_ref());
         let called = self.scene.objects[at].called();
         let called = called.or(of_file.map(|a| a.name()));
-        called.unwrap_or_else(|| "no splat".into())
+        called.unwrap_or_else(|| tr("no splat").into())
     }
 
     /// Another object of the selected one's splat, beside it.
@@ -143,15 +147,20 @@ impl Session {
             (0..asset.cloud.len()).partition(is_inside);
         if inside.is_empty() || outside.is_empty() {
             let what = if inside.is_empty() {
-                "nothing"
+                tr("nothing")
             } else {
-                "all of it"
+                tr("all of it")
             };
-            self.info(format!("{what} lies in the crop box: move its sides"));
+            self.info(tr_format!(
+                "{what} lies in the crop box: move its sides",
+                what = what
+            ));
             return;
         }
         if object.cut.len() >= MOST_CUTS || self.scene.objects.len() >= MOST_OBJECTS {
-            self.error("there are too many cuts, or too many objects, for another one");
+            self.error(tr(
+                "there are too many cuts, or too many objects, for another one",
+            ));
             return;
         }
         let part = |cut: Cut, surfels: &[usize]| {
@@ -176,7 +185,7 @@ impl Session {
         };
         let called = name_of(object, &asset.path);
         let mut taken = part(cut, &inside);
-        taken.name = Some(format!("{called}, cut out"));
+        taken.name = Some(tr_format!("{called}, cut out", called = called));
         self.scene.objects[at] = part(cut.inverse(), &outside);
         self.add(taken);
     }
@@ -188,7 +197,10 @@ impl Session {
         }
         if self.object().locked {
             let called = self.called(self.selected);
-            self.info(format!("{called} is locked; unlock it to remove it"));
+            self.info(tr_format!(
+                "{called} is locked; unlock it to remove it",
+                called = called
+            ));
             return;
         }
         self.remove(self.selected);

@@ -16,6 +16,7 @@ use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
 use super::adapter::BackgroundDevice;
+use super::language::tr;
 use crate::device::Device;
 use crate::pipeline::warnings::map_warnings;
 
@@ -261,10 +262,10 @@ fn brightest(beams: &Beams) -> Option<Vec3> {
 /// A light's name for the user.
 pub fn light_name(path: &Path) -> String {
     if is_even(path) {
-        return "even light".into();
+        return tr("even light").into();
     }
     if is_estimate(path) {
-        return "estimated from the object".into();
+        return tr("estimated from the object").into();
     }
     path.file_stem().map_or_else(
         || path.display().to_string(),

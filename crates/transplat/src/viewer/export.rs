@@ -27,6 +27,7 @@ use super::asset::reading_of;
 use super::capture::Part;
 use super::environments::Environment;
 use super::jobs::{Handle, Kind};
+use super::language::{tr, tr_format, tr_later};
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET, Whole};
 use crate::device::Transfer;
 use crate::film::{FRAME_RATE, FilmFormat};
@@ -51,11 +52,11 @@ pub enum Format {
 impl Format {
     /// All of them, with their names.
     pub const ALL: [(&'static str, Self); 5] = [
-        ("PNG, 8 bit", Self::Png8),
-        ("PNG, 16 bit", Self::Png16),
-        ("EXR, half", Self::ExrHalf),
-        ("EXR, float", Self::ExrFloat),
-        ("EXR, layers", Self::ExrLayers),
+        (tr_later("PNG, 8 bit"), Self::Png8),
+        (tr_later("PNG, 16 bit"), Self::Png16),
+        (tr_later("EXR, half"), Self::ExrHalf),
+        (tr_later("EXR, float"), Self::ExrFloat),
+        (tr_later("EXR, layers"), Self::ExrLayers),
     ];
 
     /// Whether it holds linear light.
@@ -167,14 +168,14 @@ impl Task {
                 let format = match &*extension.to_lowercase() {
                     "png" => Format::Png8,
                     "exr" => Format::ExrHalf,
-                    _ => bail!("{}: a picture is .png or .exr", path.display()),
+                    _ => bail!(tr_format!("{}: a picture is .png or .exr", path.display())),
                 };
                 if settings.format.is_linear() != format.is_linear() {
                     settings.format = format;
                 }
             }
             Self::ContactSheet if settings.format == Format::ExrLayers => {
-                bail!("a contact sheet has no layers: choose another format")
+                bail!(tr("a contact sheet has no layers: choose another format"))
             }
             _ => {}
         }
@@ -192,18 +193,37 @@ impl Task {
             name.to_string_lossy().into_owned()
         };
         match self {
-            Self::Screenshot(Some(path)) => format!("picture {}", file(path)),
-            Self::Screenshot(None) => format!("picture of {name}, {light}"),
-            Self::Clipboard => format!("picture of {name} for the clipboard"),
-            Self::Preview => format!("preview of {name}, {light}"),
-            Self::EachLight => format!("{lights} pictures of {name}, one per light"),
-            Self::ContactSheet => format!("contact sheet of {name}, {lights} lights"),
-            Self::Turntable => {
-                let as_what = of.settings.film.map_or("pictures", |_| "film");
-                let frames = of.settings.frames;
-                format!("turntable of {name}, {frames} frames, {as_what}")
+            Self::Screenshot(Some(path)) => tr_format!("picture {}", file(path)),
+            Self::Screenshot(None) => {
+                tr_format!("picture of {name}, {light}", name = name, light = light)
             }
-            Self::Splat(path) => format!("relit splat {}", file(path)),
+            Self::Clipboard => tr_format!("picture of {name} for the clipboard", name = name),
+            Self::Preview => tr_format!("preview of {name}, {light}", name = name, light = light),
+            Self::EachLight => {
+                tr_format!(
+                    "{lights} pictures of {name}, one per light",
+                    lights = lights,
+                    name = name
+                )
+            }
+            Self::ContactSheet => {
+                tr_format!(
+                    "contact sheet of {name}, {lights} lights",
+                    name = name,
+                    lights = lights
+                )
+            }
+            Self::Turntable => {
+                let as_what = of.settings.film.map_or(tr("pictures"), |_| tr("film"));
+                let frames = of.settings.frames;
+                tr_format!(
+                    "turntable of {name}, {frames} frames, {as_what}",
+                    name = name,
+                    frames = frames,
+                    as_what = as_what
+                )
+            }
+            Self::Splat(path) => tr_format!("relit splat {}", file(path)),
         }
     }
 }
@@ -280,8 +300,9 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         is_listed && !is_there && !session.is_missing(*at)
     });
     if let Some(name) = awaited.next().map(|(at, _)| session.called(at)) {
-        session.error(format!(
-            "{name} is still being loaded; try again when that is done"
+        session.error(tr_format!(
+            "{name} is still being loaded; try again when that is done",
+            name = name
         ));
         return;
     }
@@ -297,7 +318,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     let at = of_scene.map_or(session.selected, |(at, ..)| at);
     let state = &session.states[at];
     let (Some(asset), Some(baked)) = (&state.asset, session.baked_of(at)) else {
-        session.error("there is nothing to save yet");
+        session.error(tr("there is nothing to save yet"));
         return;
     };
     let (bake, share) = (baked.bake.clone(), baked.share);
@@ -353,20 +374,22 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         None => snapshot,
     };
     if snapshot.is_composed && session.compared().is_some() && snapshot.scene.view.has_two_sides() {
-        session.info(
+        session.info(tr(
             "of several objects, what is saved shows the capture beside it, and not what is pinned",
-        );
+        ));
     }
     if share < 1.0 {
         let percent = 100.0 * share;
-        session.info(format!(
-            "the bake is at {percent:.0} %: the shadows of what is saved are coarse"
+        session.info(tr_format!(
+            "the bake is at {percent:.0} %: the shadows of what is saved are coarse",
+            percent = percent
         ));
     }
     let waiting = shelf.iter().filter(|p| session.is_loading(p)).count();
     if waiting > 0 && matches!(task, Task::EachLight | Task::ContactSheet) {
-        session.info(format!(
-            "{waiting} lights of the shelf are still being read and are left out"
+        session.info(tr_format!(
+            "{waiting} lights of the shelf are still being read and are left out",
+            waiting = waiting
         ));
     }
     let label = task.label(&snapshot);
@@ -394,7 +417,7 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         return Ok(None);
     }
     if session.shown().next().is_none() {
-        bail!("no object is shown: there is nothing to save");
+        bail!(tr("no object is shown: there is nothing to save"));
     }
     // As things stand now, and not as they stood before the last move.
     let prepared = session.scene_transfer().filter(|(members, ..)| {
@@ -405,7 +428,9 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
     let needs_scene =
         matches!(task, Task::Splat(_)) || view.needs_relit() || view == View::Visibility;
     if needs_scene && prepared.is_none() {
-        bail!("the objects are still being prepared; try again when that is done");
+        bail!(tr(
+            "the objects are still being prepared; try again when that is done"
+        ));
     }
     let skips = &session.scene.transfer.skips;
     let hidden = session.shown().flat_map(|(_, object, asset)| {
@@ -457,14 +482,14 @@ impl Composed {
 /// For the user.
 fn saved(paths: &[PathBuf]) -> String {
     match paths {
-        [one] => format!("saved {}", one.display()),
-        [first, .., last] => format!(
+        [one] => tr_format!("saved {}", one.display()),
+        [first, .., last] => tr_format!(
             "saved {} pictures, {} to {}",
             paths.len(),
             first.display(),
             last.file_name().unwrap_or_default().to_string_lossy()
         ),
-        [] => "nothing was saved".into(),
+        [] => tr("nothing was saved").into(),
     }
 }
 

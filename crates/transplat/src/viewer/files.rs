@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::jobs::Kind;
+use super::language::tr;
 use super::session::{Dialog, Event, SaveKind, Session};
 
 /// What the window "By path" asks for.
@@ -42,27 +43,29 @@ impl PathField {
     }
 
     /// What can be done with the path: nothing stands for opening it. Enter does the first.
-    pub fn actions(&self) -> &'static [(&'static str, Option<SaveKind>)] {
+    pub fn actions(&self) -> Vec<(&'static str, Option<SaveKind>)> {
         match self.dialog {
-            None => &[
-                ("Open", None),
-                ("Save look", Some(SaveKind::Look)),
-                ("Save picture", Some(SaveKind::Screenshot)),
-                ("Export splat", Some(SaveKind::Splat)),
+            None => vec![
+                (tr("Open"), None),
+                (tr("Save look"), Some(SaveKind::Look)),
+                (tr("Save picture"), Some(SaveKind::Screenshot)),
+                (tr("Export splat"), Some(SaveKind::Splat)),
             ],
-            Some(Dialog::Open | Dialog::OpenFolder) => &[("Open", None)],
-            Some(Dialog::Save(SaveKind::Look, _)) => &[("Save look", Some(SaveKind::Look))],
-            Some(Dialog::Save(SaveKind::Splat, _)) => &[("Export splat", Some(SaveKind::Splat))],
+            Some(Dialog::Open | Dialog::OpenFolder) => vec![(tr("Open"), None)],
+            Some(Dialog::Save(SaveKind::Look, _)) => vec![(tr("Save look"), Some(SaveKind::Look))],
+            Some(Dialog::Save(SaveKind::Splat, _)) => {
+                vec![(tr("Export splat"), Some(SaveKind::Splat))]
+            }
             Some(Dialog::Save(SaveKind::Screenshot, _)) => {
-                &[("Save picture", Some(SaveKind::Screenshot))]
+                vec![(tr("Save picture"), Some(SaveKind::Screenshot))]
             }
             Some(Dialog::Save(SaveKind::Folder, _)) => {
-                &[("Save pictures there", Some(SaveKind::Folder))]
+                vec![(tr("Save pictures there"), Some(SaveKind::Folder))]
             }
             Some(Dialog::Save(SaveKind::Plate, _)) => {
-                &[("Show behind the objects", Some(SaveKind::Plate))]
+                vec![(tr("Show behind the objects"), Some(SaveKind::Plate))]
             }
-            Some(Dialog::Save(SaveKind::Lut, _)) => &[("Grade by it", Some(SaveKind::Lut))],
+            Some(Dialog::Save(SaveKind::Lut, _)) => vec![(tr("Grade by it"), Some(SaveKind::Lut))],
         }
     }
 }
@@ -79,7 +82,7 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
             || (start.elapsed().as_secs_f32() < 0.3).then(|| Event::NoDialog(dialog.clone()));
         Ok(show(dialog.clone()).or_else(none))
     };
-    let label = "waiting for the file dialog";
+    let label = tr("waiting for the file dialog");
     session.start(Kind::Dialog, label, work, |session, event| {
         session.events.extend(event);
     });
@@ -88,42 +91,42 @@ pub fn ask(session: &mut Session, dialog: Dialog) {
 fn show(dialog: Dialog) -> Option<Event> {
     match dialog {
         Dialog::Open => rfd::FileDialog::new()
-            .set_title("Open splats, environments, looks")
+            .set_title(tr("Open splats, environments, looks"))
             .add_filter(
-                "All that opens",
+                tr("All that opens"),
                 &[
                     "ply", "hdr", "exr", "png", "jpg", "jpeg", "json", "bin", "txt", "cube",
                 ],
             )
-            .add_filter("Splats", &["ply"])
-            .add_filter("Environments", &["hdr", "exr", "png", "jpg", "jpeg"])
-            .add_filter("Tables of colours", &["cube"])
-            .add_filter("Looks and cameras", &["json", "bin", "txt"])
+            .add_filter(tr("Splats"), &["ply"])
+            .add_filter(tr("Environments"), &["hdr", "exr", "png", "jpg", "jpeg"])
+            .add_filter(tr("Tables of colours"), &["cube"])
+            .add_filter(tr("Looks and cameras"), &["json", "bin", "txt"])
             .pick_files()
             .map(Event::Files),
         Dialog::OpenFolder => rfd::FileDialog::new()
-            .set_title("Open a folder of environments")
+            .set_title(tr("Open a folder of environments"))
             .pick_folder()
             .map(|folder| Event::Files(vec![folder])),
         Dialog::Save(SaveKind::Folder, _) => rfd::FileDialog::new()
-            .set_title("Folder for pictures")
+            .set_title(tr("Folder for pictures"))
             .pick_folder()
             .map(|folder| Event::SaveTo(folder, SaveKind::Folder)),
         Dialog::Save(SaveKind::Plate, _) => rfd::FileDialog::new()
-            .set_title("Photograph behind the objects")
-            .add_filter("Photographs", &["png", "jpg", "jpeg", "exr", "hdr"])
+            .set_title(tr("Photograph behind the objects"))
+            .add_filter(tr("Photographs"), &["png", "jpg", "jpeg", "exr", "hdr"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Plate)),
         Dialog::Save(SaveKind::Lut, _) => rfd::FileDialog::new()
-            .set_title("Table of colours")
-            .add_filter("Tables of colours", &["cube"])
+            .set_title(tr("Table of colours"))
+            .add_filter(tr("Tables of colours"), &["cube"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Lut)),
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
-                SaveKind::Look => ("Save look", "Look", &["json"]),
-                SaveKind::Splat => ("Export relit splat", "Splat", &["ply"]),
-                _ => ("Save picture", "Picture", &["png", "exr"]),
+                SaveKind::Look => (tr("Save look"), tr("Look"), &["json"]),
+                SaveKind::Splat => (tr("Export relit splat"), tr("Splat"), &["ply"]),
+                _ => (tr("Save picture"), tr("Picture"), &["png", "exr"]),
             };
             rfd::FileDialog::new()
                 .set_title(title)
@@ -152,10 +155,10 @@ mod tests {
             SaveKind::Lut,
         ] {
             let asked = actions(Dialog::Save(kind, "name".into()));
-            assert!(matches!(asked, [(_, Some(does))] if *does == kind));
+            assert!(matches!(asked[..], [(_, Some(does))] if does == kind));
         }
         for dialog in [Dialog::Open, Dialog::OpenFolder] {
-            assert!(matches!(actions(dialog), [(_, None)]));
+            assert!(matches!(actions(dialog)[..], [(_, None)]));
         }
         let field = PathField::of(
             Dialog::Save(SaveKind::Look, "a.json".into()),

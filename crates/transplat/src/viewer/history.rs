@@ -1,5 +1,6 @@
 //! What was done, step by step, to go back to.
 
+use super::language::{tr, tr_later};
 use transplat_core::files::look_text;
 use transplat_core::scene::{Object, Scene};
 
@@ -120,7 +121,9 @@ impl History {
 
     fn take(&mut self, scene: &Scene) {
         let last = self.steps.get(self.at);
-        let what = last.map_or("at the start".into(), |last| changes(&last.scene, scene));
+        let what = last.map_or(tr("at the start").into(), |last| {
+            changes(&last.scene, scene)
+        });
         self.steps.truncate(self.at + 1);
         let scene = scene.clone();
         self.steps.push(Step { what, scene });
@@ -134,48 +137,51 @@ impl History {
 
 /// What looks call a setting, and how it is said: the longest beginning counts.
 const WORDS: [(&str, &str); 42] = [
-    ("asset", "splat"),
-    ("background", "background"),
-    ("background_blur", "blur"),
-    ("bookmarks", "kept views"),
-    ("cut", "what is cut out"),
-    ("difference_scale", "scale of the difference"),
-    ("directions", "directions"),
-    ("display/exposure", "exposure"),
-    ("display/tone_map", "tone mapping"),
-    ("false_color", "false colours"),
-    ("hide", "what is hidden"),
-    ("linear", "colour is linear"),
-    ("lut", "colour table"),
-    ("match_strength", "match strength"),
-    ("note", "note"),
-    ("objects", "objects"),
-    ("outside_from", "what is outside"),
-    ("plate", "photograph"),
-    ("shadow_catcher", "shadow on the ground"),
-    ("source", "light of the capture"),
-    ("source/file", "captured under"),
-    ("source/mirror", "light of the capture mirrored"),
-    ("source/rotation", "light of the capture turned"),
-    ("source/strength", "strength of the capture's light"),
-    ("source/tilt", "light of the capture tilted"),
-    ("source/tint", "tint of the capture's light"),
-    ("source/up", "up in the capture's light"),
-    ("target", "light"),
-    ("target/file", "relit by"),
-    ("target/mirror", "light mirrored"),
-    ("target/rotation", "light turned"),
-    ("target/strength", "strength of the light"),
-    ("target/tilt", "light tilted"),
-    ("target/tint", "tint of the light"),
-    ("target/up", "up in the light"),
-    ("transfer", "how it is relit"),
-    ("transfer/preset", "preset"),
-    ("transfer/terms", "terms"),
-    ("up", "up axis"),
-    ("variants", "kept looks"),
-    ("view", "comparison"),
-    ("wipe", "line of the split"),
+    ("asset", tr_later("splat")),
+    ("background", tr_later("background")),
+    ("background_blur", tr_later("blur")),
+    ("bookmarks", tr_later("kept views")),
+    ("cut", tr_later("what is cut out")),
+    ("difference_scale", tr_later("scale of the difference")),
+    ("directions", tr_later("directions")),
+    ("display/exposure", tr_later("exposure")),
+    ("display/tone_map", tr_later("tone mapping")),
+    ("false_color", tr_later("false colours")),
+    ("hide", tr_later("what is hidden")),
+    ("linear", tr_later("colour is linear")),
+    ("lut", tr_later("colour table")),
+    ("match_strength", tr_later("match strength")),
+    ("note", tr_later("note")),
+    ("objects", tr_later("objects")),
+    ("outside_from", tr_later("what is outside")),
+    ("plate", tr_later("photograph")),
+    ("shadow_catcher", tr_later("shadow on the ground")),
+    ("source", tr_later("light of the capture")),
+    ("source/file", tr_later("captured under")),
+    ("source/mirror", tr_later("light of the capture mirrored")),
+    ("source/rotation", tr_later("light of the capture turned")),
+    (
+        "source/strength",
+        tr_later("strength of the capture's light"),
+    ),
+    ("source/tilt", tr_later("light of the capture tilted")),
+    ("source/tint", tr_later("tint of the capture's light")),
+    ("source/up", tr_later("up in the capture's light")),
+    ("target", tr_later("light")),
+    ("target/file", tr_later("relit by")),
+    ("target/mirror", tr_later("light mirrored")),
+    ("target/rotation", tr_later("light turned")),
+    ("target/strength", tr_later("strength of the light")),
+    ("target/tilt", tr_later("light tilted")),
+    ("target/tint", tr_later("tint of the light")),
+    ("target/up", tr_later("up in the light")),
+    ("transfer", tr_later("how it is relit")),
+    ("transfer/preset", tr_later("preset")),
+    ("transfer/terms", tr_later("terms")),
+    ("up", tr_later("up axis")),
+    ("variants", tr_later("kept looks")),
+    ("view", tr_later("comparison")),
+    ("wipe", tr_later("line of the split")),
 ];
 
 /// What is different between two scenes, in words.
@@ -204,7 +210,7 @@ fn changes(before: &Scene, after: &Scene) -> String {
         });
         let words = known.max_by_key(|(of, _)| of.len());
         let is_whole = words.is_some_and(|(of, _)| *of == path);
-        let words = words.map_or_else(|| path.replace(['/', '_'], " "), |(_, w)| (*w).to_owned());
+        let words = words.map_or_else(|| path.replace(['/', '_'], " "), |(_, w)| tr(w).to_owned());
         let text = match value {
             Some(value) if is_whole => format!("{words} {value}"),
             _ => words,
@@ -251,8 +257,8 @@ fn differences(
 fn simple(value: &serde_json::Value) -> Option<String> {
     use serde_json::Value;
     match value {
-        Value::Bool(true) => Some("on".into()),
-        Value::Bool(false) => Some("off".into()),
+        Value::Bool(true) => Some(tr("on").into()),
+        Value::Bool(false) => Some(tr("off").into()),
         Value::Number(number) => {
             let text = format!("{:.2}", number.as_f64()?);
             Some(text.trim_end_matches('0').trim_end_matches('.').to_owned())

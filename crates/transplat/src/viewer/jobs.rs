@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::language::tr;
 use anyhow::{Result, anyhow};
 use eframe::egui;
 use transplat_core::settings::Method;
@@ -255,7 +256,7 @@ impl<E: Send + 'static> Jobs<E> {
             };
             let result = catch_unwind(AssertUnwindSafe(work));
             queue.iter().for_each(|queue| queue.leave(id));
-            let internal = |_| Err(anyhow!("an internal error; the scene is as it was"));
+            let internal = |_| Err(anyhow!(tr("an internal error; the scene is as it was")));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
         });

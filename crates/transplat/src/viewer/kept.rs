@@ -8,6 +8,7 @@ use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
 use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform, Variant};
 
+use super::language::{tr, tr_format};
 use super::session::Session;
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
@@ -24,7 +25,10 @@ impl Session {
             return;
         }
         if kept.len() == MOST_KEPT {
-            return self.error(format!("a scene keeps {MOST_KEPT} looks; remove some"));
+            return self.error(tr_format!(
+                "a scene keeps {MOST_KEPT} looks; remove some",
+                MOST_KEPT = MOST_KEPT
+            ));
         }
         let light = self.environment.light.name();
         let name = free(&light, kept.iter().map(|kept| kept.name.as_str()));
@@ -38,9 +42,12 @@ impl Session {
             return;
         }
         if kept.len() == MOST_KEPT {
-            return self.error(format!("a scene keeps {MOST_KEPT} views; remove some"));
+            return self.error(tr_format!(
+                "a scene keeps {MOST_KEPT} views; remove some",
+                MOST_KEPT = MOST_KEPT
+            ));
         }
-        let name = free("view", kept.iter().map(|kept| kept.name.as_str()));
+        let name = free(tr("view"), kept.iter().map(|kept| kept.name.as_str()));
         let camera = self.pose;
         self.scene.bookmarks.push(Bookmark { name, camera });
     }
@@ -167,13 +174,16 @@ impl Pictures {
             let note = kept.look.note.clone();
             let pinned = session.pinned.as_ref().filter(|p| p.is_compared);
             let is_pinned = pinned.is_some_and(|p| p.scene.look_alone() == kept.look);
-            let badge = is_pinned.then_some("pinned");
+            let badge = is_pinned.then_some(tr("pinned"));
             let card = Card {
-                what: "Look",
+                what: tr("Look"),
                 tip: if note.is_empty() {
-                    "Click: take this look. Right click: more.".into()
+                    tr("Click: take this look. Right click: more.").into()
                 } else {
-                    format!("{note}\n\nClick: take this look. Right click: more.")
+                    tr_format!(
+                        "{note}\n\nClick: take this look. Right click: more.",
+                        note = note
+                    )
                 },
                 is_shown: shown == Some(at),
                 badge,
@@ -184,8 +194,8 @@ impl Pictures {
         }
         if add(
             ui,
-            "Keep this look",
-            "Keeps light and look as they are. (P also compares what comes next with it.)",
+            tr("Keep this look"),
+            tr("Keeps light and look as they are. (P also compares what comes next with it.)"),
         ) {
             session.keep_look();
         }
@@ -209,8 +219,8 @@ impl Pictures {
             let picture = self.of_view(&session.scene.bookmarks[at].camera, &objects);
             let kept = &mut session.scene.bookmarks[at];
             let card = Card {
-                what: "View",
-                tip: "Click: look from there. Right click: more.".into(),
+                what: tr("View"),
+                tip: tr("Click: look from there. Right click: more.").into(),
                 is_shown: shown == Some(at),
                 badge: None,
                 compares: false,
@@ -220,8 +230,8 @@ impl Pictures {
         }
         if add(
             ui,
-            "Keep this view",
-            "Keeps where it is seen from. (ctrl + B)",
+            tr("Keep this view"),
+            tr("Keeps where it is seen from. (ctrl + B)"),
         ) {
             session.keep_view();
         }
@@ -311,7 +321,7 @@ impl Card {
             if picture.is_none() {
                 let font = egui::FontId::proportional(11.0);
                 let color = ui.visuals().weak_text_color();
-                let text = "shown once it\nwas taken";
+                let text = tr("shown once it\nwas taken");
                 ui.painter()
                     .text(rect.center(), Align2::CENTER_CENTER, text, font, color);
             }
@@ -327,22 +337,22 @@ impl Card {
             .close_behavior(PopupCloseBehavior::CloseOnClickOutside)
             .show(|ui| {
                 ui.horizontal(|ui| {
-                    let label = ui.label("Name");
+                    let label = ui.label(tr("Name"));
                     let edit = egui::TextEdit::singleline(name).desired_width(120.0);
                     let edit = ui.add(edit).labelled_by(label.id);
                     if edit.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter)) {
                         ui.close();
                     }
                 });
-                if self.compares && entry(ui, "Compare with it") {
+                if self.compares && entry(ui, tr("Compare with it")) {
                     wish = Some(Wish::Compare);
                 }
-                let update = format!("Replace by the {} as it is", self.what.to_lowercase());
+                let update = tr_format!("Replace by the {} as it is", self.what.to_lowercase());
                 for (name, what) in [
                     (update.as_str(), Wish::Update),
-                    ("Move left", Wish::Left),
-                    ("Move right", Wish::Right),
-                    ("Remove", Wish::Remove),
+                    (tr("Move left"), Wish::Left),
+                    (tr("Move right"), Wish::Right),
+                    (tr("Remove"), Wish::Remove),
                 ] {
                     if entry(ui, name) {
                         wish = Some(what);

@@ -10,6 +10,7 @@ use transplat_core::scene::EnvironmentLight;
 use transplat_core::surfels::UpAxis;
 
 use super::environments::Environment;
+use super::language::tr;
 use super::navigation;
 use super::probes::{color, image};
 use super::session::Session;
@@ -43,7 +44,7 @@ impl LightMap {
         let width = ui.available_width();
         let size = egui::vec2(width, 0.5 * width);
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
-        named(&response, egui::Role::Image, "Map of the light");
+        named(&response, egui::Role::Image, tr("Map of the light"));
         let light = session.light(side).clone();
         let settings = session.side(side);
         let rotation = settings.rotation;
@@ -97,7 +98,7 @@ impl LightMap {
         self.is_known |= response.is_pointer_button_down_on();
         let response = response.on_hover_cursor(egui::CursorIcon::ResizeHorizontal);
         if !self.is_known {
-            response.on_hover_text("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there.");
+            response.on_hover_text(tr("The light as it stands around the object; what is straight ahead is in the middle.\n\nDrag: turns it. Double click: its brightest light comes from there."));
         }
         turned.is_some() || brought
     }

@@ -8,6 +8,7 @@ use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, pl
 use transplat_core::present::Background;
 
 use super::jobs::Kind;
+use super::language::{tr, tr_format};
 use super::session::{Event, OpenCameras, Session};
 use crate::picture::photographs_named;
 
@@ -23,7 +24,7 @@ impl Session {
         let work = move |_: &_| Ok(load_cameras(&file)?);
         self.start(
             Kind::Cameras,
-            "reading cameras",
+            tr("reading cameras"),
             work,
             move |session, file| {
                 session.show_cameras(&path, file);
@@ -36,7 +37,7 @@ impl Session {
         for warning in file.warnings.clone() {
             self.info(warning);
         }
-        self.info(format!(
+        self.info(tr_format!(
             "{}: {} cameras; the panel Camera chooses among them",
             path.display(),
             file.frames.len()
@@ -72,8 +73,9 @@ impl Session {
         if let Some(photograph) = &found {
             self.set_plate(photograph.clone());
         } else if let Some(picture) = &frame.picture {
-            self.info(format!(
-                "{picture}: the photograph of this camera is not beside its file, nor in images/"
+            self.info(tr_format!(
+                "{picture}: the photograph of this camera is not beside its file, nor in images/",
+                picture = picture
             ));
         }
         // An angle of view is across the whole photograph.

@@ -5,6 +5,7 @@ use transplat_core::extremes;
 use transplat_core::settings::Method;
 
 use super::jobs::{Handle, Kind, Work};
+use super::language::{tr, tr_format};
 use super::object::Measured;
 use super::session::{Outcome, Session};
 use crate::device::Device;
@@ -38,7 +39,7 @@ impl Session {
                 .filter(|gpu| !gpu.is_software())
                 .map(Device::Gpu),
         );
-        let label = format!("measuring settings on {}", asset.name());
+        let label = tr_format!("measuring settings on {}", asset.name());
         let work = move |handle: &Handle<Outcome>| {
             let half = |start: f64| move |done: f64, _: &str| handle.progress(start + 0.5 * done);
             let measure = || {
@@ -76,7 +77,7 @@ impl Session {
             }
             Ok(extremes::in_words(&outcomes))
         };
-        let label = "trying the extreme cases";
+        let label = tr("trying the extreme cases");
         self.start(Kind::Extremes, label, work, |session, words| {
             session.extremes = words;
         });

@@ -10,6 +10,7 @@ use transplat_core::surfels::Hide;
 use super::app::Viewer;
 use super::export::Task;
 use super::files::{PathField, ask};
+use super::language::{self, tr, tr_format, tr_later};
 use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
@@ -19,14 +20,14 @@ use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundl
 impl Viewer {
     pub(super) fn menus(&mut self, ui: &mut Ui) {
         egui::MenuBar::new().ui(ui, |ui| {
-            ui.menu_button("File", |ui| self.file_menu(ui));
-            ui.menu_button("Edit", |ui| {
+            ui.menu_button(tr("File"), |ui| self.file_menu(ui));
+            ui.menu_button(tr("Edit"), |ui| {
                 let scene = self.session.scene.clone();
-                self.item(ui, "Undo", Action::Undo, self.history.has_undo(&scene));
-                self.item(ui, "Redo", Action::Redo, self.history.has_redo(&scene));
-                ui.menu_button("History", |ui| self.history_menu(ui));
+                self.item(ui, tr("Undo"), Action::Undo, self.history.has_undo(&scene));
+                self.item(ui, tr("Redo"), Action::Redo, self.history.has_redo(&scene));
+                ui.menu_button(tr("History"), |ui| self.history_menu(ui));
                 ui.separator();
-                if entry(ui, "Reset all settings") {
+                if entry(ui, tr("Reset all settings")) {
                     let kept = &self.session.scene;
                     let same = |light: &EnvironmentLight| EnvironmentLight {
                         file: light.file.clone(),
@@ -51,10 +52,10 @@ impl Viewer {
                     };
                 }
             });
-            ui.menu_button("View", |ui| self.view_menu(ui));
-            ui.menu_button("Help", |ui| {
-                self.shown.help |= entry(ui, "Shortcuts (?)");
-                self.shown.about |= entry(ui, "About");
+            ui.menu_button(tr("View"), |ui| self.view_menu(ui));
+            ui.menu_button(tr("Help"), |ui| {
+                self.shown.help |= entry(ui, tr("Shortcuts (?)"));
+                self.shown.about |= entry(ui, tr("About"));
             });
             ui.separator();
             self.compare_bar(ui);
@@ -62,15 +63,20 @@ impl Viewer {
     }
 
     pub(super) fn file_menu(&mut self, ui: &mut Ui) {
-        self.item(ui, "Open…", Action::Open, true);
-        self.item(ui, "Open folder of environments…", Action::OpenFolder, true);
-        if entry(ui, "Open or save by path…") {
+        self.item(ui, tr("Open…"), Action::Open, true);
+        self.item(
+            ui,
+            tr("Open folder of environments…"),
+            Action::OpenFolder,
+            true,
+        );
+        if entry(ui, tr("Open or save by path…")) {
             self.shown.path_field = Some(PathField::new());
         }
         let recent = self.preferences.recent.clone();
-        ui.menu_button("Open recent", |ui| {
+        ui.menu_button(tr("Open recent"), |ui| {
             if recent.is_empty() {
-                ui.weak("nothing yet");
+                ui.weak(tr("nothing yet"));
             }
             for path in recent {
                 if entry(ui, &path.display().to_string()) {
@@ -80,13 +86,13 @@ impl Viewer {
         });
         let before = self.work_aside().filter(|path| path.is_file());
         if let Some(path) = before
-            && entry(ui, "Work before this")
+            && entry(ui, tr("Work before this"))
         {
             self.open(&path);
         }
         for (name, splat) in [
-            ("Bundled scene", BUNDLED_SPLAT),
-            ("Bundled scene, trained", BUNDLED_TRAINED_SPLAT),
+            (tr("Bundled scene"), BUNDLED_SPLAT),
+            (tr("Bundled scene, trained"), BUNDLED_TRAINED_SPLAT),
         ] {
             if entry(ui, name) {
                 self.bundled_scene(splat);
@@ -94,23 +100,23 @@ impl Viewer {
         }
         ui.separator();
         for (name, action) in [
-            ("Save look…", Action::SaveLook),
-            ("Export relit splat…", Action::ExportSplat),
-            ("Save picture", Action::Screenshot),
-            ("Copy picture", Action::Copy),
+            (tr("Save look…"), Action::SaveLook),
+            (tr("Export relit splat…"), Action::ExportSplat),
+            (tr("Save picture"), Action::Screenshot),
+            (tr("Copy picture"), Action::Copy),
         ] {
             self.item(ui, name, action, true);
         }
-        if entry(ui, "Save picture as…") {
+        if entry(ui, tr("Save picture as…")) {
             let extension = self.preferences.export.format.extension();
             let name = format!("{}.{extension}", self.asset_name());
             ask(&mut self.session, Dialog::Save(SaveKind::Screenshot, name));
         }
-        if entry(ui, "Save turntable") {
+        if entry(ui, tr("Save turntable")) {
             self.export(Task::Turntable);
         }
         ui.separator();
-        if ui.button("Quit").clicked() {
+        if ui.button(tr("Quit")).clicked() {
             ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
         }
     }
@@ -150,7 +156,7 @@ impl Viewer {
 
     fn bundled_scene(&mut self, splat: &str) {
         let Some(splat) = bundled(splat) else {
-            self.session.error("the bundled scene is not installed");
+            self.session.error(tr("the bundled scene is not installed"));
             return;
         };
         let mut scene = self.preferences.scene();
@@ -164,12 +170,42 @@ impl Viewer {
         self.session.open_scene(scene);
     }
 
+    fn language_menu(&mut self, ui: &mut Ui) {
+        let own = language::own_folder();
+        let folders = bundled("languages").into_iter().chain(own.clone());
+        let mut all = vec![("English".to_owned(), None)];
+        let found = language::languages(folders);
+        all.extend(found.into_iter().map(|(name, file)| (name, Some(file))));
+        for (name, file) in all {
+            if ui.radio(self.preferences.language == file, name).clicked() {
+                self.speak(file);
+                ui.close();
+            }
+        }
+        if let Some(own) = own {
+            let own = own.display();
+            let text = tr_format!("More: translations (.po) in {folder}", folder = own);
+            ui.weak(text);
+        }
+    }
+
+    /// Speaks a language from here on; one that cannot be read is told, and English is spoken.
+    pub(super) fn speak(&mut self, file: Option<PathBuf>) {
+        self.preferences.language = match language::speak(file.as_deref()) {
+            Ok(()) => file,
+            Err(error) => {
+                self.session.error(format!("{error:#}"));
+                None
+            }
+        };
+    }
+
     pub(super) fn view_menu(&mut self, ui: &mut Ui) {
-        ui.menu_button("Theme", |ui| {
+        ui.menu_button(tr("Theme"), |ui| {
             for (name, theme) in [
-                ("System", egui::ThemePreference::System),
-                ("Light", egui::ThemePreference::Light),
-                ("Dark", egui::ThemePreference::Dark),
+                (tr("As the system"), egui::ThemePreference::System),
+                (tr("Light theme"), egui::ThemePreference::Light),
+                (tr("Dark theme"), egui::ThemePreference::Dark),
             ] {
                 let current = ui.ctx().options(|o| o.theme_preference);
                 if ui.radio(current == theme, name).clicked() {
@@ -178,7 +214,7 @@ impl Viewer {
                 }
             }
         });
-        ui.menu_button("Text size", |ui| {
+        ui.menu_button(tr("Text size"), |ui| {
             for percent in [80, 90, 100, 110, 125, 150, 200] {
                 let factor = percent as f32 / 100.0;
                 let current = (ui.ctx().zoom_factor() - factor).abs() < 0.01;
@@ -188,16 +224,21 @@ impl Viewer {
                 }
             }
         });
+        ui.menu_button(tr("Language"), |ui| self.language_menu(ui));
         ui.separator();
-        ui.checkbox(&mut self.shown.panels, "Panels");
-        ui.checkbox(&mut self.preferences.probes, "Light probes");
-        ui.checkbox(&mut self.session.overlays.grid, "Grid");
-        ui.checkbox(&mut self.session.overlays.marks, "Mark doubtful surfels");
+        ui.checkbox(&mut self.shown.panels, tr("Panels"));
+        ui.checkbox(&mut self.preferences.probes, tr("Light probes"));
+        ui.checkbox(&mut self.session.overlays.grid, tr("Grid"));
+        ui.checkbox(
+            &mut self.session.overlays.marks,
+            tr("Mark doubtful surfels"),
+        );
     }
 
     pub(super) fn compare_bar(&mut self, ui: &mut Ui) {
         let session = &mut self.session;
         for (name, view, tip) in COMPARE {
+            let (name, tip) = (tr(name), tr(tip));
             ui.selectable_value(&mut session.scene.view, view, name)
                 .on_hover_text(tip);
         }
@@ -206,30 +247,37 @@ impl Viewer {
             .iter()
             .find(|(_, view, _)| *view == session.scene.view);
         egui::ComboBox::from_id_salt("channel")
-            .selected_text(current.map_or("Channel", |(name, ..)| name))
+            .selected_text(tr(current.map_or(tr_later("Channel"), |(name, ..)| name)))
             .width(96.0)
             .show_ui(ui, |ui| {
-                ui.selectable_value(&mut session.scene.view, View::After, "Final");
+                ui.selectable_value(&mut session.scene.view, View::After, tr("Final"));
                 for (name, view, tip) in CHANNELS {
+                    let (name, tip) = (tr(name), tr(tip));
                     ui.selectable_value(&mut session.scene.view, view, name)
                         .on_hover_text(tip);
                 }
             })
             .response
-            .on_hover_text("One part of the picture alone, or what it was made of.")
-            .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, "Channel"));
+            .on_hover_text(tr("One part of the picture alone, or what it was made of."))
+            .widget_info(|| egui::WidgetInfo::labeled(egui::Role::ComboBox, true, tr("Channel")));
         ui.separator();
-        let tip = "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)";
-        if button(ui, "Pin", tip) {
+        let tip = tr(
+            "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)",
+        );
+        if button(ui, tr("Pin"), tip) {
             session.pin();
         }
         if let Some(pinned) = &mut session.pinned {
-            ui.checkbox(&mut pinned.is_compared, "against pinned")
-                .on_hover_text("Compare with the pinned look instead of the capture.");
-            if button(ui, "Swap", "Exchange the pinned look with this one. (T)") {
+            ui.checkbox(&mut pinned.is_compared, tr("against pinned"))
+                .on_hover_text(tr("Compare with the pinned look instead of the capture."));
+            if button(
+                ui,
+                tr("Swap"),
+                tr("Exchange the pinned look with this one. (T)"),
+            ) {
                 session.swap_pinned();
             }
-            if ui.button("Unpin").clicked() {
+            if ui.button(tr("Unpin")).clicked() {
                 session.pinned = None;
             }
         }
@@ -239,59 +287,71 @@ impl Viewer {
 /// Ways to compare: name, view, what it shows.
 pub(super) const COMPARE: [(&str, View, &str); 5] = [
     (
-        "After",
+        tr_later("After"),
         View::After,
-        "The splat relit. (C: next way to compare)",
+        tr_later("The splat relit. (C: next way to compare)"),
     ),
     (
-        "Before",
+        tr_later("Before"),
         View::Before,
-        "The splat as it was captured. (hold B)",
+        tr_later("The splat as it was captured. (hold B)"),
     ),
     (
-        "Split",
+        tr_later("Split"),
         View::Split,
-        "Before left of the line, after right of it; drag the line.",
+        tr_later("Before left of the line, after right of it; drag the line."),
     ),
-    ("Side by side", View::SideBySide, "Both pictures whole."),
     (
-        "Difference",
+        tr_later("Side by side"),
+        View::SideBySide,
+        tr_later("Both pictures whole."),
+    ),
+    (
+        tr_later("Difference"),
         View::Difference,
-        "After minus before; grey is none. Its scale is in the panel Look.",
+        tr_later("After minus before; grey is none. Its scale is in the panel Look."),
     ),
 ];
 
 /// Channels: name, view, what it shows.
 const CHANNELS: [(&str, View, &str); 7] = [
     (
-        "Diffuse",
+        tr_later("Diffuse"),
         View::Diffuse,
-        "What is scattered: all that is not gloss. (Preset paper: what does not depend on the view.)",
+        tr_later(
+            "What is scattered: all that is not gloss. (Preset paper: what does not depend on the view.)",
+        ),
     ),
     (
-        "Specular",
+        tr_later("Specular"),
         View::Specular,
-        "What is mirrored: highlights and reflections. (Preset paper: what depends on the view.)",
+        tr_later(
+            "What is mirrored: highlights and reflections. (Preset paper: what depends on the view.)",
+        ),
     ),
     (
-        "Normals",
+        tr_later("Normals"),
         View::Normals,
-        "Where surfels face: red is X, green Y, blue Z.",
+        tr_later("Where surfels face: red is X, green Y, blue Z."),
     ),
-    ("Depth", View::Depth, "Near is white, far is dark."),
     (
-        "Visibility",
+        tr_later("Depth"),
+        View::Depth,
+        tr_later("Near is white, far is dark."),
+    ),
+    (
+        tr_later("Visibility"),
         View::Visibility,
-        "How open each surfel is: black is in a hollow.",
+        tr_later("How open each surfel is: black is in a hollow."),
     ),
     (
-        "Ratio tau",
+        tr_later("Ratio tau"),
         View::Tau,
-        "How many stops the new light is over the old one.",
+        tr_later("How many stops the new light is over the old one."),
     ),
     (
-        "Doubts",
+        tr_later("Doubts"),
         View::Doubts,
-        "What was left out, and where the relit colour is doubtful.",
+        tr_later("What was left out, and where the relit colour is doubtful."),
     ),
 ];

@@ -1,5 +1,6 @@
 //! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
 
+use super::language::tr_later;
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV};
 use transplat_core::scene::EnvironmentLight;
@@ -19,12 +20,12 @@ pub const TOP: Viewpoint = [-90.0, 90.0];
 
 /// All of them.
 pub const VIEWPOINTS: [(&str, Viewpoint); 6] = [
-    ("Front", FRONT),
-    ("Right", RIGHT),
-    ("Back", [90.0, 0.0]),
-    ("Left", [180.0, 0.0]),
-    ("Top", TOP),
-    ("Bottom", [-90.0, -90.0]),
+    (tr_later("Front"), FRONT),
+    (tr_later("Right"), RIGHT),
+    (tr_later("Back"), [90.0, 0.0]),
+    (tr_later("Left"), [180.0, 0.0]),
+    (tr_later("Top"), TOP),
+    (tr_later("Bottom"), [-90.0, -90.0]),
 ];
 
 /// Looks from a side.

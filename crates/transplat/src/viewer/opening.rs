@@ -15,6 +15,7 @@ use super::asset::{Asset, OpenedWith, reading_of, told};
 use super::capture::Capture;
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
+use super::language::{tr, tr_format};
 use super::object::ObjectState;
 use super::session::{Event, SOURCE, Session, TARGET};
 use super::stages::DROP_IT;
@@ -52,7 +53,7 @@ impl Session {
                 self.set_light(TARGET, path.to_owned());
             }
             Ok(FileKind::Lut) => self.open_lut(path.to_owned()),
-            Ok(FileKind::Bake) => self.error(format!(
+            Ok(FileKind::Bake) => self.error(tr_format!(
                 "{}: a bake is found by itself when it lies beside its splat",
                 path.display()
             )),
@@ -215,7 +216,7 @@ impl Session {
         self.jobs.cancel(kind);
         let context = self.context.clone();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let label = format!("loading {name}");
+        let label = tr_format!("loading {name}", name = name);
         let asked = self.scene.objects[at].clone();
         let object = match &opened_with {
             OpenedWith::Object(object, _) => (**object).clone(),
@@ -342,8 +343,9 @@ impl Session {
         // Where nobody tells it, and as long as what is told cannot be read.
         object.source.file.get_or_insert(ESTIMATE.into());
         if object.source.file.as_deref().is_some_and(is_even) {
-            self.info(format!(
-                "what it was captured under is not known: even light is assumed. {DROP_IT}"
+            self.info(tr_format!(
+                "what it was captured under is not known: even light is assumed. {drop_it}",
+                drop_it = tr(DROP_IT)
             ));
         }
         self.ground.clear();
@@ -388,16 +390,14 @@ impl Session {
         if let (None, Some(up)) = (object.up, asset.up_of_ground) {
             object.up = Some(up);
             let name = up.name();
-            self.info(format!(
-                "it was set upright: the ground in it faces {name}; the panel Asset has its up axis"
-            ));
+            self.info(tr_format!("it was set upright: the ground in it faces {name}; the panel Asset has its up axis", name = name));
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             self.info(
-                "how strong the light of its capture was is not known: what it is relit by is matched to it; the panel Light has the switch",
+                tr("how strong the light of its capture was is not known: what it is relit by is matched to it; the panel Light has the switch"),
             );
         }
     }
@@ -409,9 +409,7 @@ impl Session {
             return;
         };
         let [new, last] = [path, &last].map(|p| p.file_name().unwrap_or_default().display());
-        self.info(format!(
-            "{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (Objects) puts splats beside the others"
-        ));
+        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (Objects) puts splats beside the others", new = new, last = last));
     }
 
     /// Points the camera at what was opened, where nobody has pointed it elsewhere.
@@ -482,7 +480,7 @@ impl Session {
 
     fn start_light(&mut self, path: PathBuf) {
         let background = self.background.clone();
-        let label = format!("reading {}", light_name(&path));
+        let label = tr_format!("reading {}", light_name(&path));
         let file = path.clone();
         let work = move |_: &_| Environment::load(&background, &file);
         self.start_or_else(Kind::Light, label, work, move |session, read| match read {

@@ -10,6 +10,7 @@ use transplat_core::settings::skips::Skipped;
 
 use super::app::{Quitting, Viewer};
 use super::jobs::{Job, Kind, Work};
+use super::language::{tr, tr_format};
 use super::navigation;
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
@@ -38,49 +39,49 @@ impl Viewer {
             let assets = session.states.iter().filter_map(|s| s.asset.as_ref());
             let total = assets.map(|a| a.cloud.len()).sum();
             let drawn = session.live().drawn();
-            ui.label(format!("{} of {} surfels", thousands(drawn), thousands(total)))
-                .on_hover_text("Drawn, of all that there are: what is hidden or behind the camera is not drawn.");
+            ui.label(tr_format!("{} of {} surfels", thousands(drawn), thousands(total)))
+                .on_hover_text(tr("Drawn, of all that there are: what is hidden or behind the camera is not drawn."));
             ui.separator();
-            ui.label(format!("frame {}", milliseconds(session.timers.frame.ms())))
-                .on_hover_text("From the first command of the last changed picture to its end on the graphics adapter.");
+            ui.label(tr_format!("frame {}", milliseconds(session.timers.frame.ms())))
+                .on_hover_text(tr("From the first command of the last changed picture to its end on the graphics adapter."));
             ui.separator();
-            ui.label(format!("transfer {}", milliseconds(session.transfer_ms())))
-                .on_hover_text("The last change of light, from the click to its end.");
+            ui.label(tr_format!("transfer {}", milliseconds(session.transfer_ms())))
+                .on_hover_text(tr("The last change of light, from the click to its end."));
             ui.separator();
             let running = session.jobs.running().iter().find(|j| matches!(j.kind, Kind::Of(_, Work::Bake(_))));
             let bake = if let Some(job) = running {
-                format!("bake {:.0} %", 100.0 * job.progress())
+                tr_format!("bake {:.0} %", 100.0 * job.progress())
             } else if session.bake_share() < 1.0 {
-                format!("bake {:.0} %", 100.0 * session.bake_share())
+                tr_format!("bake {:.0} %", 100.0 * session.bake_share())
             } else {
-                format!("bake {}", milliseconds(session.baked().map_or(0.0, |b| b.ms)))
+                tr_format!("bake {}", milliseconds(session.baked().map_or(0.0, |b| b.ms)))
             };
-            ui.label(bake).on_hover_text("The object's visibility; until it is baked, shadows are missing or coarse.");
+            ui.label(bake).on_hover_text(tr("The object's visibility; until it is baked, shadows are missing or coarse."));
             ui.separator();
-            if let Some(bytes) = crate::summary::memory_bytes("VmRSS:") {
-                ui.label(format!("{} MB", thousands((bytes >> 20) as usize)))
-                    .on_hover_text("Memory that the program holds.");
+            if let Some(bytes) = crate::summary::memory_bytes(tr("VmRSS:")) {
+                ui.label(tr_format!("{} MB", thousands((bytes >> 20) as usize)))
+                    .on_hover_text(tr("Memory that the program holds."));
                 ui.separator();
             }
             let software = session.context.is_software();
             let name = ui.label(session.context.name());
             if software {
-                ui.colored_label(ui.visuals().warn_fg_color, "software")
-                    .on_hover_text("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast.");
+                ui.colored_label(ui.visuals().warn_fg_color, tr("software"))
+                    .on_hover_text(tr("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast."));
             } else {
-                name.on_hover_text("The graphics adapter.");
+                name.on_hover_text(tr("The graphics adapter."));
             }
             let left_out = self.left_out();
             if !left_out.is_empty() {
                 ui.separator();
                 let text = match left_out.len() {
-                    1 => "1 step skipped".to_owned(),
-                    n => format!("{n} steps skipped"),
+                    1 => tr("1 step skipped").to_owned(),
+                    n => tr_format!("{n} steps skipped", n = n),
                 };
                 let line = |s: &Skipped| format!("{}: {}", s.what, self.left_out_in_words(s));
                 let all: Vec<String> = left_out.iter().map(line).collect();
                 ui.label(text)
-                    .on_hover_text(format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
+                    .on_hover_text(tr_format!("Not needed for this scene, or switched off:\n{}", all.join("\n")));
             }
         });
     }
@@ -111,7 +112,7 @@ impl Viewer {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
                         if job.waits() {
-                            ui.weak("waits");
+                            ui.weak(tr("waits"));
                         } else if job.progress() > 0.0 {
                             let bar = egui::ProgressBar::new(job.progress());
                             ui.add(bar.desired_width(90.0).show_percentage());
@@ -119,7 +120,7 @@ impl Viewer {
                             ui.spinner();
                         }
                         ui.label(&job.label);
-                        if job.can_be_cancelled() && ui.small_button("Cancel").clicked() {
+                        if job.can_be_cancelled() && ui.small_button(tr("Cancel")).clicked() {
                             job.cancel();
                         }
                     });
@@ -128,23 +129,23 @@ impl Viewer {
             if is_stopped {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        ui.label("That was stopped before the object was relit.");
-                        goes_on = ui.small_button("Go on").clicked();
+                        ui.label(tr("That was stopped before the object was relit."));
+                        goes_on = ui.small_button(tr("Go on")).clicked();
                     });
                 });
             }
-            if messages.len() > 2 && ui.small_button("Dismiss all").clicked() {
+            if messages.len() > 2 && ui.small_button(tr("Dismiss all")).clicked() {
                 dismiss_all = true;
             }
             let hidden = messages.len().saturating_sub(MOST_MESSAGES);
             if hidden > 0 {
-                ui.weak(format!("and {hidden} before these"));
+                ui.weak(tr_format!("and {hidden} before these", hidden = hidden));
             }
             for (i, message) in messages.iter().enumerate().skip(hidden) {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal_top(|ui| {
-                        let close = ui.small_button("×").on_hover_text("Dismiss");
-                        named(&close, egui::Role::Button, "Dismiss");
+                        let close = ui.small_button("×").on_hover_text(tr("Dismiss"));
+                        named(&close, egui::Role::Button, tr("Dismiss"));
                         if close.clicked() {
                             dismissed = Some(i);
                         }
@@ -196,7 +197,7 @@ impl Viewer {
                 display: session.scene.display,
                 view: frame.presentation.camera.view_from_world,
             };
-            let name = SIDES[side];
+            let name = tr(SIDES[side]);
             Probe::update(
                 &mut self.probes[side],
                 context,
@@ -219,21 +220,23 @@ impl Viewer {
                 ui.spacing_mut().item_spacing = egui::vec2(6.0, 3.0);
                 for (side, probe) in self.probes.iter().enumerate() {
                     let Some(probe) = probe else { continue };
-                    let name = SIDES[side];
+                    let name = tr(SIDES[side]);
                     ui.label(
                         egui::RichText::new(name)
                             .small()
                             .color(Color32::from_gray(220)),
                     );
                     ui.horizontal(|ui| {
-                        for (texture, ball) in [(&probe.grey, "Grey"), (&probe.mirror, "Mirror")] {
+                        for (texture, ball) in
+                            [(&probe.grey, tr("Grey")), (&probe.mirror, tr("Mirror"))]
+                        {
                             let image = egui::Image::new(texture)
                                 .fit_to_exact_size(egui::vec2(46.0, 46.0))
                                 .sense(egui::Sense::drag());
-                            let ball = format!("{ball} ball {name}");
+                            let ball = tr_format!("{ball} ball {name}", ball = ball, name = name);
                             let response = ui.add(image).on_hover_cursor(egui::CursorIcon::Grab);
                             named(&response, egui::Role::Image, ball);
-                            let tip = "Drag: turns and tilts the light.";
+                            let tip = tr("Drag: turns and tilts the light.");
                             balls.push((side, response.on_hover_text(tip)));
                         }
                         ui.vertical(|ui| {
@@ -274,9 +277,9 @@ impl Viewer {
             .show(context, |ui| {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        ui.label("Shift + right drag turns the light. Drop a splat or an HDRI on the window.");
-                        let close = ui.small_button("×").on_hover_text("Do not show it again");
-                        named(&close, egui::Role::Button, "Close the hint");
+                        ui.label(tr("Shift + right drag turns the light. Drop a splat or an HDRI on the window."));
+                        let close = ui.small_button("×").on_hover_text(tr("Do not show it again"));
+                        named(&close, egui::Role::Button, tr("Close the hint"));
                         *knows |= close.clicked();
                     });
                 });
@@ -286,7 +289,7 @@ impl Viewer {
     pub(super) fn sheet_of_shortcuts(&mut self, context: &egui::Context) {
         let corner = self.viewport.rect.left_top() + egui::vec2(20.0, 20.0);
         let mut open = self.shown.help;
-        egui::Window::new("Shortcuts")
+        egui::Window::new(tr("Shortcuts"))
             .default_pos(corner)
             .open(&mut open)
             .resizable(false)
@@ -297,11 +300,11 @@ impl Viewer {
                     .show(ui, |ui| {
                         ui.horizontal_top(|ui| {
                             let gestures =
-                                GESTURES.map(|(gesture, what)| (gesture.to_owned(), what));
+                                GESTURES.map(|(gesture, what)| (tr(gesture).to_owned(), tr(what)));
                             sheet(ui, "gestures", &gestures);
                             ui.separator();
-                            let keys =
-                                SHORTCUTS.map(|(m, key, _, what)| (shortcuts::name(m, key), what));
+                            let keys = SHORTCUTS
+                                .map(|(m, key, _, what)| (shortcuts::name(m, key), tr(what)));
                             sheet(ui, "keys", &keys);
                         });
                     });
@@ -309,13 +312,13 @@ impl Viewer {
         let escape = context.input(|i| i.key_pressed(Key::Escape));
         self.shown.help = open && !escape;
         let mut open = self.shown.about;
-        egui::Window::new("About")
+        egui::Window::new(tr("About"))
             .default_pos(corner)
             .open(&mut open)
             .resizable(false)
             .show(context, |ui| {
                 ui.label(concat!("transplat ", env!("CARGO_PKG_VERSION")));
-                ui.label("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”.");
+                ui.label(tr("Relights captured objects by spherical-harmonic radiance transfer, after the paper “TranSplat”."));
             });
         self.shown.about = open && !escape;
     }
@@ -326,25 +329,27 @@ impl Viewer {
         };
         let (mut open, mut is_shown) = (true, true);
         let mut act = None;
-        in_the_middle("By path", self.viewport.rect)
+        in_the_middle(tr("By path"), self.viewport.rect)
             .open(&mut is_shown)
             .show(context, |ui| {
                 let label = ui.label(match &field.dialog {
-                    None => "A file or folder to open, or the name of a file to write:",
-                    Some(Dialog::Open) => "The desktop shows no file dialog. A file to open:",
+                    None => tr("A file or folder to open, or the name of a file to write:"),
+                    Some(Dialog::Open) => tr("The desktop shows no file dialog. A file to open:"),
                     Some(Dialog::OpenFolder) => {
-                        "The desktop shows no file dialog. A folder to open:"
+                        tr("The desktop shows no file dialog. A folder to open:")
                     }
                     Some(Dialog::Save(SaveKind::Plate, _)) => {
-                        "The desktop shows no file dialog. A photograph:"
+                        tr("The desktop shows no file dialog. A photograph:")
                     }
                     Some(Dialog::Save(SaveKind::Lut, _)) => {
-                        "The desktop shows no file dialog. A table of colours (.cube):"
+                        tr("The desktop shows no file dialog. A table of colours (.cube):")
                     }
                     Some(Dialog::Save(SaveKind::Folder, _)) => {
-                        "The desktop shows no file dialog. A folder for pictures:"
+                        tr("The desktop shows no file dialog. A folder for pictures:")
                     }
-                    Some(Dialog::Save(..)) => "The desktop shows no file dialog. A file to write:",
+                    Some(Dialog::Save(..)) => {
+                        tr("The desktop shows no file dialog. A file to write:")
+                    }
                 });
                 let edit = egui::TextEdit::singleline(&mut field.text).desired_width(420.0);
                 let response = ui.add(edit).labelled_by(label.id);
@@ -360,12 +365,12 @@ impl Viewer {
                 let named = !field.text.trim().is_empty();
                 ui.horizontal(|ui| {
                     for (name, kind) in field.actions() {
-                        let button = egui::Button::new(*name);
+                        let button = egui::Button::new(name);
                         if ui.add_enabled(named, button).clicked() {
-                            act = Some(*kind);
+                            act = Some(kind);
                         }
                     }
-                    open &= !ui.button("Cancel").clicked();
+                    open &= !ui.button(tr("Cancel")).clicked();
                 });
             });
         match act {
@@ -386,16 +391,16 @@ impl Viewer {
         let Some((path, kind)) = self.replacing.clone() else {
             return;
         };
-        egui::Window::new("Replace?")
+        egui::Window::new(tr("Replace?"))
             .resizable(false)
             .show(context, |ui| {
-                ui.label(format!("{} is there already.", path.display()));
+                ui.label(tr_format!("{} is there already.", path.display()));
                 ui.horizontal(|ui| {
-                    if ui.button("Replace it").clicked() {
+                    if ui.button(tr("Replace it")).clicked() {
                         self.replacing = None;
                         self.save_to(&path, kind, true);
                     }
-                    if ui.button("Keep it").clicked() {
+                    if ui.button(tr("Keep it")).clicked() {
                         self.replacing = None;
                     }
                 });
@@ -411,11 +416,11 @@ impl Viewer {
         let room = 0.9 * self.viewport.rect.size();
         let size = picture.size_vec2();
         let scale = (room.x / size.x).min(room.y / size.y).min(1.0);
-        in_the_middle("Preview", self.viewport.rect)
+        in_the_middle(tr("Preview"), self.viewport.rect)
             .open(&mut is_shown)
             .show(context, |ui| {
                 let image = egui::Image::new((picture.id(), size * scale));
-                ui.add(image.alt_text("The picture as it would be saved"));
+                ui.add(image.alt_text(tr("The picture as it would be saved")));
             });
         if !is_shown {
             self.preview = None;
@@ -446,26 +451,29 @@ impl Viewer {
         };
         let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
         let count = self.session.jobs.running().iter().filter(of_export).count();
-        in_the_middle("Quit?", self.viewport.rect)
+        in_the_middle(tr("Quit?"), self.viewport.rect)
             .collapsible(false)
             .show(context, |ui| {
                 ui.label(match quitting {
-                    Quitting::Asks if count > 1 => format!("{count} exports are not done yet."),
-                    Quitting::Asks => "An export is not done yet.".into(),
-                    Quitting::WhenDone => "The window closes once all is saved.".into(),
+                    Quitting::Asks if count > 1 => {
+                        tr_format!("{count} exports are not done yet.", count = count)
+                    }
+                    Quitting::Asks => tr("An export is not done yet.").into(),
+                    Quitting::WhenDone => tr("The window closes once all is saved.").into(),
                 });
                 ui.horizontal(|ui| {
                     let asks = quitting == Quitting::Asks;
                     // It keeps its place: a second click must not meet another button.
-                    let waits = ui.add_enabled(asks, egui::Button::new("Quit when they are done"));
+                    let waits =
+                        ui.add_enabled(asks, egui::Button::new(tr("Quit when they are done")));
                     if waits.clicked() {
                         self.quitting = Some(Quitting::WhenDone);
                     }
-                    if ui.button("Stop them and quit").clicked() {
+                    if ui.button(tr("Stop them and quit")).clicked() {
                         self.session.jobs.cancel(Kind::Export);
                         context.send_viewport_cmd(egui::ViewportCommand::Close);
                     }
-                    if ui.button("Stay").clicked() {
+                    if ui.button(tr("Stay")).clicked() {
                         self.quitting = None;
                     }
                 });
@@ -485,7 +493,7 @@ impl Viewer {
         painter.text(
             rect.center(),
             egui::Align2::CENTER_CENTER,
-            "Drop splats, environments, folders of environments, looks, tables of colours.\nOn a slot below: the light of that slot.",
+            tr("Drop splats, environments, folders of environments, looks, tables of colours.\nOn a slot below: the light of that slot."),
             egui::FontId::proportional(20.0),
             Color32::WHITE,
         );

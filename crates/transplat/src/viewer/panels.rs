@@ -12,6 +12,7 @@ mod transfer;
 use eframe::egui::{self, Align2, Sense, Ui};
 
 use super::app::Viewer;
+use super::language::tr;
 use super::style;
 use super::tabs::{TABS, Tab};
 
@@ -50,6 +51,7 @@ fn tabs(ui: &mut Ui, chosen: &mut Tab) {
         let gaps = 2.0 * (TABS.len() - 1) as f32;
         let width = (ui.available_width() - gaps) / TABS.len() as f32;
         for (tab, icon, name, tip) in TABS {
+            let (name, tip) = (tr(name), tr(tip));
             let size = egui::vec2(width, style::TAB_HEIGHT);
             let (rect, response) = ui.allocate_exact_size(size, Sense::click());
             let is_chosen = *chosen == tab;

@@ -6,6 +6,7 @@ use transplat_core::scene::Scene;
 use transplat_core::transfer::Part;
 use transplat_gpu::rasterize::ResidentSh;
 
+use super::language::tr;
 use super::session::{Pinned, Session};
 
 impl Session {
@@ -18,7 +19,7 @@ impl Session {
     pub fn pin(&mut self) {
         let relit = (0..self.states.len()).any(|at| self.live().has_relit(at));
         if !relit {
-            self.error("there is nothing relit to be pinned yet");
+            self.error(tr("there is nothing relit to be pinned yet"));
             return;
         }
         if self.pin_what_is_shown(self.scene.display) {
@@ -104,7 +105,9 @@ impl Session {
             self.is_traced() && members.iter().all(|at| self.is_prepared(*at))
         };
         let Some((members, scene, _)) = scene.filter(is_of_now) else {
-            self.error("the objects are still being prepared; try again when that is done");
+            self.error(tr(
+                "the objects are still being prepared; try again when that is done",
+            ));
             return false;
         };
         let (target, turn) = self.scene_target(members[0]);

@@ -36,6 +36,8 @@ pub struct Preferences {
     pub export: ExportSettings,
     pub tab: Tab,
     pub knows_how_to_turn_the_light: bool,
+    /// The file of a translation; none is English.
+    pub language: Option<PathBuf>,
 }
 
 impl Default for Preferences {
@@ -55,6 +57,7 @@ impl Default for Preferences {
             export: ExportSettings::default(),
             tab: Tab::default(),
             knows_how_to_turn_the_light: false,
+            language: None,
         }
     }
 }

@@ -11,6 +11,7 @@ use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
 use super::environments::load_map;
 use super::export::free_name;
 use super::jobs::Kind;
+use super::language::{tr, tr_format};
 use super::session::{Event, Session};
 use crate::picture::light_at;
 use crate::pipeline::object::{as_file_name, name_of};
@@ -25,7 +26,7 @@ impl Session {
     pub fn save_light_here(&mut self, folder: &str) {
         let at = self.selected;
         let Some(asset) = self.asset() else {
-            self.error("there is nothing to be seen yet");
+            self.error(tr("there is nothing to be seen yet"));
             return;
         };
         let object = self.object();
@@ -35,13 +36,13 @@ impl Session {
             .shown()
             .flat_map(|(other, _, asset)| std::iter::repeat_n(other == at, asset.cloud.len()));
         let hidden: Vec<bool> = hidden.collect();
-        let name = as_file_name(&format!("light_at_{}", name_of(object, &asset.path)));
+        let name = as_file_name(&tr_format!("light_at_{}", name_of(object, &asset.path)));
         let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
         let (source, up) = (source.clone(), self.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
         let (device, whole) = (self.background.clone(), self.whole());
         let folder = PathBuf::from(folder);
-        let label = format!("looking around from {}", asset.name());
+        let label = tr_format!("looking around from {}", asset.name());
         let work = move |_: &_| -> Result<_> {
             let map: EnvironmentMap = (*load_map(&source)?).clone();
             let sky = |d: Vec3| {
@@ -62,12 +63,11 @@ impl Session {
             Ok((path, probe.clipped_light))
         };
         self.start(Kind::Export, label, work, |session, (path, clipped)| {
-            session.info(format!("saved {}, and put it on the shelf", path.display()));
+            session.info(tr_format!("saved {}, and put it on the shelf", path.display()));
             if clipped > CLIPPED {
-                session.info(format!(
+                session.info(tr_format!(
                     "{} of that light is clipped at white: it was brighter there; transplat probe --clipped-like brings some of it back",
-                    percent(clipped)
-                ));
+                    percent(clipped)));
             }
             session.events.push(Event::Light(path));
         });

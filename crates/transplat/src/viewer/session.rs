@@ -27,6 +27,7 @@ use super::asset::Asset;
 use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind, Work};
+use super::language::{tr, tr_later};
 use super::object::{
     GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight, Surroundings,
     TogetherKey,
@@ -34,7 +35,7 @@ use super::object::{
 use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.
-pub const SIDES: [&str; 2] = ["captured under", "relit by"];
+pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
 
 /// The two sides' numbers.
 pub const SOURCE: usize = 0;
@@ -634,7 +635,7 @@ impl Session {
         }
         let shown = || self.shown().map(|(at, ..)| &self.states[at]);
         if shown().any(|state| state.relit.get().is_none()) {
-            return Some("not relit yet: as captured");
+            return Some(tr("not relit yet: as captured"));
         }
         let method = self.scene.transfer.method;
         let is_whole = |state: &ObjectState| {
@@ -642,10 +643,10 @@ impl Session {
             bake.is_some_and(|b| b.share == 1.0)
         };
         if !shown().all(is_whole) {
-            return Some("coarse: visibility is being baked");
+            return Some(tr("coarse: visibility is being baked"));
         }
         let is_traced = !self.is_composed() || self.is_traced();
-        (!is_traced).then_some("coarse: light between the objects is being traced")
+        (!is_traced).then_some(tr("coarse: light between the objects is being traced"))
     }
 
     /// Whether nothing is being computed that the picture waits for.

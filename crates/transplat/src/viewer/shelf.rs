@@ -8,6 +8,7 @@ use transplat_core::scene::is_even;
 
 use super::environments::{Environment, light_name};
 use super::kept::Pictures;
+use super::language::{tr, tr_format};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
@@ -88,10 +89,10 @@ impl Shelf {
             self.slot(ui, session, SOURCE);
             ui.vertical(|ui| {
                 ui.add_space(26.0);
-                let swap = ui.button("swap").on_hover_text(
-                    "Swap the two lights with their turns and strengths: relights by what it was captured under. (X)",
+                let swap = ui.button(tr("swap")).on_hover_text(
+                    tr("Swap the two lights with their turns and strengths: relights by what it was captured under. (X)"),
                 );
-                named(&swap, egui::Role::Button, "Swap lights");
+                named(&swap, egui::Role::Button, tr("Swap lights"));
                 if swap.clicked() {
                     session.swap_lights();
                 }
@@ -137,18 +138,18 @@ impl Shelf {
             for (page, name, tip) in [
                 (
                     Page::Lights,
-                    "Lights".to_owned(),
-                    "Environments to relight by.",
+                    tr("Lights").to_owned(),
+                    tr("Environments to relight by."),
                 ),
                 (
                     Page::Looks,
-                    format!("Looks{}", count(looks.len())),
-                    "Looks that were kept: light and picture, to come back to and to compare.",
+                    tr_format!("Looks{}", count(looks.len())),
+                    tr("Looks that were kept: light and picture, to come back to and to compare."),
                 ),
                 (
                     Page::Views,
-                    format!("Views{}", count(views.len())),
-                    "Places to look from that were kept.",
+                    tr_format!("Views{}", count(views.len())),
+                    tr("Places to look from that were kept."),
                 ),
             ] {
                 ui.selectable_value(&mut self.page, page, name)
@@ -181,22 +182,22 @@ impl Shelf {
         let wanted = settings.file.clone().unwrap_or_else(|| light.path.clone());
         ui.vertical(|ui| {
             ui.set_width(THUMBNAIL.x);
-            ui.label(egui::RichText::new(SIDES[side]).small().strong());
+            ui.label(egui::RichText::new(tr(SIDES[side])).small().strong());
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click());
             self.slots[side] = Some(rect);
             let name = if side == SOURCE && light.is_even {
                 if session.is_loading(&wanted) {
-                    "being estimated".to_owned()
+                    tr("being estimated").to_owned()
                 } else {
                     match is_even(&light.path) {
-                        true => "even light (assumed)".to_owned(),
-                        false => "not known".to_owned(),
+                        true => tr("even light (assumed)").to_owned(),
+                        false => tr("not known").to_owned(),
                     }
                 }
             } else {
                 light.name()
             };
-            named(&response, egui::Role::Button, format!("{}: {name}", SIDES[side]));
+            named(&response, egui::Role::Button, format!("{}: {name}", tr(SIDES[side])));
             let texture = Some(self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
             if session.is_loading(&wanted) {
@@ -204,22 +205,22 @@ impl Shelf {
             }
             ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
             let tip = if side == SOURCE {
-                "The light that the splat was captured under. Drop an environment here, or drag one from the shelf. A wrong one makes a wrong relight."
+                tr("The light that the splat was captured under. Drop an environment here, or drag one from the shelf. A wrong one makes a wrong relight.")
             } else {
-                "The light that the splat is relit by. Drop an environment here, or click one on the shelf."
+                tr("The light that the splat is relit by. Drop an environment here, or click one on the shelf.")
             };
             let response = response.on_hover_text(format!("{name}\n\n{tip}"));
             if let Some(dragged) = response.dnd_release_payload::<Dragged>() {
                 session.set_light(side, dragged.0.clone());
             }
             response.context_menu(|ui| {
-                if entry(ui, "Even light") {
+                if entry(ui, tr("Even light")) {
                     session.set_light(side, transplat_core::scene::EVEN.into());
                 }
-                if side == SOURCE && entry(ui, "Estimate it from the object") {
+                if side == SOURCE && entry(ui, tr("Estimate it from the object")) {
                     session.ask_for_estimate();
                 }
-                if light.is_file() && entry(ui, "Put on the shelf") {
+                if light.is_file() && entry(ui, tr("Put on the shelf")) {
                     self.add(session, &light.path);
                 }
             });
@@ -236,7 +237,7 @@ impl Shelf {
             ui.set_width(THUMBNAIL.x);
             ui.add_space(NAME_HEIGHT);
             let (rect, response) = ui.allocate_exact_size(THUMBNAIL, Sense::click_and_drag());
-            named(&response, egui::Role::Button, format!("Environment {name}"));
+            named(&response, egui::Role::Button, tr_format!("Environment {name}", name = name));
             if selected && self.shown.as_ref() != Some(&path) {
                 response.scroll_to_me(None);
                 self.shown = Some(path.clone());
@@ -261,12 +262,11 @@ impl Shelf {
                 self.paths.insert(at, dragged.0.clone());
             }
             let tip = match session.environments.get(&path) {
-                Some(light) => format!(
+                Some(light) => tr_format!(
                     "{}\n{} x {} pixels\nClick: relight by it. Drag: onto a slot, or to another place. Right click: more.",
                     path.display(),
                     light.size[0],
-                    light.size[1]
-                ),
+                    light.size[1]),
                 None => path.display().to_string(),
             };
             let response = response.on_hover_text(tip);
@@ -274,19 +274,19 @@ impl Shelf {
                 session.set_light(TARGET, path.clone());
             }
             response.context_menu(|ui| {
-                if entry(ui, "Relight by it") {
+                if entry(ui, tr("Relight by it")) {
                     session.set_light(TARGET, path.clone());
                 }
-                if entry(ui, "Captured under it") {
+                if entry(ui, tr("Captured under it")) {
                     session.set_light(SOURCE, path.clone());
                 }
-                if index > 0 && entry(ui, "Move left") {
+                if index > 0 && entry(ui, tr("Move left")) {
                     self.paths.swap(index, index - 1);
                 }
-                if index + 1 < self.paths.len() && entry(ui, "Move right") {
+                if index + 1 < self.paths.len() && entry(ui, tr("Move right")) {
                     self.paths.swap(index, index + 1);
                 }
-                removed |= entry(ui, "Remove from the shelf");
+                removed |= entry(ui, tr("Remove from the shelf"));
             });
         });
         if removed {
@@ -295,9 +295,9 @@ impl Shelf {
     }
 
     fn add_button(&mut self, ui: &mut Ui) {
-        let response = add_button(ui, "Add environments").on_hover_text(
+        let response = add_button(ui, tr("Add environments")).on_hover_text(tr(
             "Add environments: .hdr, .exr or pictures. Or drop files or a folder on the window.",
-        );
+        ));
         self.wants_files |= response.clicked();
     }
 }

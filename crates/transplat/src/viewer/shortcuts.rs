@@ -2,6 +2,7 @@
 
 use eframe::egui::{Key, Modifiers};
 
+use super::language::{tr, tr_later};
 use super::tabs::Tab;
 
 /// What a key does.
@@ -48,98 +49,198 @@ pub enum Action {
 
 /// Key, modifiers, action, and what is said of it.
 pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
-    (CTRL, Key::O, Action::Open, "open files"),
+    (CTRL, Key::O, Action::Open, tr_later("open files")),
     (
         CTRL_SHIFT,
         Key::O,
         Action::OpenFolder,
-        "open a folder of environments",
+        tr_later("open a folder of environments"),
     ),
-    (CTRL, Key::S, Action::SaveLook, "save the look"),
-    (CTRL, Key::E, Action::ExportSplat, "export the relit splat"),
-    (NONE, Key::F12, Action::Screenshot, "save a picture"),
-    (CTRL_SHIFT, Key::C, Action::Copy, "copy the picture"),
-    (CTRL_SHIFT, Key::Z, Action::Redo, "redo"),
-    (CTRL, Key::Z, Action::Undo, "undo"),
-    (CTRL, Key::Y, Action::Redo, "redo"),
-    (CTRL, Key::D, Action::Duplicate, "double the object"),
+    (CTRL, Key::S, Action::SaveLook, tr_later("save the look")),
+    (
+        CTRL,
+        Key::E,
+        Action::ExportSplat,
+        tr_later("export the relit splat"),
+    ),
+    (
+        NONE,
+        Key::F12,
+        Action::Screenshot,
+        tr_later("save a picture"),
+    ),
+    (
+        CTRL_SHIFT,
+        Key::C,
+        Action::Copy,
+        tr_later("copy the picture"),
+    ),
+    (CTRL_SHIFT, Key::Z, Action::Redo, tr_later("redo")),
+    (CTRL, Key::Z, Action::Undo, tr_later("undo")),
+    (CTRL, Key::Y, Action::Redo, tr_later("redo")),
+    (
+        CTRL,
+        Key::D,
+        Action::Duplicate,
+        tr_later("double the object"),
+    ),
     (
         NONE,
         Key::Delete,
         Action::Remove,
-        "take the object out of the scene",
+        tr_later("take the object out of the scene"),
     ),
-    (NONE, Key::F, Action::Frame, "frame the object"),
+    (NONE, Key::F, Action::Frame, tr_later("frame the object")),
     (
         NONE,
         Key::O,
         Action::Orthographic,
-        "perspective or orthographic",
+        tr_later("perspective or orthographic"),
     ),
-    (CTRL, Key::Num1, Action::Front, "look from the front"),
-    (CTRL, Key::Num2, Action::Right, "look from the right"),
-    (CTRL, Key::Num3, Action::Top, "look from the top"),
-    (NONE, Key::C, Action::NextCompare, "next way to compare"),
+    (
+        CTRL,
+        Key::Num1,
+        Action::Front,
+        tr_later("look from the front"),
+    ),
+    (
+        CTRL,
+        Key::Num2,
+        Action::Right,
+        tr_later("look from the right"),
+    ),
+    (CTRL, Key::Num3, Action::Top, tr_later("look from the top")),
+    (
+        NONE,
+        Key::C,
+        Action::NextCompare,
+        tr_later("next way to compare"),
+    ),
     (
         NONE,
         Key::P,
         Action::Pin,
-        "pin the look, to compare others with it",
+        tr_later("pin the look, to compare others with it"),
     ),
     (
         NONE,
         Key::T,
         Action::SwapPinned,
-        "the pinned look and this one, in turn",
+        tr_later("the pinned look and this one, in turn"),
     ),
-    (CTRL, Key::B, Action::KeepView, "keep this view"),
-    (NONE, Key::PageDown, Action::NextView, "next kept view"),
-    (NONE, Key::PageUp, Action::LastView, "kept view before"),
-    (CTRL, Key::PageDown, Action::NextLook, "next kept look"),
-    (CTRL, Key::PageUp, Action::LastLook, "kept look before"),
-    (NONE, Key::G, Action::Grid, "grid"),
-    (NONE, Key::L, Action::Probes, "light probes"),
-    (NONE, Key::K, Action::Marks, "mark doubtful surfels"),
+    (CTRL, Key::B, Action::KeepView, tr_later("keep this view")),
+    (
+        NONE,
+        Key::PageDown,
+        Action::NextView,
+        tr_later("next kept view"),
+    ),
+    (
+        NONE,
+        Key::PageUp,
+        Action::LastView,
+        tr_later("kept view before"),
+    ),
+    (
+        CTRL,
+        Key::PageDown,
+        Action::NextLook,
+        tr_later("next kept look"),
+    ),
+    (
+        CTRL,
+        Key::PageUp,
+        Action::LastLook,
+        tr_later("kept look before"),
+    ),
+    (NONE, Key::G, Action::Grid, tr_later("grid")),
+    (NONE, Key::L, Action::Probes, tr_later("light probes")),
+    (
+        NONE,
+        Key::K,
+        Action::Marks,
+        tr_later("mark doubtful surfels"),
+    ),
     (
         NONE,
         Key::N,
         Action::Background,
-        "environment or plain background",
+        tr_later("environment or plain background"),
     ),
-    (NONE, Key::M, Action::Match, "match the lights' strength"),
-    (NONE, Key::X, Action::Swap, "swap the two lights"),
-    (NONE, Key::H, Action::Panels, "panels on and off"),
-    (NONE, Key::F2, Action::Tab(Tab::Light), "the panel Light"),
-    (NONE, Key::F3, Action::Tab(Tab::Look), "the panel Look"),
-    (NONE, Key::F4, Action::Tab(Tab::Camera), "the panel Camera"),
-    (NONE, Key::F5, Action::Tab(Tab::Asset), "the panel Asset"),
-    (NONE, Key::F6, Action::Tab(Tab::Export), "the panel Export"),
-    (NONE, Key::F7, Action::Tab(Tab::Report), "the panel Report"),
-    (NONE, Key::F11, Action::FullScreen, "all of the screen"),
-    (NONE, Key::F1, Action::Help, "this sheet"),
+    (
+        NONE,
+        Key::M,
+        Action::Match,
+        tr_later("match the lights' strength"),
+    ),
+    (NONE, Key::X, Action::Swap, tr_later("swap the two lights")),
+    (NONE, Key::H, Action::Panels, tr_later("panels on and off")),
+    (
+        NONE,
+        Key::F2,
+        Action::Tab(Tab::Light),
+        tr_later("the panel Light"),
+    ),
+    (
+        NONE,
+        Key::F3,
+        Action::Tab(Tab::Look),
+        tr_later("the panel Look"),
+    ),
+    (
+        NONE,
+        Key::F4,
+        Action::Tab(Tab::Camera),
+        tr_later("the panel Camera"),
+    ),
+    (
+        NONE,
+        Key::F5,
+        Action::Tab(Tab::Asset),
+        tr_later("the panel Asset"),
+    ),
+    (
+        NONE,
+        Key::F6,
+        Action::Tab(Tab::Export),
+        tr_later("the panel Export"),
+    ),
+    (
+        NONE,
+        Key::F7,
+        Action::Tab(Tab::Report),
+        tr_later("the panel Report"),
+    ),
+    (
+        NONE,
+        Key::F11,
+        Action::FullScreen,
+        tr_later("all of the screen"),
+    ),
+    (NONE, Key::F1, Action::Help, tr_later("this sheet")),
     (
         NONE,
         Key::ArrowLeft,
         Action::NudgeLeft,
-        "turn the light 5° (shift: 1°)",
+        tr_later("turn the light 5° (shift: 1°)"),
     ),
     (
         NONE,
         Key::ArrowRight,
         Action::NudgeRight,
-        "turn the light back",
+        tr_later("turn the light back"),
     ),
     (
         NONE,
         Key::ArrowUp,
         Action::NudgeUp,
-        "tilt the light 5° (shift: 1°)",
+        tr_later("tilt the light 5° (shift: 1°)"),
     ),
     (
         NONE,
         Key::ArrowDown,
         Action::NudgeDown,
-        "tilt the light back",
+        tr_later("tilt the light back"),
     ),
 ];
 
@@ -157,38 +258,62 @@ pub const ARROWS: [Key; 4] = [
 
 /// What the mouse and held keys do, for the sheet.
 pub const GESTURES: [(&str, &str); 16] = [
-    ("left drag", "orbit"),
-    ("middle drag, shift + left drag", "pan"),
-    ("wheel", "zoom to the pointer"),
-    ("right drag", "look around; with W A S D Q E fly"),
-    ("shift + right drag", "turn and tilt the target light"),
-    ("click", "select an object; inspect a surfel"),
+    (tr_later("left drag"), tr_later("orbit")),
+    (tr_later("middle drag, shift + left drag"), tr_later("pan")),
+    (tr_later("wheel"), tr_later("zoom to the pointer")),
     (
-        "drag a handle",
-        "move, turn, scale the object (ctrl: in steps)",
+        tr_later("right drag"),
+        tr_later("look around; with W A S D Q E fly"),
     ),
-    ("double click", "turn about this point of the surface"),
     (
-        "shift + double click",
-        "turn the light so that its highlight is there",
+        tr_later("shift + right drag"),
+        tr_later("turn and tilt the target light"),
     ),
-    ("drag a ball or the light's map", "turn the light"),
-    ("double click on a slider", "back to the default"),
-    ("drag the wipe's line", "move the split"),
-    ("hold B", "before"),
-    ("1 to 9", "relight by this light of the shelf"),
-    ("ctrl + / ctrl -", "larger and smaller text"),
-    ("?", "this sheet"),
+    (
+        tr_later("click"),
+        tr_later("select an object; inspect a surfel"),
+    ),
+    (
+        tr_later("drag a handle"),
+        tr_later("move, turn, scale the object (ctrl: in steps)"),
+    ),
+    (
+        tr_later("double click"),
+        tr_later("turn about this point of the surface"),
+    ),
+    (
+        tr_later("shift + double click"),
+        tr_later("turn the light so that its highlight is there"),
+    ),
+    (
+        tr_later("drag a ball or the light's map"),
+        tr_later("turn the light"),
+    ),
+    (
+        tr_later("double click on a slider"),
+        tr_later("back to the default"),
+    ),
+    (tr_later("drag the wipe's line"), tr_later("move the split")),
+    (tr_later("hold B"), tr_later("before")),
+    (
+        tr_later("1 to 9"),
+        tr_later("relight by this light of the shelf"),
+    ),
+    (
+        tr_later("ctrl + / ctrl -"),
+        tr_later("larger and smaller text"),
+    ),
+    ("?", tr_later("this sheet")),
 ];
 
 /// A shortcut as text.
 pub fn name(modifiers: Modifiers, key: Key) -> String {
     let mut out = String::new();
     if modifiers.ctrl {
-        out += "ctrl + ";
+        out += tr("ctrl + ");
     }
     if modifiers.shift {
-        out += "shift + ";
+        out += tr("shift + ");
     }
     // The arrows' symbols are not in every font.
     out + if ARROWS.contains(&key) {

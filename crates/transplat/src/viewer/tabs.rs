@@ -1,5 +1,6 @@
 //! The tabs of the panel, and how they are named.
 
+use super::language::tr_later;
 use lucide_icons::Icon;
 use serde::{Deserialize, Serialize};
 
@@ -21,32 +22,37 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
     (
         Tab::Light,
         Icon::Sun,
-        "Light",
-        "The light it is relit by, and the one that it was captured under.",
+        tr_later("Light"),
+        tr_later("The light it is relit by, and the one that it was captured under."),
     ),
     (
         Tab::Look,
         Icon::Aperture,
-        "Look",
-        "Exposure, tones, background, and how it is relit.",
+        tr_later("Look"),
+        tr_later("Exposure, tones, background, and how it is relit."),
     ),
-    (Tab::Camera, Icon::Video, "Camera", "Where it is seen from."),
+    (
+        Tab::Camera,
+        Icon::Video,
+        tr_later("Camera"),
+        tr_later("Where it is seen from."),
+    ),
     (
         Tab::Asset,
         Icon::Box,
-        "Asset",
-        "The splats of the scene, where they stand, and what of them is hidden.",
+        tr_later("Asset"),
+        tr_later("The splats of the scene, where they stand, and what of them is hidden."),
     ),
     (
         Tab::Export,
         Icon::ImageDown,
-        "Export",
-        "Pictures, turntables and the relit splat.",
+        tr_later("Export"),
+        tr_later("Pictures, turntables and the relit splat."),
     ),
     (
         Tab::Report,
         Icon::Gauge,
-        "Report",
-        "What it costs, and how far it can be trusted.",
+        tr_later("Report"),
+        tr_later("What it costs, and how far it can be trusted."),
     ),
 ];

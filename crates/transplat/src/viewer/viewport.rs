@@ -14,6 +14,7 @@ use transplat_gpu::live::Live;
 use super::annotations::{annotate, draw_crop_box, mark_surfel};
 use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
+use super::language::tr;
 use super::navigation;
 use super::session::{Session, TARGET};
 use super::widgets::named;
@@ -85,7 +86,7 @@ impl Viewport {
     pub fn show(&mut self, ui: &mut Ui, session: &mut Session, hold_before: bool) {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         self.rect = rect;
-        named(&response, egui::Role::Canvas, "Viewport");
+        named(&response, egui::Role::Canvas, tr("Viewport"));
         let seen = |s: &Session| {
             let place = s.object().transform;
             (s.pose, s.scene.environment.clone(), s.scene.wipe, place)
@@ -342,10 +343,10 @@ impl Viewport {
         };
         let up = session.scene_up();
         let Some(brightest) = session.light(TARGET).brightest else {
-            return session.info("even light has no highlight to be put there");
+            return session.info(tr("even light has no highlight to be put there"));
         };
         let Some(normal) = session.scene_normal(object, pick.surfel) else {
-            return session.info("a highlight can be put there once the object is baked");
+            return session.info(tr("a highlight can be put there once the object is baked"));
         };
         let Some((camera, ..)) = self.camera_at(session, at) else {
             return;
@@ -359,7 +360,7 @@ impl Viewport {
         light.bring(in_map, wanted);
         let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;
         if came.dot(wanted.normalize_or_zero()) < NEAR_ENOUGH {
-            session.info("the highlight is as near as the light can be brought without turning its world over");
+            session.info(tr("the highlight is as near as the light can be brought without turning its world over"));
         }
     }
 

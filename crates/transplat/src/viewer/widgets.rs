@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use eframe::egui::{self, PointerButton, Pos2, Response, Ui, Vec2};
 use eframe::emath::Numeric;
 
+use super::language::{tr, tr_format};
 use super::style::NAME_WIDTH;
 
 /// A slider.
@@ -76,8 +77,9 @@ pub fn name(ui: &mut Ui, text: &str) -> Response {
 
 /// The tooltip of a control that a double click resets.
 fn tip(response: Response, text: &str) -> Response {
-    response.on_hover_text(format!(
-        "{text}\n\nDouble click on its name: back to the default."
+    response.on_hover_text(tr_format!(
+        "{text}\n\nDouble click on its name: back to the default.",
+        text = text
     ))
 }
 
@@ -140,7 +142,7 @@ fn parse(text: &str) -> Option<f64> {
 
 /// What is seldom wanted, folded away.
 pub fn advanced<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) {
-    egui::CollapsingHeader::new("Advanced").show(ui, contents);
+    egui::CollapsingHeader::new(tr("Advanced")).show(ui, contents);
 }
 
 /// A drag of a widget: what it changes is what that was at the press, by all the way from there, however far a frame's first step is.
@@ -192,7 +194,7 @@ pub fn named(response: &Response, role: egui::Role, name: impl ToString) {
 pub fn file(ui: &mut Ui, path: &std::path::Path) {
     let name = path.file_name().unwrap_or(path.as_os_str());
     ui.horizontal(|ui| {
-        ui.weak("file");
+        ui.weak(tr("file"));
         ui.add(egui::Label::new(name.to_string_lossy()).truncate())
             .on_hover_text(path.display().to_string());
     });

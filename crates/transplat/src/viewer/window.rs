@@ -7,6 +7,7 @@ use eframe::egui::{self, Key, Ui};
 use super::app::{STORAGE_KEY, Viewer};
 use super::files::ask;
 use super::history;
+use super::language::tr_format;
 use super::panels;
 use super::session::Dialog;
 use super::shelf;
@@ -49,7 +50,7 @@ impl eframe::App for Viewer {
         self.shelve_lights();
         self.remember_opened();
         let title = match self.session.asset() {
-            Some(asset) => format!("{} – transplat", asset.name()),
+            Some(asset) => tr_format!("{} – transplat", asset.name()),
             None => "transplat".into(),
         };
         if self.title != title {

@@ -6,6 +6,7 @@ use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
+use super::language::{tr, tr_format};
 use crate::bundled::{BUNDLED_SPLAT, bundled};
 
 impl Viewer {
@@ -18,17 +19,21 @@ impl Viewer {
         let why = match load_look(&path).map(first_asset) {
             Ok(Some(asset)) if asset.is_file() => {
                 self.session.open(&path);
-                self.session
-                    .info("the work of last time; File > Bundled scene starts anew");
+                self.session.info(tr(
+                    "the work of last time; File > Bundled scene starts anew",
+                ));
                 return true;
             }
-            Ok(Some(asset)) => format!("{}: the file is not there", asset.display()),
+            Ok(Some(asset)) => tr_format!("{}: the file is not there", asset.display()),
             Ok(None) => return false,
             Err(error) => error.to_string(),
         };
         let kept = path.display();
-        self.session
-            .error(format!("the work of last time ({kept}): {why}"));
+        self.session.error(tr_format!(
+            "the work of last time ({kept}): {why}",
+            kept = kept,
+            why = why
+        ));
         // What is done from here on does not take its place.
         self.work = None;
         false
@@ -40,8 +45,11 @@ impl Viewer {
             && path.is_file()
             && let Err(why) = std::fs::rename(path, &aside)
         {
-            self.session
-                .error(format!("{}: {why}; it is not kept", path.display()));
+            self.session.error(tr_format!(
+                "{file}: {why}; it is not kept",
+                file = path.display(),
+                why = why
+            ));
             // It is not to be lost to what is done now.
             self.work = None;
         }
@@ -73,8 +81,10 @@ impl Viewer {
             return;
         }
         if let Err(why) = keep(&path, &scene) {
-            self.session
-                .error(format!("the work cannot be kept for the next start: {why}"));
+            self.session.error(tr_format!(
+                "the work cannot be kept for the next start: {why}",
+                why = why
+            ));
             self.work = None;
         }
         self.kept_work = Some(scene);

@@ -30,6 +30,7 @@ use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::jobs::Handle;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::navigation::wrap;
 use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
 
@@ -44,9 +45,13 @@ impl Snapshot {
         let [width, height] = self.settings.size;
         let factor = self.settings.supersample;
         if width * height * factor * factor > MAX_SAMPLES {
-            bail!(
-                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible"
-            );
+            bail!(tr_format!(
+                "a picture of {width} x {height} with {factor} x {factor} samples a pixel is too large; {MAX_SAMPLES} samples are possible",
+                width = width,
+                height = height,
+                factor = factor,
+                MAX_SAMPLES = MAX_SAMPLES
+            ));
         }
         if self.scene.shadow_catcher && self.ground.is_none() {
             let report = |_| handle.progress(0.0);
@@ -99,7 +104,7 @@ impl Snapshot {
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
-            Task::Splat(_) => bail!("not a picture"),
+            Task::Splat(_) => bail!(tr("not a picture")),
         }
     }
 
@@ -152,7 +157,9 @@ impl Snapshot {
 
     pub(super) fn need_shelf(&self) -> Result<()> {
         if self.shelf.is_empty() {
-            bail!("the shelf holds no light yet; drop environments on the window first");
+            bail!(tr(
+                "the shelf holds no light yet; drop environments on the window first"
+            ));
         }
         Ok(())
     }
@@ -482,10 +489,10 @@ impl Snapshot {
     fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
         let is_it = |capture: &PathBuf| is_same_file(capture, path);
         if path.exists() && self.captures.iter().any(is_it) {
-            bail!(
+            bail!(tr_format!(
                 "{}: is the capture itself and would be lost; choose another name",
                 path.display()
-            );
+            ));
         }
         let target = &self.lights[TARGET];
         let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;

@@ -11,6 +11,7 @@ use super::{Made, Snapshot};
 use crate::commands::render::MAX_SAMPLES;
 use crate::viewer::environments::Environment;
 use crate::viewer::jobs::Handle;
+use crate::viewer::language::tr_format;
 use crate::viewer::session::Outcome;
 
 /// Height of a caption, one over that of the picture above it.
@@ -34,7 +35,12 @@ impl Snapshot {
         let caption = (height / CAPTION).max(LEAST_CAPTION);
         let cell = height + caption;
         if width * columns * cell * rows > MAX_SAMPLES {
-            bail!("{count} pictures of {width} x {height} make too large a sheet; lower the size");
+            bail!(tr_format!(
+                "{count} pictures of {width} x {height} make too large a sheet; lower the size",
+                count = count,
+                width = width,
+                height = height
+            ));
         }
         let is_linear = self.settings.format.is_linear();
         let paper = match (self.settings.transparent, is_linear) {

@@ -12,6 +12,7 @@ use transplat_core::surfels::{Hide, UpAxis};
 use crate::pipeline::warnings::AMBIGUOUS_SHARE;
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, fact, file, named, number, thousands};
@@ -19,30 +20,35 @@ use crate::viewer::widgets::{Control, button, fact, file, named, number, thousan
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let Some(asset) = session.asset() else {
-        ui.label("No splat is open.");
+        ui.label(tr("No splat is open."));
         return;
     };
     file(ui, &asset.path);
     let kind = match asset.file.report.kind {
-        AssetKind::Surfels2d => "2D surfels",
-        AssetKind::Gaussians3d => "3D Gaussians, flattened",
+        AssetKind::Surfels2d => tr("2D surfels"),
+        AssetKind::Gaussians3d => tr("3D Gaussians, flattened"),
     };
     let (n, degree) = (asset.cloud.len(), asset.cloud.sh_degree);
     fact(
         ui,
-        "holds",
-        format!("{} {kind}, SH degree {degree}", thousands(n)),
+        tr("holds"),
+        tr_format!(
+            "{n} {kind}, SH degree {degree}",
+            n = thousands(n),
+            kind = kind,
+            degree = degree
+        ),
     );
     for warning in &asset.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
     let up = session.up();
     ui.horizontal(|ui| {
-        ui.label("Up axis");
+        ui.label(tr("Up axis"));
         for (name, axis) in UpAxis::ALL {
-            let chosen = ui.selectable_label(up == axis, name).on_hover_text(
+            let chosen = ui.selectable_label(up == axis, name).on_hover_text(tr(
                 "Which way is up in the splat's own coordinates. Lights, ground and camera follow.",
-            );
+            ));
             if chosen.clicked() && up != axis {
                 session.object_mut().up = Some(axis);
                 let size = session.viewport;
@@ -53,20 +59,20 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
     });
-    ui.checkbox(&mut session.object_mut().linear, "Colour is linear").on_hover_text("The splat was trained on linear pictures: its colour is not decoded before it is relit.");
+    ui.checkbox(&mut session.object_mut().linear, tr("Colour is linear")).on_hover_text(tr("The splat was trained on linear pictures: its colour is not decoded before it is relit."));
     front(ui, viewer);
     let mut turned = 0.0;
     let turn = number(&mut turned, -360.0..=360.0).suffix("°").speed(0.5);
     let drag = ui
         .horizontal(|ui| {
-            ui.label("Turn the object");
+            ui.label(tr("Turn the object"));
             ui.add(turn)
         })
         .inner
-        .on_hover_text(
+        .on_hover_text(tr(
             "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
-        );
-    named(&drag, egui::Role::SpinButton, "Turn the object");
+        ));
+    named(&drag, egui::Role::SpinButton, tr("Turn the object"));
     if drag.changed() && viewer.session.is_composed() {
         let session = &mut viewer.session;
         let turn =
@@ -97,8 +103,8 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
-        let tip = "What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.";
-        if button(ui, "This side is out", tip) {
+        let tip = tr("What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.");
+        if button(ui, tr("This side is out"), tip) {
             let eye = navigation::eye(&session.pose, session.scene_up());
             let object_from_scene = session.object().transform.scene_from_object().inverse();
             let eye = object_from_scene.transform_point3(eye);
@@ -108,60 +114,62 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
             }
         }
         let count = session.object().outside_from.len();
-        let views = if count == 1 { "view" } else { "views" };
-        if count > 0 && ui.button(format!("Forget {count} {views}")).clicked() {
+        let views = if count == 1 { tr("view") } else { tr("views") };
+        if count > 0 && ui.button(tr_format!("Forget {count} {views}", count = count, views = views)).clicked() {
             session.object_mut().outside_from.clear();
         }
         if let Some(share) = guessed {
-            ui.weak(format!("ambiguous {:.1} %", 100.0 * share))
-                .on_hover_text("Share of what is seen of the object whose front is a guess: the channel Doubts shows where, as ambiguous normals.");
+            ui.weak(tr_format!("ambiguous {:.1} %", 100.0 * share))
+                .on_hover_text(tr("Share of what is seen of the object whose front is a guess: the channel Doubts shows where, as ambiguous normals."));
         }
     });
     if guessed.is_some_and(|share| share > AMBIGUOUS_SHARE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
-            "Which side is the front is a guess on much of it (channel Doubts). Turn the object so that you see its outside, and say so.",
+            tr("Which side is the front is a guess on much of it (channel Doubts). Turn the object so that you see its outside, and say so."),
         );
     }
 }
 
 fn hide(ui: &mut Ui, hide: &mut Hide) {
-    ui.label("Hide (nothing is edited)");
+    ui.label(tr("Hide (nothing is edited)"));
     Control {
-        label: "Faint",
-        tip: "Surfels of less opacity than this are not drawn: takes away haze.",
+        label: tr("Faint"),
+        tip: tr("Surfels of less opacity than this are not drawn: takes away haze."),
         decimals: 3,
         ..Control::of(0.0..=1.0, 0.0)
     }
     .show(ui, &mut hide.min_opacity);
     Control {
-        label: "Large",
-        unit: " radii",
-        tip: "Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none.",
+        label: tr("Large"),
+        unit: tr(" radii"),
+        tip: tr("Surfels larger than this share of the object are not drawn: takes away floaters and background. 1 hides none."),
         decimals: 3,
         logarithmic: true,
         ..Control::of(0.001..=1.0, 1.0)
     }
     .show(ui, &mut hide.max_size);
-    ui.checkbox(&mut hide.crop, "Crop box")
-        .on_hover_text("What lies outside of a box around the object is not drawn.");
+    ui.checkbox(&mut hide.crop, tr("Crop box"))
+        .on_hover_text(tr(
+            "What lies outside of a box around the object is not drawn.",
+        ));
     if hide.crop {
         for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
             ui.horizontal(|ui| {
                 ui.label(name);
                 let (mut low, mut high) = (hide.crop_min[axis], hide.crop_max[axis]);
-                for (value, side) in [(&mut low, "from"), (&mut high, "to")] {
+                for (value, side) in [(&mut low, tr("from")), (&mut high, tr("to"))] {
                     let drag = number(value, -3.0..=3.0)
                         .speed(0.01)
                         .prefix(format!("{side} "))
-                        .suffix(" radii");
-                    let response = ui.add(drag).on_hover_text(
+                        .suffix(tr(" radii"));
+                    let response = ui.add(drag).on_hover_text(tr(
                         "A side of the box, in the object's radius around its centre.",
-                    );
+                    ));
                     named(
                         &response,
                         egui::Role::SpinButton,
-                        format!("Crop {name} {side}"),
+                        tr_format!("Crop {name} {side}", name = name, side = side),
                     );
                 }
                 hide.crop_min[axis] = low.min(high);
@@ -169,20 +177,22 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
             });
         }
     }
-    if !hide.is_off() && ui.button("Show everything").clicked() {
+    if !hide.is_off() && ui.button(tr("Show everything")).clicked() {
         *hide = Hide::default();
     }
 }
 
 /// Objects that are cut out of a capture.
 fn cut(ui: &mut Ui, session: &mut Session) {
-    let tip = "Makes two objects of this one: what lies in the crop box, and the rest. Each can be moved; both know how they were lit side by side. (Undo puts them together again.)";
-    if session.object().hide.crop && button(ui, "Cut out", tip) {
+    let tip = tr(
+        "Makes two objects of this one: what lies in the crop box, and the rest. Each can be moved; both know how they were lit side by side. (Undo puts them together again.)",
+    );
+    if session.object().hide.crop && button(ui, tr("Cut out"), tip) {
         session.cut_out();
     }
     if let Some(part) = session.asset().and_then(|a| a.part.as_ref()) {
         let (taken, all) = (part.surfels.len(), part.capture.cloud.len());
-        ui.weak(format!(
+        ui.weak(tr_format!(
             "cut out of a capture: {} of {} surfels",
             thousands(taken),
             thousands(all)
@@ -197,7 +207,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     viewer.session.overlays.wants_readout = inspected.is_some() && !dragging;
     let session = &viewer.session;
     let (Some(i), Some(asset)) = (inspected, session.asset()) else {
-        ui.weak("Click the object to inspect a surfel.");
+        ui.weak(tr("Click the object to inspect a surfel."));
         return;
     };
     if i >= asset.cloud.len() {
@@ -207,42 +217,46 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let vector = |v: Vec3| format!("{:.4}, {:.4}, {:.4}", v.x, v.y, v.z);
     ui.horizontal(|ui| {
         let row = asset.file.row_of(i).unwrap_or(i);
-        ui.label(format!("Surfel {}", thousands(row)))
-            .on_hover_text("The row of its file, the first is 0.");
-        close = ui.small_button("close").clicked();
+        ui.label(tr_format!("Surfel {}", thousands(row)))
+            .on_hover_text(tr("The row of its file, the first is 0."));
+        close = ui.small_button(tr("close")).clicked();
     });
-    fact(ui, "position", vector(cloud.positions[i]));
+    fact(ui, tr("position"), vector(cloud.positions[i]));
     fact(
         ui,
-        "size",
+        tr("size"),
         format!("{:.2e} x {:.2e}", cloud.scales[i].x, cloud.scales[i].y),
     );
-    fact(ui, "opacity", format!("{:.3}", cloud.opacities[i]));
+    fact(ui, tr("opacity"), format!("{:.3}", cloud.opacities[i]));
     if let Some(bake) = session.bake_so_far() {
         let mut normal = vector(bake.normals()[i]);
         for (holds, word) in [
-            (bake.is_two_sided(i), ", two-sided"),
-            (bake.is_ambiguous(i), ", its side a guess"),
+            (bake.is_two_sided(i), tr(", two-sided")),
+            (bake.is_ambiguous(i), tr(", its side a guess")),
         ] {
             normal += if holds { word } else { "" };
         }
-        fact(ui, "normal", normal);
+        fact(ui, tr("normal"), normal);
         let seen = bake.seen_by(i);
         let open = seen.iter().map(|(_, open)| open).sum::<f32>() / seen.len() as f32;
-        fact(ui, "sees", format!("{:.0} % of the sphere", 100.0 * open));
+        fact(
+            ui,
+            tr("sees"),
+            tr_format!("{:.0} % of the sphere", 100.0 * open),
+        );
         lobe(ui, &seen);
     }
     if let (Some(prepared), Some((tau, relit))) = (session.prepared(), session.relit_surfel(i)) {
         let linear = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
         fact(
             ui,
-            "tau",
+            tr("tau"),
             format!("{:.3}, {:.3}, {:.3}", tau[0], tau[1], tau[2]),
         );
         fact(
             ui,
-            "epsilon's share",
-            format!(
+            tr("epsilon's share"),
+            tr_format!(
                 "{:.0} % of what it is divided by",
                 100.0 * prepared.epsilon_share(i)
             ),
@@ -256,7 +270,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
                 format!("{l}: {:.3} > {:.3}", norm(&linear), norm(&relit))
             })
             .collect();
-        fact(ui, "SH bands, before > after", bands.join("  "));
+        fact(ui, tr("SH bands, before > after"), bands.join("  "));
     }
     if let Some(Some(doubt)) = session.state().doubts.get().and_then(|d| d.of.get(i)) {
         ui.colored_label(ui.visuals().warn_fg_color, doubt_name(*doubt));
@@ -269,7 +283,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which directions a surfel sees, as a map of the sphere.
 fn lobe(ui: &mut Ui, seen: &[(Vec3, f32)]) {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(160.0, 80.0), egui::Sense::hover());
-    response.on_hover_text("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself.");
+    response.on_hover_text(tr("What the surfel sees of the sphere around it, as an environment map: white is open, black is the object itself."));
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 2.0, egui::Color32::from_gray(40));
     for (d, open) in seen {

@@ -4,6 +4,7 @@ use eframe::egui::{self, Ui};
 use transplat_core::camera::{APERTURE, FIELD_OF_VIEW, FOV};
 
 use crate::viewer::app::Viewer;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, name, named, number};
@@ -11,32 +12,33 @@ use crate::viewer::widgets::{Control, button, name, named, number};
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
         for (name, viewpoint) in navigation::VIEWPOINTS {
-            if button(ui, name, "Looks at the object from there.") {
+            let name = tr(name);
+            if button(ui, name, tr("Looks at the object from there.")) {
                 navigation::look_from(&mut viewer.session.pose, viewpoint);
             }
         }
-        if button(ui, "Frame", "Shows all of the object. (F)") {
+        if button(ui, tr("Frame"), tr("Shows all of the object. (F)")) {
             viewer.session.frame_all();
         }
-        let tip = "Keeps where it is seen from, on the shelf. (ctrl + B)";
-        if button(ui, "Keep this view", tip) {
+        let tip = tr("Keeps where it is seen from, on the shelf. (ctrl + B)");
+        if button(ui, tr("Keep this view"), tip) {
             viewer.session.keep_view();
         }
     });
     let session = &mut viewer.session;
     cameras(ui, session);
     ui.horizontal(|ui| {
-        let tip = "Parallel lines stay parallel in an orthographic view. (O)";
-        ui.selectable_value(&mut session.pose.orthographic, false, "perspective")
+        let tip = tr("Parallel lines stay parallel in an orthographic view. (O)");
+        ui.selectable_value(&mut session.pose.orthographic, false, tr("perspective"))
             .on_hover_text(tip);
-        ui.selectable_value(&mut session.pose.orthographic, true, "orthographic")
+        ui.selectable_value(&mut session.pose.orthographic, true, tr("orthographic"))
             .on_hover_text(tip);
     });
     let mut fov = session.pose.fov;
     let changed = Control {
-        label: "Field of view",
+        label: tr("Field of view"),
         unit: "°",
-        tip: "Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size.",
+        tip: tr("Of the picture's shorter edge: small is a long lens, large a wide one. The object keeps its size."),
         decimals: 1,
         ..Control::of(*FOV.start()..=120.0, FIELD_OF_VIEW)
     }
@@ -48,9 +50,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let mut percent = 100.0 * session.pose.aperture;
     let last = percent;
     Control {
-        label: "Depth of field",
+        label: tr("Depth of field"),
         unit: " %",
-        tip: "How wide the lens is, of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp.",
+        tip: tr("How wide the lens is, of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp."),
         decimals: 2,
         ..Control::of(0.0..=100.0 * *APERTURE.end(), 0.0)
     }
@@ -58,12 +60,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if percent != last {
         session.pose.aperture = percent / 100.0;
     }
-    ui.checkbox(&mut session.overlays.grid, "Grid")
-        .on_hover_text("A grid on the ground. (G)");
-    ui.checkbox(&mut viewer.preferences.probes, "Light probes")
-        .on_hover_text(
+    ui.checkbox(&mut session.overlays.grid, tr("Grid"))
+        .on_hover_text(tr("A grid on the ground. (G)"));
+    ui.checkbox(&mut viewer.preferences.probes, tr("Light probes"))
+        .on_hover_text(tr(
             "A grey and a mirror ball under both lights, and what the method sees of each. (L)",
-        );
+        ));
 }
 
 /// The cameras of a file that is open.
@@ -75,17 +77,17 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
     let picture = open.file.frames[open.at].picture.clone();
     let mut chosen = false;
     ui.horizontal(|ui| {
-        name(ui, "Camera");
-        let drag = number(&mut at, 1..=count).suffix(format!(" of {count}"));
-        let response = ui.add(drag).on_hover_text(
+        name(ui, tr("Camera"));
+        let drag = number(&mut at, 1..=count).suffix(tr_format!(" of {count}", count = count));
+        let response = ui.add(drag).on_hover_text(tr(
             "Looks through a camera of the file, its photograph behind the objects.",
-        );
+        ));
         chosen = response.changed();
-        named(&response, egui::Role::SpinButton, "Camera of the file");
+        named(&response, egui::Role::SpinButton, tr("Camera of the file"));
         chosen |= button(
             ui,
-            "look through",
-            "Back to this camera, once the view was moved.",
+            tr("look through"),
+            tr("Back to this camera, once the view was moved."),
         );
         ui.weak(picture.unwrap_or_default());
     });

@@ -6,6 +6,7 @@ use crate::film::FilmFormat;
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::widgets::{button, choice, named, number};
 
@@ -16,8 +17,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.separator();
     task = task.or(turntable(ui, viewer));
     ui.separator();
-    let tip = "As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)";
-    if button(ui, "Export relit splat…", tip) {
+    let tip = tr(
+        "As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)",
+    );
+    if button(ui, tr("Export relit splat…"), tip) {
         viewer.ask_where(SaveKind::Splat, "ply");
     }
     if let Some(task) = task {
@@ -29,41 +32,50 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 fn picture(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
-        for (i, name) in ["Width", "Height"].into_iter().enumerate() {
-            let drag = number(&mut settings.size[i], 1..=16384).suffix(" px");
-            let response = ui.add(drag).on_hover_text(format!(
-                "{name} of saved pictures; beyond the largest texture they are drawn in tiles."
+        for (i, name) in [tr("Width"), tr("Height")].into_iter().enumerate() {
+            let drag = number(&mut settings.size[i], 1..=16384).suffix(tr(" px"));
+            let response = ui.add(drag).on_hover_text(tr_format!(
+                "{name} of saved pictures; beyond the largest texture they are drawn in tiles.",
+                name = name
             ));
-            named(&response, egui::Role::SpinButton, format!("Picture {name}"));
+            named(
+                &response,
+                egui::Role::SpinButton,
+                tr_format!("Picture {name}", name = name),
+            );
         }
-        if button(ui, "as here", "The viewport's own size.") {
+        if button(ui, tr("as here"), tr("The viewport's own size.")) {
             settings.size = viewer.session.viewport;
         }
     });
     choice(
         ui,
-        "Format",
-        "PNG is for screens, with exposure and tone mapping; EXR is linear light with premultiplied alpha.",
+        tr("Format"),
+        tr(
+            "PNG is for screens, with exposure and tone mapping; EXR is linear light with premultiplied alpha.",
+        ),
         &mut settings.format,
-        &Format::ALL,
+        &Format::ALL.map(|(name, format)| (tr(name), format)),
     );
     choice(
         ui,
-        "Samples",
-        "Samples a pixel along each edge: more give smoother edges and take longer.",
+        tr("Samples"),
+        tr("Samples a pixel along each edge: more give smoother edges and take longer."),
         &mut settings.supersample,
         &[("2 x 2", 2), ("1 x 1", 1), ("3 x 3", 3), ("4 x 4", 4)],
     );
-    ui.checkbox(&mut settings.transparent, "Transparent background")
-        .on_hover_text("Leaves out what is behind the object; a caught shadow stays.");
+    ui.checkbox(&mut settings.transparent, tr("Transparent background"))
+        .on_hover_text(tr(
+            "Leaves out what is behind the object; a caught shadow stays.",
+        ));
     choice(
         ui,
-        "Sides",
-        "What is shown, or before and after as a picture each.",
+        tr("Sides"),
+        tr("What is shown, or before and after as a picture each."),
         &mut settings.sides,
         &[
-            ("as shown", ExportSides::Shown),
-            ("before and after", ExportSides::Each),
+            (tr("as shown"), ExportSides::Shown),
+            (tr("before and after"), ExportSides::Each),
         ],
     );
 }
@@ -73,12 +85,12 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
         let field = egui::TextEdit::singleline(&mut settings.folder).desired_width(150.0);
-        let label = ui.label("Folder");
+        let label = ui.label(tr("Folder"));
         ui.add(field)
             .labelled_by(label.id)
-            .on_hover_text("Where pictures are saved.");
-        let choose = ui.button("…").on_hover_text("Choose a folder.");
-        named(&choose, egui::Role::Button, "Choose the folder");
+            .on_hover_text(tr("Where pictures are saved."));
+        let choose = ui.button("…").on_hover_text(tr("Choose a folder."));
+        named(&choose, egui::Role::Button, tr("Choose the folder"));
         if choose.clicked() {
             ask(
                 &mut viewer.session,
@@ -87,9 +99,9 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     ui.horizontal(|ui| {
-        let label = ui.label("Name");
+        let label = ui.label(tr("Name"));
         let field = egui::TextEdit::singleline(&mut settings.pattern).desired_width(180.0);
-        ui.add(field).labelled_by(label.id).on_hover_text("Name of pictures: {asset}, {light}, {view} and {n} (the frame's number) stand for what they say.");
+        ui.add(field).labelled_by(label.id).on_hover_text(tr("Name of pictures: {asset}, {light}, {view} and {n} (the frame's number) stand for what they say."));
     });
 }
 
@@ -97,24 +109,25 @@ fn place(ui: &mut Ui, viewer: &mut Viewer) {
 fn tasks(ui: &mut Ui) -> Option<Task> {
     let mut task = None;
     ui.horizontal_wrapped(|ui| {
-        if button(ui, "Save picture", "As it is shown. (F12)") {
+        if button(ui, tr("Save picture"), tr("As it is shown. (F12)")) {
             task = Some(Task::Screenshot(None));
         }
-        let tip =
-            "How the picture will be saved, in small: with depth of field, samples and background.";
-        if button(ui, "Preview", tip) {
+        let tip = tr(
+            "How the picture will be saved, in small: with depth of field, samples and background.",
+        );
+        if button(ui, tr("Preview"), tip) {
             task = Some(Task::Preview);
         }
-        let tip = "The picture to the clipboard. (ctrl + shift + C)";
-        if button(ui, "Copy", tip) {
+        let tip = tr("The picture to the clipboard. (ctrl + shift + C)");
+        if button(ui, tr("Copy"), tip) {
             task = Some(Task::Clipboard);
         }
-        let tip = "A file for each light of the shelf.";
-        if button(ui, "One per light", tip) {
+        let tip = tr("A file for each light of the shelf.");
+        if button(ui, tr("One per light"), tip) {
             task = Some(Task::EachLight);
         }
-        let tip = "One file with a picture for each light of the shelf.";
-        if button(ui, "Contact sheet", tip) {
+        let tip = tr("One file with a picture for each light of the shelf.");
+        if button(ui, tr("Contact sheet"), tip) {
             task = Some(Task::ContactSheet);
         }
     });
@@ -125,30 +138,34 @@ fn tasks(ui: &mut Ui) -> Option<Task> {
 fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
     let settings = &mut viewer.preferences.export;
     ui.horizontal(|ui| {
-        let drag = number(&mut settings.frames, 2..=10_000).suffix(" frames");
-        let response = ui.add(drag).on_hover_text("Frames of a whole turn.");
-        named(&response, egui::Role::SpinButton, "Turntable frames");
-        ui.selectable_value(&mut settings.turn, Turn::Camera, "camera")
-            .on_hover_text("The camera goes round the object.");
-        ui.selectable_value(&mut settings.turn, Turn::Light, "light")
-            .on_hover_text("The light goes round the object.");
+        let drag = number(&mut settings.frames, 2..=10_000).suffix(tr(" frames"));
+        let response = ui.add(drag).on_hover_text(tr("Frames of a whole turn."));
+        named(&response, egui::Role::SpinButton, tr("Turntable frames"));
+        ui.selectable_value(&mut settings.turn, Turn::Camera, tr("camera"))
+            .on_hover_text(tr("The camera goes round the object."));
+        ui.selectable_value(&mut settings.turn, Turn::Light, tr("light"))
+            .on_hover_text(tr("The light goes round the object."));
     });
     choice(
         ui,
-        "Saved as",
-        "Numbered pictures in the format above; or a film, which the program ffmpeg makes where it is installed. WebM and WebP can be transparent.",
+        tr("Saved as"),
+        tr(
+            "Numbered pictures in the format above; or a film, which the program ffmpeg makes where it is installed. WebM and WebP can be transparent.",
+        ),
         &mut settings.film,
         &[
-            ("numbered pictures", None),
-            ("film, MP4", Some(FilmFormat::Mp4)),
-            ("film, WebM", Some(FilmFormat::WebM)),
-            ("film, WebP", Some(FilmFormat::WebP)),
+            (tr("numbered pictures"), None),
+            (tr("film, MP4"), Some(FilmFormat::Mp4)),
+            (tr("film, WebM"), Some(FilmFormat::WebM)),
+            (tr("film, WebP"), Some(FilmFormat::WebP)),
         ],
     );
     if settings.film.is_some() {
-        let drag = number(&mut settings.frame_rate, 1..=240).suffix(" frames a second");
-        let response = ui.add(drag).on_hover_text("How fast the film is played.");
-        named(&response, egui::Role::SpinButton, "Frame rate");
+        let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
+        let response = ui
+            .add(drag)
+            .on_hover_text(tr("How fast the film is played."));
+        named(&response, egui::Role::SpinButton, tr("Frame rate"));
     }
-    button(ui, "Save turntable", "A whole turn.").then_some(Task::Turntable)
+    button(ui, tr("Save turntable"), tr("A whole turn.")).then_some(Task::Turntable)
 }

@@ -6,6 +6,7 @@ use transplat_core::surfels::UpAxis;
 
 use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
 use crate::viewer::widgets::{Control, advanced, angle, button, choice, fact, file, name};
@@ -15,7 +16,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         let sides = [TARGET, SOURCE];
         let width = (ui.available_width() - ui.spacing().item_spacing.x) / sides.len() as f32;
         for side in sides {
-            let button = Button::selectable(viewer.shown.light == side, SIDES[side]);
+            let button = Button::selectable(viewer.shown.light == side, tr(SIDES[side]));
             let size = egui::vec2(width, ui.spacing().interact_size.y);
             if ui.add_sized(size, button).clicked() {
                 viewer.shown.light = side;
@@ -46,27 +47,31 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let settings = session.side_mut(side);
     angle(
         ui,
-        "Rotation",
+        tr("Rotation"),
         if side == SOURCE {
-            "Turns the light of the capture about the up axis, until it fits the highlights and shadows that the splat shows."
+            tr(
+                "Turns the light of the capture about the up axis, until it fits the highlights and shadows that the splat shows.",
+            )
         } else {
-            "Turns the light about the up axis: sun and shadows go round the object. Shift + right drag in the viewport does the same."
+            tr(
+                "Turns the light about the up axis: sun and shadows go round the object. Shift + right drag in the viewport does the same.",
+            )
         },
         &mut settings.rotation,
     );
     angle(
         ui,
-        "Tilt",
-        "Tips the whole light over: a low sun rises, the horizon slants.",
+        tr("Tilt"),
+        tr("Tips the whole light over: a low sun rises, the horizon slants."),
         &mut settings.tilt,
     );
     Control {
-        label: "Strength",
-        unit: " stops",
+        label: tr("Strength"),
+        unit: tr(" stops"),
         tip: if side == SOURCE {
-            "How strong the light of the capture was: a stronger one leaves a darker object."
+            tr("How strong the light of the capture was: a stronger one leaves a darker object.")
         } else {
-            "How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel Look."
+            tr("How strong the light is; the object and an environment behind it get brighter. The picture's exposure is in the panel Look.")
         },
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
@@ -77,14 +82,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     let settings = session.side_mut(side);
     ui.horizontal(|ui| {
-        name(ui, "Tint");
+        name(ui, tr("Tint"));
         egui::Frame::new()
             .stroke(ui.visuals().widgets.noninteractive.bg_stroke)
             .show(ui, |ui| {
                 ui.color_edit_button_rgb(&mut settings.tint)
-                    .on_hover_text("Colour that the light is multiplied by.");
+                    .on_hover_text(tr("Colour that the light is multiplied by."));
             });
-        if settings.tint != [1.0; 3] && ui.small_button("white").clicked() {
+        if settings.tint != [1.0; 3] && ui.small_button(tr("white")).clicked() {
             settings.tint = [1.0; 3];
         }
     });
@@ -95,32 +100,34 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
     let settings = session.side_mut(side);
-    ui.checkbox(&mut settings.mirror, "Mirrored").on_hover_text(
-        "Turns left and right of the environment round, for maps that were stored so.",
-    );
-    let tip = "Which axis of the map points up; +z is an upright panorama.";
+    ui.checkbox(&mut settings.mirror, tr("Mirrored"))
+        .on_hover_text(tr(
+            "Turns left and right of the environment round, for maps that were stored so.",
+        ));
+    let tip = tr("Which axis of the map points up; +z is an upright panorama.");
     let mut axes = UpAxis::ALL;
     axes.sort_by_key(|(_, axis)| *axis != UpAxis::default());
-    choice(ui, "Up in the map", tip, &mut settings.up, &axes);
+    choice(ui, tr("Up in the map"), tip, &mut settings.up, &axes);
     if side == TARGET {
         let locked = &mut viewer.viewport.light_locked_to_camera;
         let response = ui
             .horizontal(|ui| {
-                name(ui, "Locked to");
-                let world = ui.selectable_value(locked, false, "world");
-                world | ui.selectable_value(locked, true, "camera")
+                name(ui, tr("Locked to"));
+                let world = ui.selectable_value(locked, false, tr("world"));
+                world | ui.selectable_value(locked, true, tr("camera"))
             })
             .inner;
         response.on_hover_text(
-            "Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns.",
+            tr("Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns."),
         );
     }
     let light = session.light(side).clone();
     if light.size[0] > 0 {
-        let size = format!("{} x {} pixels", light.size[0], light.size[1]);
-        fact(ui, "holds", size);
+        let size = tr_format!("{} x {} pixels", light.size[0], light.size[1]);
+        fact(ui, tr("holds"), size);
     }
-    if side == TARGET && !is_even(&light.path) && ui.button("Use even light instead").clicked() {
+    if side == TARGET && !is_even(&light.path) && ui.button(tr("Use even light instead")).clicked()
+    {
         session.set_light(side, EVEN.into());
     }
 }
@@ -131,12 +138,12 @@ fn other_sources(ui: &mut Ui, session: &mut Session) {
     let is_there = session.estimate().is_some() || is_on_its_way(session);
     let even = session.object().source.file.as_deref().is_some_and(is_even);
     ui.horizontal_wrapped(|ui| {
-        let tip = "What the object's own shading tells of the light on it.";
-        if !(is_wished && is_there) && button(ui, "Estimate it from the object", tip) {
+        let tip = tr("What the object's own shading tells of the light on it.");
+        if !(is_wished && is_there) && button(ui, tr("Estimate it from the object"), tip) {
             session.ask_for_estimate();
         }
-        let tip = "As if the capture had been made under the same light from all sides, under a white sky: the whole new shading is laid over what the capture shows.";
-        if !even && button(ui, "Assume even light", tip) {
+        let tip = tr("As if the capture had been made under the same light from all sides, under a white sky: the whole new shading is laid over what the capture shows.");
+        if !even && button(ui, tr("Assume even light"), tip) {
             session.set_light(SOURCE, EVEN.into());
         }
     });
@@ -151,47 +158,59 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
     let estimate = session.estimate();
     let estimate = estimate.filter(|_| session.object().source.is_estimate());
     ui.label(match estimate {
-        _ if is_on_its_way(session) => "Not known: it is being estimated from the object.",
-        Some(estimate) if estimate.is_good() => "Estimated from the object.",
-        Some(_) => "Not known, and the object does not tell it.",
-        None if session.object().source.is_estimate() => "Not known.",
-        None => "Not known: even light is assumed.",
+        _ if is_on_its_way(session) => tr("Not known: it is being estimated from the object."),
+        Some(estimate) if estimate.is_good() => tr("Estimated from the object."),
+        Some(_) => tr("Not known, and the object does not tell it."),
+        None if session.object().source.is_estimate() => tr("Not known."),
+        None => tr("Not known: even light is assumed."),
     });
     if let Some(estimate) = estimate {
         if estimate.may_lie_on_its_side(session.up()) {
-            ui.weak(
+            ui.weak(tr(
                 "Most of it comes from the side or from below: is the up axis right (panel Asset)?",
-            );
+            ));
         }
         match estimate.obstacle {
             Some(obstacle) => {
                 let so = instead(session.scene.transfer.method, obstacle);
-                ui.weak(format!("Why: {}. So {so}.", obstacle.reason()));
+                ui.weak(tr_format!(
+                    "Why: {reason}. So {so}.",
+                    reason = obstacle.reason(),
+                    so = so
+                ));
             }
             None => {
-                fact(ui, "confidence", format!("{:.0} %", estimate.percent()));
+                fact(ui, tr("confidence"), format!("{:.0} %", estimate.percent()));
                 let sun = if estimate.light.sun.is_some() {
-                    "found"
+                    tr("found")
                 } else {
-                    "none found"
+                    tr("none found")
                 };
-                fact(ui, "sun", sun);
-                ui.weak("Strength and tint are assumed, since no object tells them: grey on the whole, and so strong that the whitest surface is about as white as paper. Set them below.");
+                fact(ui, tr("sun"), sun);
+                ui.weak(tr("Strength and tint are assumed, since no object tells them: grey on the whole, and so strong that the whitest surface is about as white as paper. Set them below."));
             }
         }
     }
-    ui.weak(format!("{DROP_IT}."));
+    ui.weak(format!("{}.", tr(DROP_IT)));
 }
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
-    let text = "Match the source's strength";
-    ui.checkbox(&mut session.scene.match_strength, text).on_hover_text("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)");
+    let text = tr("Match the source's strength");
+    ui.checkbox(&mut session.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
     // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {
-        Some(stops) if stops.abs() < 0.05 => "now as strong as the source".into(),
+        Some(stops) if stops.abs() < 0.05 => tr("now as strong as the source").into(),
         Some(stops) => {
-            let word = if stops < 0.0 { "darker" } else { "brighter" };
-            format!("now {:.1} stops {word} than the source", stops.abs())
+            let word = if stops < 0.0 {
+                tr("darker")
+            } else {
+                tr("brighter")
+            };
+            tr_format!(
+                "now {stops:.1} stops {word} than the source",
+                stops = stops.abs(),
+                word = word
+            )
         }
         None => String::new(),
     };

@@ -10,6 +10,7 @@ use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 use super::transfer;
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
+use crate::viewer::language::tr;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::widgets::{Control, button, choice, named};
 
@@ -25,51 +26,57 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// The look as one of several, and what is to be known of it.
 fn kept(ui: &mut Ui, viewer: &mut Viewer) {
-    let tip = "Keeps light and look as they are, on the shelf. (P also compares what comes next with it.)";
-    if button(ui, "Keep this look", tip) {
+    let tip = tr(
+        "Keeps light and look as they are, on the shelf. (P also compares what comes next with it.)",
+    );
+    if button(ui, tr("Keep this look"), tip) {
         viewer.session.keep_look();
     }
-    let label = ui.label("Note");
+    let label = ui.label(tr("Note"));
     let note = &mut viewer.session.scene.note;
     let edit = TextEdit::multiline(note)
         .desired_rows(2)
         .desired_width(f32::INFINITY);
     ui.add(edit)
         .labelled_by(label.id)
-        .on_hover_text("What is to be known of this look; it is saved with it.");
+        .on_hover_text(tr("What is to be known of this look; it is saved with it."));
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {
     let scene = &mut viewer.session.scene;
     Control {
-        label: "Exposure",
-        unit: " stops",
-        tip: "Brightness of the picture alone; no light changes. The light's own strength is in the panel Light.",
+        label: tr("Exposure"),
+        unit: tr(" stops"),
+        tip: tr("Brightness of the picture alone; no light changes. The light's own strength is in the panel Light."),
         decimals: 2,
         ..Control::of(-8.0..=8.0, 0.0)
     }
     .show(ui, &mut scene.display.exposure);
     choice(
         ui,
-        "Tone mapping",
-        "How bright colours are brought into what a screen can show. sRGB without exposure shows “before” as it was trained.",
+        tr("Tone mapping"),
+        tr(
+            "How bright colours are brought into what a screen can show. sRGB without exposure shows “before” as it was trained.",
+        ),
         &mut scene.display.tone_map,
         &[
-            ("sRGB", ToneMap::Srgb),
-            ("Khronos PBR neutral", ToneMap::Neutral),
-            ("AgX", ToneMap::Agx),
-            ("ACES", ToneMap::Aces),
-            ("none (linear)", ToneMap::None),
+            (tr("sRGB"), ToneMap::Srgb),
+            (tr("Khronos PBR neutral"), ToneMap::Neutral),
+            (tr("AgX"), ToneMap::Agx),
+            (tr("ACES"), ToneMap::Aces),
+            (tr("none (linear)"), ToneMap::None),
         ],
     );
     lut(ui, viewer);
     let scene = &mut viewer.session.scene;
-    ui.checkbox(&mut scene.false_color, "False-colour exposure")
-        .on_hover_text("Shows how many stops from middle grey each part of the picture is.");
+    ui.checkbox(&mut scene.false_color, tr("False-colour exposure"))
+        .on_hover_text(tr(
+            "Shows how many stops from middle grey each part of the picture is.",
+        ));
     if scene.view == View::Difference {
         Control {
-            label: "Difference x",
-            tip: "What the difference of the two pictures is multiplied by; grey is none.",
+            label: tr("Difference x"),
+            tip: tr("What the difference of the two pictures is multiplied by; grey is none."),
             decimals: 1,
             logarithmic: true,
             ..Control::of(DIFFERENCE_SCALE, 1.0)
@@ -81,8 +88,8 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
 /// The table of colours over the whole picture.
 fn lut(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
-        let tip = "A look-up table (.cube) as colour grading makes them, applied last: to what is shown and to saved PNGs and films. It can be dropped on the window.";
-        if button(ui, "LUT…", tip) {
+        let tip = tr("A look-up table (.cube) as colour grading makes them, applied last: to what is shown and to saved PNGs and films. It can be dropped on the window.");
+        if button(ui, tr("LUT…"), tip) {
             ask(
                 &mut viewer.session,
                 Dialog::Save(SaveKind::Lut, String::new()),
@@ -90,11 +97,11 @@ fn lut(ui: &mut Ui, viewer: &mut Viewer) {
         }
         let file = viewer.session.scene.lut.clone();
         let Some(file) = file else {
-            ui.weak("none");
+            ui.weak(tr("none"));
             return;
         };
-        let none = ui.button("×").on_hover_text("Without a table of colours.");
-        named(&none, egui::Role::Button, "No table of colours");
+        let none = ui.button("×").on_hover_text(tr("Without a table of colours."));
+        named(&none, egui::Role::Button, tr("No table of colours"));
         if none.clicked() {
             viewer.session.scene.lut = None;
         }
@@ -111,12 +118,12 @@ fn file_name(file: &Path) -> String {
 fn background(ui: &mut Ui, viewer: &mut Viewer) {
     let scene = &mut viewer.session.scene;
     let all = [
-        ("environment", Background::Environment),
-        ("colour", Background::Color([0.18; 3])),
-        ("gradient", Background::Gradient([0.32; 3], [0.12; 3])),
-        ("checker", Background::Checker),
-        ("transparent", Background::Transparent),
-        ("photograph", Background::Plate),
+        (tr("environment"), Background::Environment),
+        (tr("colour"), Background::Color([0.18; 3])),
+        (tr("gradient"), Background::Gradient([0.32; 3], [0.12; 3])),
+        (tr("checker"), Background::Checker),
+        (tr("transparent"), Background::Transparent),
+        (tr("photograph"), Background::Plate),
     ];
     // Of each kind there is one here, whatever its colours are.
     let kind = std::mem::discriminant(&scene.background);
@@ -126,40 +133,42 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
             chosen = background;
         }
     }
-    let tip = "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.";
-    if choice(ui, "Background", tip, &mut chosen, &all) {
+    let tip = tr(
+        "What is behind the object. A transparent one shows a checkerboard here and is empty in saved pictures.",
+    );
+    if choice(ui, tr("Background"), tip, &mut chosen, &all) {
         scene.background = chosen;
     }
     match &mut scene.background {
         Background::Environment => {
             Control {
-                label: "Blur",
+                label: tr("Blur"),
                 unit: "°",
-                tip: "Blurs the environment behind the object; the light on it stays.",
+                tip: tr("Blurs the environment behind the object; the light on it stays."),
                 decimals: 1,
                 ..Control::of(0.0..=30.0f32.min(*BLUR.end()), 0.3)
             }
             .show(ui, &mut scene.background_blur);
         }
-        Background::Color(color) => color_field(ui, "Colour", color),
+        Background::Color(color) => color_field(ui, tr("Colour"), color),
         Background::Gradient(top, bottom) => {
-            color_field(ui, "Top", top);
-            color_field(ui, "Bottom", bottom);
+            color_field(ui, tr("Top"), top);
+            color_field(ui, tr("Bottom"), bottom);
         }
         Background::Plate => plate(ui, viewer),
         Background::Checker | Background::Transparent => {}
     }
     let scene = &mut viewer.session.scene;
-    ui.checkbox(&mut scene.shadow_catcher, "Shadow on the ground").on_hover_text("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything.");
+    ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground")).on_hover_text(tr("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything."));
 }
 
 /// The photograph behind the objects.
 fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
         let file = viewer.session.scene.plate.as_ref();
-        let name = file.map_or("none yet".into(), |file| file_name(file));
-        let tip = "A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.";
-        if button(ui, "Photograph…", tip) {
+        let name = file.map_or(tr("none yet").into(), |file| file_name(file));
+        let tip = tr("A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.");
+        if button(ui, tr("Photograph…"), tip) {
             ask(
                 &mut viewer.session,
                 Dialog::Save(SaveKind::Plate, String::new()),
@@ -175,7 +184,7 @@ fn color_field(ui: &mut Ui, label: &str, color: &mut [f32; 3]) {
         let mut bytes = color.map(|v| (v * 255.0).round() as u8);
         if ui
             .color_edit_button_srgb(&mut bytes)
-            .on_hover_text("Colour of the background.")
+            .on_hover_text(tr("Colour of the background."))
             .changed()
         {
             *color = bytes.map(|b| f32::from(b) / 255.0);

@@ -7,6 +7,7 @@ use glam::{EulerRot, Quat};
 use transplat_core::scene::{FARTHEST, SCALES, Transform};
 
 use crate::viewer::app::Viewer;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{button, name, named, number};
 
@@ -19,31 +20,31 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         row(ui, session, at);
     }
     ui.horizontal(|ui| {
-        ui.checkbox(&mut session.adds_splats, "Add what is opened").on_hover_text(
-            "A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object.",
+        ui.checkbox(&mut session.adds_splats, tr("Add what is opened")).on_hover_text(
+            tr("A splat that is opened or dropped on the window is put into the scene, and does not replace the selected object."),
         );
-        ui.checkbox(&mut session.overlays.handles, "Handles").on_hover_text(
-            "Arrows move the selected object, rings turn it, the disc moves it over the ground, the circle scales it. Ctrl: in steps.",
+        ui.checkbox(&mut session.overlays.handles, tr("Handles")).on_hover_text(
+            tr("Arrows move the selected object, rings turn it, the disc moves it over the ground, the circle scales it. Ctrl: in steps."),
         );
     });
     ui.horizontal(|ui| {
         if button(
             ui,
-            "Duplicate",
-            "Another object of the selected one's splat, beside it.",
+            tr("Duplicate"),
+            tr("Another object of the selected one's splat, beside it."),
         ) {
             session.duplicate_object();
         }
         let several = session.scene.objects.len() > 1;
         ui.add_enabled_ui(several && !session.object().locked, |ui| {
-            let tip = "Takes the selected object out of the scene. (Undo brings it back.)";
-            if button(ui, "Remove", tip) {
+            let tip = tr("Takes the selected object out of the scene. (Undo brings it back.)");
+            if button(ui, tr("Remove"), tip) {
                 session.remove_object();
             }
         });
         ui.add_enabled_ui(several, |ui| {
-            let tip = "Saves the light that the others show at the selected object, as they were captured, into the folder of the panel Export, and puts it on the shelf.";
-            if button(ui, "Save the light here", tip) {
+            let tip = tr("Saves the light that the others show at the selected object, as they were captured, into the folder of the panel Export, and puts it on the shelf.");
+            if button(ui, tr("Save the light here"), tip) {
                 session.save_light_here(&viewer.preferences.export.folder);
             }
         });
@@ -58,13 +59,19 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
     let called = session.called(at);
     ui.horizontal(|ui| {
         let object = &mut session.scene.objects[at];
-        let shown = ui
-            .checkbox(&mut object.shown, "")
-            .on_hover_text("Shown. What is not neither casts a shadow nor shines on anything.");
-        named(&shown, egui::Role::CheckBox, format!("Show {called}"));
+        let shown = ui.checkbox(&mut object.shown, "").on_hover_text(tr(
+            "Shown. What is not neither casts a shadow nor shines on anything.",
+        ));
+        named(
+            &shown,
+            egui::Role::CheckBox,
+            tr_format!("Show {called}", called = called),
+        );
         let lock = ui
-            .selectable_label(object.locked, "Lock")
-            .on_hover_text("A locked object stays where it stands, and is not removed.");
+            .selectable_label(object.locked, tr("Lock"))
+            .on_hover_text(tr(
+                "A locked object stays where it stands, and is not removed.",
+            ));
         if lock.clicked() {
             object.locked = !object.locked;
         }
@@ -72,14 +79,14 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         if chosen.clicked() {
             session.selected = at;
         }
-        chosen.on_hover_text(
+        chosen.on_hover_text(tr(
             "The panels are about this object. A click on it in the picture selects it, too.",
-        );
+        ));
         if session.is_missing(at)
             && button(
                 ui,
-                "Load",
-                "It could not be loaded. Tries once more: the file may be there now.",
+                tr("Load"),
+                tr("It could not be loaded. Tries once more: the file may be there now."),
             )
         {
             session.load_again(at);
@@ -91,7 +98,7 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
 fn rename(ui: &mut Ui, session: &mut Session) {
     let called = session.called(session.selected);
     ui.horizontal(|ui| {
-        name(ui, "Name");
+        name(ui, tr("Name"));
         let object = session.object_mut();
         let mut text = object.name.clone().unwrap_or_default();
         let edit = egui::TextEdit::singleline(&mut text)
@@ -102,9 +109,10 @@ fn rename(ui: &mut Ui, session: &mut Session) {
         if edit.changed() {
             object.name = (!text.trim().is_empty()).then_some(text);
         }
-        let tip =
-            "What its layer and its files are called; that of its splat where nothing stands here.";
-        named(&edit.on_hover_text(tip), egui::Role::TextInput, "Name");
+        let tip = tr(
+            "What its layer and its files are called; that of its splat where nothing stands here.",
+        );
+        named(&edit.on_hover_text(tip), egui::Role::TextInput, tr("Name"));
     });
 }
 
@@ -113,7 +121,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     let step = session.scene_bounds().map_or(0.01, |b| b.radius / 200.0);
     let mut transform = session.object().transform;
     ui.horizontal(|ui| {
-        name(ui, "Place");
+        name(ui, tr("Place"));
         for (axis, value) in ["x", "y", "z"]
             .into_iter()
             .zip(transform.translation.as_mut())
@@ -122,10 +130,14 @@ fn stand(ui: &mut Ui, session: &mut Session) {
                 .speed(step)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
-            let drag = ui.add(drag).on_hover_text(
+            let drag = ui.add(drag).on_hover_text(tr(
                 "In the scene's coordinates, those of its first object. Ctrl: in steps.",
+            ));
+            named(
+                &drag,
+                egui::Role::SpinButton,
+                tr_format!("Place {axis}", axis = axis),
             );
-            named(&drag, egui::Role::SpinButton, format!("Place {axis}"));
         }
     });
     let (z, y, x) = transform.rotation.to_euler(EulerRot::ZYX);
@@ -133,17 +145,21 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     let mut degrees = [x, y, z].map(|a| (a * 1800.0 / PI).round() / 10.0 + 0.0);
     let mut turned = false;
     ui.horizontal(|ui| {
-        name(ui, "Turn");
+        name(ui, tr("Turn"));
         for (axis, value) in ["x", "y", "z"].into_iter().zip(&mut degrees) {
             let drag = number(value, -360.0..=360.0)
                 .speed(0.5)
                 .max_decimals(1)
                 .prefix(format!("{axis} "))
                 .suffix("°");
-            let drag = ui.add(drag).on_hover_text(
+            let drag = ui.add(drag).on_hover_text(tr(
                 "About the scene's axes, x first. Highlights stay with the light. Ctrl: in steps.",
+            ));
+            named(
+                &drag,
+                egui::Role::SpinButton,
+                tr_format!("Turn {axis}", axis = axis),
             );
-            named(&drag, egui::Role::SpinButton, format!("Turn {axis}"));
             turned |= drag.changed();
         }
     });
@@ -153,23 +169,23 @@ fn stand(ui: &mut Ui, session: &mut Session) {
     }
     let mut drops = false;
     ui.horizontal(|ui| {
-        name(ui, "Scale");
+        name(ui, tr("Scale"));
         let speed = 0.005 * transform.scale;
         let scale = number(&mut transform.scale, SCALES);
         let drag = ui.add(scale.speed(speed).max_decimals(4));
         named(
-            &drag.on_hover_text("Of all lengths."),
+            &drag.on_hover_text(tr("Of all lengths.")),
             egui::Role::SpinButton,
-            "Scale",
+            tr("Scale"),
         );
-        if button(ui, "Reset", "Where it was captured.") {
+        if button(ui, tr("Reset"), tr("Where it was captured.")) {
             transform = Transform::default();
         }
     });
     ui.horizontal(|ui| {
         name(ui, "");
-        let tip = "Stands it on what is below it: another object, or the scene's ground.";
-        drops = button(ui, "Drop to ground", tip);
+        let tip = tr("Stands it on what is below it: another object, or the scene's ground.");
+        drops = button(ui, tr("Drop to ground"), tip);
     });
     if transform.validate().is_ok() {
         session.object_mut().transform = transform;

@@ -7,6 +7,7 @@ use crate::sweep::{Point, Stage};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{fact, thousands};
 use crate::words::milliseconds;
@@ -21,24 +22,24 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         .num_columns(3)
         .striped(true)
         .show(ui, |ui| {
-            ui.strong("stage");
-            ui.strong("ran");
-            ui.strong("last");
+            ui.strong(tr("stage"));
+            ui.strong(tr("ran"));
+            ui.strong(tr("last"));
             ui.end_row();
             let load = session.asset().map(|a| a.load_ms);
             let bake = session.baked().map(|b| b.ms);
             let prepare = session.state().prepared.get().map(|p| p.ms);
             let rows = [
-                ("load", stages.load, load),
-                ("project environment", stages.project_environment, None),
-                ("bake visibility", stages.bake, bake),
-                ("prepare", stages.prepare, prepare),
-                ("transfer", passes.transfer, Some(session.transfer_ms())),
-                ("sort", passes.sort, None),
-                ("project surfels", passes.project, None),
-                ("shade", passes.shade, None),
-                ("draw", passes.draw, Some(session.timers.frame.ms())),
-                ("present", passes.present, None),
+                (tr("load"), stages.load, load),
+                (tr("project environment"), stages.project_environment, None),
+                (tr("bake visibility"), stages.bake, bake),
+                (tr("prepare"), stages.prepare, prepare),
+                (tr("transfer"), passes.transfer, Some(session.transfer_ms())),
+                (tr("sort"), passes.sort, None),
+                (tr("project surfels"), passes.project, None),
+                (tr("shade"), passes.shade, None),
+                (tr("draw"), passes.draw, Some(session.timers.frame.ms())),
+                (tr("present"), passes.present, None),
             ];
             for (name, ran, ms) in rows {
                 ui.label(name);
@@ -51,12 +52,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             }
         });
     if let Some(file) = session.baked().and_then(|b| b.file.as_ref()) {
-        fact(ui, "bake", file.display().to_string());
+        fact(ui, tr("bake"), file.display().to_string());
     }
-    ui.label("Left out");
+    ui.label(tr("Left out"));
     let left_out = viewer.left_out();
     if left_out.is_empty() {
-        ui.weak("nothing");
+        ui.weak(tr("nothing"));
     }
     for skipped in left_out {
         fact(ui, &skipped.what, viewer.left_out_in_words(&skipped));
@@ -70,13 +71,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Error against run time of the settings that can be chosen.
 fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    ui.label("What settings cost, and what they are worth");
+    ui.label(tr("What settings cost, and what they are worth"));
     let is_running = session
         .jobs
         .is_running(Kind::Of(session.state().id, Work::Measure));
     let can_measure = session.asset().is_some() && !is_running;
-    let button = ui.add_enabled(can_measure, Button::new("Measure on this object"));
-    let button = button.on_hover_text("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while.");
+    let button = ui.add_enabled(can_measure, Button::new(tr("Measure on this object")));
+    let button = button.on_hover_text(tr("Relights the object with each preset, each SH degree and without each term, under the lights as they are: how long a new light takes, and how far the picture is from the preset computed without error; and does what was left out all the same, to know what that saved. Takes a while."));
     if button.clicked() {
         session.measure();
     }
@@ -88,28 +89,28 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
         let offered = |p: &&Point| p.stage == Stage::Transfer && p.setting.is_offered;
         for (i, point) in session.state().measured.points.iter().filter(offered).enumerate() {
             if i == 0 {
-                ui.strong("setting");
-                ui.strong("new light");
-                ui.strong("PSNR").on_hover_text("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other.");
+                ui.strong(tr("setting"));
+                ui.strong(tr("new light"));
+                ui.strong(tr("PSNR")).on_hover_text(tr("PSNR of the picture to the preset computed in f64 with everything at its best, of a thinned object. The presets' errors cannot be compared with each other."));
                 ui.end_row();
             }
             let name = if point.setting.is_default {
-                format!("{} (default)", point.setting.name)
+                tr_format!("{} (default)", point.setting.name)
             } else {
                 point.setting.name.clone()
             };
             ui.label(name).on_hover_text(&point.device);
             ui.label(point.time.map_or(String::new(), |t| milliseconds(t.ms)));
             let psnr = point.numeric.and_then(|n| n.psnr);
-            ui.label(psnr.map_or(String::new(), |v| format!("{v:.1} dB")));
+            ui.label(psnr.map_or(String::new(), |v| tr_format!("{v:.1} dB", v = v)));
             let is_set = session.scene.transfer.method == point.setting.settings.method
                 && session.scene.transfer.terms == point.setting.settings.terms
                 && session.scene.transfer.sh_degree == point.setting.settings.sh_degree;
-            let button = ui.add_enabled(!is_set, Button::new("take").small());
+            let button = ui.add_enabled(!is_set, Button::new(tr("take")).small());
             let button = button.on_hover_text(if point.on_front {
-                "Nothing that was measured is both quicker and nearer."
+                tr("Nothing that was measured is both quicker and nearer.")
             } else {
-                "Another one is both quicker and nearer."
+                tr("Another one is both quicker and nearer.")
             });
             if button.clicked() {
                 chosen = Some(point.setting.clone());
@@ -118,7 +119,7 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
         }
     });
     if !session.state().measured.points.is_empty() {
-        ui.weak("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset.");
+        ui.weak(tr("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset."));
     }
     for line in &session.state().measured.words {
         ui.weak(line);
@@ -132,8 +133,8 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
 fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let can_try = !session.jobs.is_running(Kind::Extremes);
-    let button = ui.add_enabled(can_try, Button::new("Try the extreme cases"));
-    let button = button.on_hover_text("Relights small scenes of lights and surfels that ask much of the numbers, and holds the results against 64-bit ones. Takes half a minute.");
+    let button = ui.add_enabled(can_try, Button::new(tr("Try the extreme cases")));
+    let button = button.on_hover_text(tr("Relights small scenes of lights and surfels that ask much of the numbers, and holds the results against 64-bit ones. Takes half a minute."));
     if button.clicked() {
         session.try_extremes();
     }
@@ -141,13 +142,13 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
         ui.weak(line);
     }
     if !session.extremes.is_empty() {
-        ui.weak("Black and one-coloured lights, a sun of a million skies, surfels without extent or far from the origin, ... with either preset; transplat report --extremes lists them.");
+        ui.weak(tr("Black and one-coloured lights, a sun of a million skies, surfels without extent or far from the origin, ... with either preset; transplat report --extremes lists them."));
     }
 }
 
 /// What can be doubted of the result.
 fn doubts(ui: &mut Ui, session: &mut Session) {
-    ui.label("How far the result can be trusted");
+    ui.label(tr("How far the result can be trusted"));
     session.overlays.wants_doubts = !ui.input(|i| i.pointer.any_down());
     match session.state().doubts.get().map(|d| d.shares) {
         Some(shares) => {
@@ -156,9 +157,9 @@ fn doubts(ui: &mut Ui, session: &mut Session) {
             }
         }
         None => {
-            ui.weak("being counted");
+            ui.weak(tr("being counted"));
         }
     }
-    ui.checkbox(&mut session.overlays.marks, "Mark them in the picture")
-        .on_hover_text("Paints doubtful surfels in their colours. (K)");
+    ui.checkbox(&mut session.overlays.marks, tr("Mark them in the picture"))
+        .on_hover_text(tr("Paints doubtful surfels in their colours. (K)"));
 }

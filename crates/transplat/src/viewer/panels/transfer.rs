@@ -6,17 +6,18 @@ use transplat_core::settings::{EPSILON, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::app::Viewer;
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::widgets::{Control, advanced, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.scene.transfer;
     ui.horizontal(|ui| {
-        name(ui, "Relight by");
+        name(ui, tr("Relight by"));
         for (method, tip) in [
-            (Method::Directional, "Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss."),
-            (Method::Harmonic, "The paper's transfer by spherical harmonics: softer, and the quickest."),
+            (Method::Directional, tr("Sums the light over directions, casts the suns' shadows crisply, and follows bounced light and gloss.")),
+            (Method::Harmonic, tr("The paper's transfer by spherical harmonics: softer, and the quickest.")),
         ] {
-            let text = format!("preset {}", method.preset());
+            let text = tr_format!("preset {}", method.preset());
             ui.selectable_value(&mut transfer.method, method, text)
                 .on_hover_text(tip);
         }
@@ -32,16 +33,16 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     let by_series = method == Method::Harmonic || !transfer.terms.sums;
     ui.add_enabled_ui(by_series, |ui| {
         Control {
-            label: "SH degree",
-            tip: "How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time.",
+            label: tr("SH degree"),
+            tip: tr("How finely light and visibility are seen: more degrees make shadows and highlights crisper, and cost time."),
             ..Control::of(0..=MAX_DEGREE, TransferSettings::default().sh_degree)
         }
         .show(ui, &mut transfer.sh_degree);
     });
     let mut epsilon = transfer.epsilon();
     Control {
-        label: "Calm the dark",
-        tip: "Epsilon, relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more.",
+        label: tr("Calm the dark"),
+        tip: tr("Epsilon, relative to the source's mean irradiance. More of it calms what was dark in the capture and dampens the relight; less trusts the dark more."),
         decimals: 6,
         logarithmic: true,
         ..Control::of(EPSILON, method.epsilon())
@@ -51,7 +52,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     if epsilon != transfer.epsilon() {
         transfer.epsilon = (epsilon != method.epsilon()).then_some(epsilon);
     }
-    ui.checkbox(&mut transfer.terms.shadow, "Self-shadow").on_hover_text("The object's own shadows take part in both lights. Off, every surfel sees all of the light.");
+    ui.checkbox(&mut transfer.terms.shadow, tr("Self-shadow")).on_hover_text(tr("The object's own shadows take part in both lights. Off, every surfel sees all of the light."));
     match method {
         Method::Directional => directional_terms(ui, &mut transfer.terms),
         Method::Harmonic => {
@@ -62,28 +63,34 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
 }
 
 fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
-    ui.checkbox(&mut terms.sums, "Sums over directions")
-        .on_hover_text(
+    ui.checkbox(&mut terms.sums, tr("Sums over directions"))
+        .on_hover_text(tr(
             "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
-        );
-    ui.checkbox(&mut terms.suns, "Suns").on_hover_text("Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky.");
-    ui.checkbox(&mut terms.bounce, "Bounced light")
-        .on_hover_text("Surfels light each other. Off, whatever blocks the light is black.");
-    ui.checkbox(&mut terms.two_sided, "Two sides").on_hover_text("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light.");
-    ui.checkbox(&mut terms.lobe, "Gloss").on_hover_text(
+        ));
+    ui.checkbox(&mut terms.suns, tr("Suns")).on_hover_text(tr("Small bright lights are taken out of the map and cast crisp shadows. Off, they are part of the sky."));
+    ui.checkbox(&mut terms.bounce, tr("Bounced light"))
+        .on_hover_text(tr(
+            "Surfels light each other. Off, whatever blocks the light is black.",
+        ));
+    ui.checkbox(&mut terms.two_sided, tr("Two sides")).on_hover_text(tr("Thin things, like leaves, are lit from the side that is seen. Off, both sides have the front's light."));
+    ui.checkbox(&mut terms.lobe, tr("Gloss")).on_hover_text(tr(
         "Highlights and reflections, as far as the capture shows them. Off, all colour is matte.",
-    );
-    ui.checkbox(&mut terms.residual, "Residual")
-        .on_hover_text("Keeps what none of these explains of the capture. Off, it is left out.");
+    ));
+    ui.checkbox(&mut terms.residual, tr("Residual"))
+        .on_hover_text(tr(
+            "Keeps what none of these explains of the capture. Off, it is left out.",
+        ));
 }
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
-    ui.checkbox(&mut terms.specular, "Specular")
-        .on_hover_text("Bands 1 and up: highlights and reflections. Off, the result is matte.");
+    ui.checkbox(&mut terms.specular, tr("Specular"))
+        .on_hover_text(tr(
+            "Bands 1 and up: highlights and reflections. Off, the result is matte.",
+        ));
     ui.indent("specular terms", |ui| {
         ui.add_enabled_ui(terms.specular, |ui| {
-            ui.checkbox(&mut terms.reflection, "Reflection").on_hover_text("Highlights are mirrored about the normal. Off, they stick to where the light is.");
-            ui.checkbox(&mut terms.attenuation, "Attenuation").on_hover_text("Each band is as strong as the capture shows it. Off, every surface is a mirror.");
+            ui.checkbox(&mut terms.reflection, tr("Reflection")).on_hover_text(tr("Highlights are mirrored about the normal. Off, they stick to where the light is."));
+            ui.checkbox(&mut terms.attenuation, tr("Attenuation")).on_hover_text(tr("Each band is as strong as the capture shows it. Off, every surface is a mirror."));
         });
     });
 }
@@ -92,8 +99,8 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let mut directions = viewer.directions_draft.unwrap_or(session.scene.directions);
     let response = Control {
-        label: "Directions",
-        tip: "Directions that visibility is baked for. More are finer and take longer; the bake runs again.",
+        label: tr("Directions"),
+        tip: tr("Directions that visibility is baked for. More are finer and take longer; the bake runs again."),
         logarithmic: true,
         ..Control::of(DIRECTIONS, DEFAULT_DIRECTIONS)
     }

@@ -10,6 +10,7 @@ use transplat_core::surfels::SurfelCloud;
 use crate::pipeline::estimate;
 use crate::viewer::asset::{OpenedWith, reading_of};
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::language::tr;
 use crate::viewer::object::Measured;
 use crate::viewer::session::Session;
 
@@ -67,9 +68,14 @@ impl Session {
             Ok((cloud, estimate))
         };
         let kind = Kind::Of(id, Work::Load);
-        self.start(kind, "looking from outside", work, move |session, made| {
-            session.take_outside(id, made);
-        });
+        self.start(
+            kind,
+            tr("looking from outside"),
+            work,
+            move |session, made| {
+                session.take_outside(id, made);
+            },
+        );
     }
 
     fn take_outside(&mut self, id: u64, (cloud, kept): (Arc<SurfelCloud>, Option<Estimate>)) {

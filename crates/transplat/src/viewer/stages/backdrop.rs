@@ -8,6 +8,7 @@ use transplat_gpu::present::{Backdrop, ResidentLut};
 
 use crate::viewer::environments::load_map;
 use crate::viewer::jobs::Kind;
+use crate::viewer::language::tr_format;
 use crate::viewer::session::{BackdropKey, SOURCE, Session, TARGET};
 
 impl Session {
@@ -30,7 +31,7 @@ impl Session {
                 continue;
             }
             let context = self.context.clone();
-            let label = format!("reading {} for the background", light.name());
+            let label = tr_format!("reading {} for the background", light.name());
             let kept = self.environments.kept_map(light.id);
             let blur = key.blur;
             let work = move |_: &_| {
@@ -66,7 +67,7 @@ impl Session {
             let backdrop = Backdrop::of_plate(&context, &plate);
             Ok(([plate.width, plate.height], backdrop))
         };
-        let label = format!("reading {}", path.display());
+        let label = tr_format!("reading {}", path.display());
         self.start(kind, label, work, move |session, (size, backdrop)| {
             if session.plate.accept(path, size) {
                 session.live().set_backdrop(TARGET, backdrop);
@@ -101,7 +102,7 @@ impl Session {
             }
             let (context, file) = (self.context.clone(), path.clone());
             let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
-            let label = format!("reading {}", path.display());
+            let label = tr_format!("reading {}", path.display());
             self.start(kind, label, work, move |session, lut| {
                 if session.luts[of].accept(path, ()) {
                     session.live().set_lut(of, lut);
@@ -116,7 +117,7 @@ impl Session {
         self.jobs.cancel(Kind::Lut(TARGET));
         let (context, file) = (self.context.clone(), path.clone());
         let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
-        let label = format!("reading {}", path.display());
+        let label = tr_format!("reading {}", path.display());
         self.start(Kind::Lut(TARGET), label, work, move |session, lut| {
             // The file may be another one than when it was last read.
             session.luts[SOURCE].clear();

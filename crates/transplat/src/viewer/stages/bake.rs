@@ -10,6 +10,7 @@ use transplat_core::settings::Method;
 use crate::pipeline::bake::{self, Baked, Wanted};
 use crate::viewer::capture::kept_beside;
 use crate::viewer::jobs::{Handle, Kind, Work};
+use crate::viewer::language::{tr, tr_format};
 use crate::viewer::object::BakeKey;
 use crate::viewer::session::{Outcome, Session};
 
@@ -70,10 +71,10 @@ impl Session {
         let is_wanted = |method| !self.is_bake_asked(at, method);
         let for_estimate = Method::Directional;
         if is_wanted(set) {
-            self.bake(at, set, "the visibility");
+            self.bake(at, set, tr("the visibility"));
         } else if self.estimate_needs_bake(at) {
             if is_wanted(for_estimate) && self.states[at].bake_share(set) == 1.0 {
-                self.bake(at, for_estimate, "what tells the light");
+                self.bake(at, for_estimate, tr("what tells the light"));
             }
         } else if set != for_estimate && self.is_bake_awaited(at, for_estimate) {
             self.cancel_bakes(at);
@@ -104,7 +105,11 @@ impl Session {
             part_of: None,
             beside: kept_beside(&path, asset.part.as_ref(), method),
         };
-        let label = format!("baking {what} of {}", asset.name());
+        let label = tr_format!(
+            "baking {what} of {asset}",
+            asset = asset.name(),
+            what = what
+        );
         let (id, background) = (state.id, self.background.clone());
         let take = move |session: &mut Self, baked: Baked| session.take_bake(id, key, baked);
         let work = move |handle: &Handle<Outcome>| {

@@ -6,6 +6,7 @@ use transplat_core::present::{self, Doubt, View};
 use transplat_core::transfer::{Part, Relit};
 
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::language::tr;
 use crate::viewer::object::{Doubts, ShownKey};
 use crate::viewer::session::Session;
 
@@ -66,7 +67,7 @@ impl Session {
             let doubts = present::doubts(&cloud, &bake, &prepared, &tau);
             Ok((Doubts::new(doubts), readout))
         };
-        let label = "counting doubtful surfels";
+        let label = tr("counting doubtful surfels");
         self.start(kind, label, work, move |session, made| {
             session.show_doubts(id, key, made);
         });

@@ -7,12 +7,13 @@ use transplat_core::settings::Method;
 use crate::pipeline::estimate::{make_and_keep, why_not};
 use crate::viewer::environments::Environment;
 use crate::viewer::jobs::{Handle, Kind, Work};
+use crate::viewer::language::{tr, tr_format, tr_later};
 use crate::viewer::object::ObjectState;
 use crate::viewer::session::{SOURCE, Session};
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
-    "Drop the environment of the capture on “captured under”, if there is one";
+    tr_later("Drop the environment of the capture on “captured under”, if there is one");
 
 impl Session {
     /// Whether the settings ask for the light that the asset tells of.
@@ -61,7 +62,7 @@ impl Session {
         };
         state.estimate.ask(&());
         let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
-        let label = format!("estimating the light of {}", asset.name());
+        let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
@@ -80,7 +81,7 @@ impl Session {
         let state = &mut self.states[at];
         let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
         if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
-            self.info("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again");
+            self.info(tr("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again"));
         }
     }
 
@@ -111,13 +112,15 @@ impl Session {
         };
         if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
             let message = match estimate.obstacle {
-                None => format!(
-                    "the light of the capture is estimated from the object (confidence {:.0} %); its strength and tint are assumed. {DROP_IT}",
-                    estimate.percent()
+                None => tr_format!(
+                    "the light of the capture is estimated from the object (confidence {percent:.0} %); its strength and tint are assumed. {drop_it}",
+                    percent = estimate.percent(),
+                    drop_it = tr(DROP_IT)
                 ),
-                Some(obstacle) => format!(
-                    "what it was captured under {}. {DROP_IT}",
-                    why_not(self.scene.transfer.method, obstacle)
+                Some(obstacle) => tr_format!(
+                    "what it was captured under {obstacle}. {drop_it}",
+                    obstacle = why_not(self.scene.transfer.method, obstacle),
+                    drop_it = tr(DROP_IT)
                 ),
             };
             let of = (self.scene.objects.len() > 1).then(|| self.called(at));

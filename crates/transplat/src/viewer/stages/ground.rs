@@ -6,6 +6,7 @@ use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::surfels::SurfelCloud;
 
 use crate::viewer::jobs::{Handle, Kind};
+use crate::viewer::language::tr;
 use crate::viewer::object::{GroundKey, GroundLitKey};
 use crate::viewer::session::{Outcome, Session};
 
@@ -33,11 +34,16 @@ impl Session {
                 let cloud = SurfelCloud::whole(&placed).context("nothing is shown")?;
                 Ok(Ground::bake(&cloud, up, directions, &progress)?)
             };
-            self.start(kind, "baking the ground", work, move |session, ground| {
-                if session.ground.accept(key, ground) {
-                    session.stages.ground += 1;
-                }
-            });
+            self.start(
+                kind,
+                tr("baking the ground"),
+                work,
+                move |session, ground| {
+                    if session.ground.accept(key, ground) {
+                        session.stages.ground += 1;
+                    }
+                },
+            );
         }
         self.light_ground();
     }

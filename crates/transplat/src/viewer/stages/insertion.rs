@@ -12,6 +12,7 @@ use transplat_core::transfer::scene::harmonic::HarmonicScene;
 
 use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::jobs::{Handle, Kind};
+use crate::viewer::language::tr;
 use crate::viewer::object::{InsertedKey, InsertionKey};
 use crate::viewer::session::{Outcome, Session};
 
@@ -90,7 +91,7 @@ impl Session {
                     let progress = |done: f64| handle.progress((i as f64 + done) / count);
                     match bake::bake(&background.fastest(), &wanted, &progress)? {
                         Bake::Harmonic(bake) => bake,
-                        _ => bail!("the bake is for the other preset"),
+                        _ => bail!(tr("the bake is for the other preset")),
                     }
                 };
                 standing.push(Standing {
@@ -104,7 +105,7 @@ impl Session {
             let bake = InsertionBake::new(standing, shadows, known, &progress)?;
             Ok(Arc::new(bake))
         };
-        let label = "tracing between the objects";
+        let label = tr("tracing between the objects");
         self.start(kind, label, work, move |session, made| {
             session.insertion.accept(key, made);
         });
@@ -140,7 +141,7 @@ impl Session {
             let sources: Vec<&Illumination> = of.1.iter().map(|(_, s)| &*s.light).collect();
             Ok(Arc::new(HarmonicScene::new(bake, &sources, &of.2)?))
         };
-        let label = "preparing the scene";
+        let label = tr("preparing the scene");
         self.start(kind, label, work, move |session, made| {
             session.inserted.accept(key, made);
         });

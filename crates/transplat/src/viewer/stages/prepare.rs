@@ -9,6 +9,7 @@ use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
 use crate::viewer::jobs::{Handle, Kind, Work};
+use crate::viewer::language::tr_format;
 use crate::viewer::object::{PrepareKey, Prepared};
 use crate::viewer::session::{Outcome, Session};
 
@@ -84,7 +85,7 @@ impl Session {
                 }
             }
         };
-        self.start(kind, format!("preparing {}", asset_name), work, take);
+        self.start(kind, tr_format!("preparing {}", asset_name), work, take);
     }
 }
 

@@ -9,6 +9,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
 use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::language::tr;
 use crate::viewer::object::{Relighting, RelitKey};
 use crate::viewer::session::Session;
 
@@ -69,7 +70,7 @@ impl Session {
             let resident = ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding);
             Ok((resident, Arc::new(relit), ms))
         };
-        self.start(kind, "relighting", work, move |session, relit| {
+        self.start(kind, tr("relighting"), work, move |session, relit| {
             session.show_relit(id, key, relit);
         });
     }

@@ -15,6 +15,7 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 use transplat_gpu::rasterize::ResidentSh;
 
 use crate::viewer::jobs::{Handle, Kind};
+use crate::viewer::language::tr;
 use crate::viewer::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
 use crate::viewer::session::{Outcome, Session};
 
@@ -99,7 +100,7 @@ impl Session {
             let progress = |done| handle.progress(done);
             Ok(Arc::new(SceneBake::in_detail(placed, key.1, &progress)?))
         };
-        let (label, key) = ("tracing between the objects", next.clone());
+        let (label, key) = (tr("tracing between the objects"), next.clone());
         self.start(kind, label, work, move |session, bake| {
             session.surroundings.accept(key, bake);
         });
@@ -239,7 +240,7 @@ impl Session {
             };
             Ok((uploaded, whole, ms))
         };
-        let label = "relighting the scene";
+        let label = tr("relighting the scene");
         self.start(
             Kind::RelightTogether,
             label,

@@ -1,0 +1,180 @@
+//! The window in another language, in a process of its own: all of a process speaks one.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{Event, Key, Shape};
+use egui_kittest::kittest::Queryable as _;
+use polib::catalog::Catalog;
+use polib::message::Message;
+use polib::po_file;
+use proc_macro2::{TokenStream, TokenTree};
+use transplat::viewer::language;
+use transplat_core::present::View;
+use transplat_tests::driver::Driver;
+use transplat_tests::{Folder, root, small_lut};
+
+fn template() -> PathBuf {
+    root().join("assets/languages/transplat.pot")
+}
+
+/// The files below a folder.
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("sources").flatten() {
+        match entry.path() {
+            path if path.is_dir() => files(&path, found),
+            path => found.push(path),
+        }
+    }
+}
+
+/// The texts that code marks, with what marks them.
+fn marked(code: TokenStream, found: &mut Vec<String>) {
+    let tokens: Vec<TokenTree> = code.into_iter().collect();
+    for (i, token) in tokens.iter().enumerate() {
+        let TokenTree::Group(group) = token else {
+            continue;
+        };
+        let is = |back: usize, words: &[&str]| {
+            let at = i.checked_sub(back).map(|at| tokens[at].to_string());
+            at.is_some_and(|at| words.contains(&at.as_str()))
+        };
+        let is_marked = is(1, &["tr", "tr_later"]) || is(1, &["!"]) && is(2, &["tr_format"]);
+        let first = group.stream().into_iter().next();
+        if let Some(TokenTree::Literal(literal)) = first.filter(|_| is_marked) {
+            let text: syn::LitStr = syn::parse_str(&literal.to_string()).expect("a text");
+            found.push(text.value());
+        }
+        marked(group.stream(), found);
+    }
+}
+
+/// All texts of the window, and the files that say them.
+fn texts() -> BTreeMap<String, BTreeSet<String>> {
+    let sources = root().join("crates/transplat/src");
+    let mut all = Vec::new();
+    files(&sources.join("viewer"), &mut all);
+    let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for path in all {
+        let code = std::fs::read_to_string(&path).expect("sources are text");
+        let mut found = Vec::new();
+        marked(code.parse().expect("Rust"), &mut found);
+        let name = path.strip_prefix(&sources).expect("in there").display();
+        for text in found {
+            texts.entry(text).or_default().insert(name.to_string());
+        }
+    }
+    texts
+}
+
+/// A file of gettext with a translation of each text.
+fn write_catalog(path: &Path, translated: impl Fn(&str) -> String) {
+    let mut catalog = Catalog::new(Default::default());
+    catalog.metadata.content_type = "text/plain; charset=UTF-8".into();
+    for (text, files) in texts() {
+        let files: Vec<_> = files.into_iter().collect();
+        let message = Message::build_singular()
+            .with_source(files.join(" "))
+            .with_msgid(text.clone())
+            .with_msgstr(translated(&text))
+            .done();
+        catalog.append_or_update(message);
+    }
+    po_file::write_to_file(&catalog, path).expect("it is written");
+}
+
+/// What translators start from is what the window says. `UPDATE_TEXTS=1` writes it anew.
+#[test]
+fn the_template_has_all_texts() {
+    if std::env::var_os("UPDATE_TEXTS").is_some() {
+        write_catalog(&template(), |_| String::new());
+    }
+    let catalog = po_file::parse(&template()).expect("it is kept with the sources");
+    let kept: BTreeSet<String> = catalog.messages().map(|m| m.msgid().to_owned()).collect();
+    let said: BTreeSet<String> = texts().into_keys().collect();
+    assert!(said.len() > 500, "{}", said.len());
+    let differ: Vec<_> = said.symmetric_difference(&kept).collect();
+    assert!(differ.is_empty(), "UPDATE_TEXTS=1 writes them: {differ:?}");
+}
+
+/// The texts that are painted.
+fn painted(shape: &Shape, found: &mut BTreeSet<String>) {
+    match shape {
+        Shape::Vec(shapes) => shapes.iter().for_each(|shape| painted(shape, found)),
+        Shape::Text(text) => drop(found.insert(text.galley.text().to_owned())),
+        _ => {}
+    }
+}
+
+/// Asserts that all that is painted now is said in the language, but what nobody translates.
+fn check(d: &Driver, place: &str) {
+    let mut found = BTreeSet::new();
+    for shape in &d.harness.output().shapes {
+        painted(&shape.shape, &mut found);
+    }
+    assert!(found.len() > 20, "{place}: {found:?}");
+    let is_word = |word: &str| word.chars().filter(|c| c.is_ascii_alphabetic()).count() > 2;
+    let left: Vec<_> = found
+        .iter()
+        .filter(|text| !text.contains('«'))
+        .filter(|text| text.split_whitespace().any(is_word))
+        .filter(|text| !NAMES.iter().any(|name| text.contains(name)))
+        .collect();
+    assert!(left.is_empty(), "{place}: {left:?}");
+}
+
+/// Files, what is called as its file is, the adapter, keys.
+const NAMES: [&str; 12] = [
+    "Delete", "/", "{asset}", "teapot", "city", "sunset", "interior", "small", "llvmpipe", "ctrl",
+    "shift", "page",
+];
+
+#[test]
+fn all_is_said_in_the_language() {
+    let folder = Folder::empty();
+    let brackets = folder.path("Brackets.po");
+    write_catalog(&brackets, |text| format!("«{text}»"));
+    language::speak(Some(&brackets)).expect("a language");
+    let mut d = Driver::bundled();
+    let lut = d.folder.write("small.cube", small_lut());
+    d.after(|v| v.open(lut.as_ref()));
+    check(&d, "first");
+    for tab in ["Light", "Look", "Camera", "Asset", "Export", "Report"] {
+        d.click(&format!("«{tab}»"));
+        check(&d, tab);
+        if d.harness.query_by_label("«Advanced»").is_some() {
+            d.click("«Advanced»");
+            check(&d, &format!("{tab}, advanced"));
+        }
+    }
+    d.after(|v| {
+        v.session.keep_look();
+        v.session.keep_view();
+        v.session.scene.view = View::Difference;
+    });
+    for page in ["Looks 1", "Views 1", "Lights", "Light", "Swap lights"] {
+        d.click(&format!("«{page}»"));
+        check(&d, page);
+    }
+    for view in [View::Split, View::Tau, View::Doubts] {
+        d.after(|v| v.session.scene.view = view);
+        check(&d, &format!("{view:?}"));
+    }
+    for (menu, entry) in [
+        ("File", "Quit"),
+        ("Edit", "History"),
+        ("View", "Panels"),
+        ("Help", "Shortcuts (?)"),
+    ] {
+        d.click(&format!("«{menu}»"));
+        let entry = format!("«{entry}»");
+        assert!(d.harness.query_by_label(&entry).is_some(), "{menu}");
+        check(&d, menu);
+        d.harness.key_press(Key::Escape);
+        d.settle();
+    }
+    d.harness.event(Event::Text("?".into()));
+    d.settle();
+    assert!(d.harness.query_by_label("«orbit»").is_some());
+    check(&d, "shortcuts");
+}
