@@ -17,7 +17,7 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::camera::{Camera, first_pose};
 use transplat_core::color::Display;
 use transplat_core::environment::{Beams, EnvironmentMap, Illumination};
-use transplat_core::files::{load_asset, load_environment, write_relit};
+use transplat_core::files::{load_asset, load_environment, write_relit, write_splat};
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, depth_order, rasterize, shade};
@@ -187,7 +187,7 @@ impl Subject<'_> {
     fn files(&self, bench: &mut Bench) {
         let folder = tempfile::tempdir().expect("a folder for files that go away");
         let [path, out] = ["asset.ply", "relit.ply"].map(|name| folder.path().join(name));
-        subject::write_ply(self.cloud, &path);
+        write_splat(self.cloud, &self.cloud.sh, &path).expect("there is room");
         let (loaded, file) = bench.time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
         bench.time("cpu", "export PLY", || {
             write_relit(&file, &loaded.sh, &out).expect("it can be written");

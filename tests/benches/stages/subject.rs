@@ -1,8 +1,5 @@
 //! What is measured: an asset of any size that every machine can make.
 
-use std::io::{BufWriter, Write as _};
-use std::path::Path;
-
 use glam::Vec3;
 use transplat_core::color::Encoding;
 use transplat_core::sh::coefficient_count;
@@ -51,49 +48,4 @@ pub fn rough_ball_over_slab(n: usize, degree: usize) -> SurfelCloud {
         })
         .collect();
     cloud
-}
-
-/// The asset as trainers write it.
-pub fn write_ply(cloud: &SurfelCloud, path: &Path) {
-    let rest = 3 * (coefficient_count(cloud.sh_degree) - 1);
-    let named = |prefix: &str, count: usize| {
-        (0..count)
-            .map(|i| format!("{prefix}{i}"))
-            .collect::<Vec<_>>()
-    };
-    let names = [
-        ["x", "y", "z"].map(String::from).to_vec(),
-        named("f_dc_", 3),
-        named("f_rest_", rest),
-        vec!["opacity".into()],
-        named("scale_", 2),
-        named("rot_", 4),
-    ]
-    .concat();
-    let file = std::fs::File::create(path).expect("it can be written");
-    let mut out = BufWriter::new(file);
-    let mut head = format!(
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
-        cloud.len()
-    );
-    for name in names {
-        head += &format!("property float {name}\n");
-    }
-    writeln!(out, "{head}end_header").expect("there is room");
-    for i in 0..cloud.len() {
-        let [u, v] = cloud.tangents[i];
-        let turn = glam::Quat::from_mat3(&glam::Mat3::from_cols(u, v, u.cross(v)));
-        let sh = cloud.sh_of(i);
-        let opacity = cloud.opacities[i];
-        let mut row = cloud.positions[i].to_array().to_vec();
-        row.extend(sh[0].map(|v| v - 1.772_453_9));
-        row.extend((0..3).flat_map(|c| sh[1..].iter().map(move |v| v[c])));
-        row.push((opacity / (1.0 - opacity)).ln());
-        row.extend(cloud.scales[i].to_array().map(f32::ln));
-        row.extend([turn.w, turn.x, turn.y, turn.z]);
-        for value in row {
-            out.write_all(&value.to_le_bytes()).expect("there is room");
-        }
-    }
-    out.flush().expect("there is room");
 }

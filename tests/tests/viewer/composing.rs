@@ -482,3 +482,39 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
     let messages = &d.viewer().session.messages;
     assert!(messages.iter().all(|m| !m.is_error), "{messages:?}");
 }
+
+/// Splats that are named or dropped together are one scene, beside each other.
+#[test]
+fn what_is_opened_together_stands_side_by_side() {
+    let folder = Folder::empty();
+    let names = ["one.ply", "two.ply", "three.ply"];
+    for name in names {
+        write(&folder, name, &synthetic::sphere(300));
+    }
+    let paths = names.map(|name| folder.path(name)).to_vec();
+    let startup = Startup {
+        files: paths.clone(),
+        ..Startup::default()
+    };
+    let check = |d: &mut Driver, count: usize| {
+        let session = &d.viewer().session;
+        let of = session.shown().map(|(_, object, asset)| {
+            let placed = object.transform.scene_from_object();
+            asset.bounds.transformed(placed)
+        });
+        let bounds: Vec<_> = of.collect();
+        assert_eq!(bounds.len(), count);
+        for (i, a) in bounds.iter().enumerate() {
+            for b in &bounds[..i] {
+                let apart = (a.center - b.center).length();
+                assert!(apart > 0.9 * (a.radius + b.radius), "{a:?} {b:?}");
+            }
+        }
+    };
+    let mut d = Driver::open(startup, folder);
+    check(&mut d, 3);
+    // In a window with one object, the first of them takes its place as ever.
+    let mut d = Driver::bundled();
+    d.after(|v| v.open_all(paths));
+    check(&mut d, 3);
+}

@@ -86,6 +86,8 @@ pub struct Viewer {
     pub(super) unproven: Vec<PathBuf>,
     pub(super) dropped: Vec<PathBuf>,
     pub(super) dropped_at: f64,
+    /// Splats that were opened with another one, to be put beside it once that is there.
+    pub(super) to_add: Vec<PathBuf>,
     pub(super) clipboard: Option<arboard::Clipboard>,
     pub(super) lost: bool,
     pub(super) quitting: Option<Quitting>,
@@ -156,6 +158,7 @@ impl Viewer {
             unproven: Vec::new(),
             dropped: Vec::new(),
             dropped_at: 0.0,
+            to_add: Vec::new(),
             clipboard: None,
             lost: false,
             quitting: None,
@@ -257,9 +260,7 @@ impl Viewer {
         for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
-                (Some(_), _) if is(&file, FileKind::Ply) => self.session.info(tr_format!(
-                    "{}: left out, one splat is opened at a time; with Add what is opened (panel Asset) others are put beside it",
-                    file.display())),
+                (Some(_), _) if is(&file, FileKind::Ply) => self.to_add.push(file),
                 (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
                     scene.objects.truncate(1);
                     scene.objects[0].asset = None;
@@ -327,16 +328,46 @@ impl Viewer {
                 .zip(at)
                 .is_some_and(|(rect, at)| rect.contains(at))
         });
-        for path in std::mem::take(&mut self.dropped) {
-            let kind = file_kind(&path);
-            match (slot, kind) {
-                (Some(side), Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)) => {
-                    self.session.environments.request_again(&path);
-                    self.shelf.add(&mut self.session, &path);
-                    self.session.set_light(side, path);
-                }
-                _ => self.open(&path),
+        let (lights, others) = std::mem::take(&mut self.dropped)
+            .into_iter()
+            .partition(|path| {
+                let is_light = matches!(
+                    file_kind(path),
+                    Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)
+                );
+                slot.is_some() && is_light
+            });
+        let lights: Vec<PathBuf> = lights;
+        for (path, side) in lights.into_iter().zip(slot.into_iter().cycle()) {
+            self.session.environments.request_again(&path);
+            self.shelf.add(&mut self.session, &path);
+            self.session.set_light(side, path);
+        }
+        self.open_all(others);
+    }
+
+    /// Opens what is opened together: splats are put beside the first of them.
+    pub fn open_all(&mut self, paths: Vec<PathBuf>) {
+        let mut has_splat = false;
+        for path in paths {
+            let is_splat = file_kind(&path).is_ok_and(|kind| kind == FileKind::Ply);
+            match is_splat && has_splat {
+                true => self.to_add.push(path),
+                false => self.open(&path),
             }
+            has_splat |= is_splat;
+        }
+    }
+
+    /// Puts the next of the splats that were opened together into the scene.
+    pub(super) fn add_next(&mut self) {
+        if self.to_add.is_empty() || self.session.is_loading_asset() {
+            return;
+        }
+        let path = self.to_add.remove(0);
+        match self.session.has_asset() {
+            true => self.session.add_object(path),
+            false => self.open(&path),
         }
     }
 
@@ -429,9 +460,7 @@ impl Viewer {
     pub(super) fn deal_with(&mut self, event: Event) {
         match event {
             Event::Files(paths) => {
-                for path in paths {
-                    self.open(&path);
-                }
+                self.open_all(paths);
             }
             // The dialog has asked.
             Event::SaveTo(path, kind) => self.save_to(&path, kind, true),

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::language::tr;
@@ -62,6 +62,7 @@ struct Signals {
     per_mille: AtomicU32,
     cancelled: AtomicBool,
     waits: AtomicBool,
+    begun: OnceLock<Instant>,
 }
 
 impl Kind {
@@ -109,6 +110,14 @@ impl Job {
     /// How far it is, 0 to 1.
     pub fn progress(&self) -> f32 {
         self.signals.per_mille.load(Ordering::Relaxed) as f32 / 1e3
+    }
+
+    /// How long it still takes, if the rest goes as what is done; none before that can be said.
+    pub fn time_left(&self) -> Option<Duration> {
+        let worked = self.signals.begun.get()?.elapsed();
+        let done = self.progress();
+        let is_known = done >= 0.02 && worked >= Duration::from_secs(2);
+        is_known.then(|| worked.mul_f32((1.0 / done - 1.0).max(0.0)))
     }
 
     /// Whether it looks out for being stopped.
@@ -250,6 +259,7 @@ impl<E: Send + 'static> Jobs<E> {
             queue
                 .iter()
                 .for_each(|queue| queue.wait(id, &handle.signals));
+            handle.signals.begun.get_or_init(Instant::now);
             let work = || match handle.is_cancelled() {
                 true => Err(anyhow!("cancelled")),
                 false => beside_the_rest(|| work(&handle)),

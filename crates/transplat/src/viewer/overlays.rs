@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use std::time::Duration;
+
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
 use glam::Vec2;
@@ -120,6 +122,9 @@ impl Viewer {
                             ui.spinner();
                         }
                         ui.label(&job.label);
+                        if let Some(left) = job.time_left().and_then(left_in_words) {
+                            ui.weak(left);
+                        }
                         if job.can_be_cancelled() && ui.small_button(tr("Cancel")).clicked() {
                             job.cancel();
                         }
@@ -522,4 +527,13 @@ fn sheet(ui: &mut Ui, name: &str, lines: &[(String, &str)]) {
                 ui.end_row();
             }
         });
+}
+
+/// How long something still takes, where that is long enough to be told.
+fn left_in_words(left: Duration) -> Option<String> {
+    match left.as_secs() {
+        0..5 => None,
+        s @ 5..100 => Some(tr_format!("{} s left", s.next_multiple_of(5))),
+        s => Some(tr_format!("{} min left", s.div_ceil(60))),
+    }
 }

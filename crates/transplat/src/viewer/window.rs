@@ -19,6 +19,7 @@ impl eframe::App for Viewer {
     fn logic(&mut self, context: &egui::Context, _frame: &mut eframe::Frame) {
         self.check_device(context);
         self.open_dropped(context);
+        self.add_next();
         self.keys(context);
         for event in self.session.update() {
             self.deal_with(event);
