@@ -147,3 +147,35 @@ fn a_lens_blurs_what_is_not_in_focus() {
     // What is in focus keeps its edges.
     assert!(edges(&near) > 0.2 * edges(&sharp));
 }
+
+/// However long the lens, all of the object is in the picture; how it is seen through differs.
+#[test]
+fn the_object_is_framed_for_the_lens_that_is_asked_for() {
+    let folder = Folder::empty();
+    let teapot = asset("teapot.ply");
+    let draw = |name: &str, more: &[&str]| {
+        let line = "render {} --size 200x120 --device cpu -o {}";
+        let out = folder.name(name);
+        run_json(&[&args(line, &[&teapot, &out])[..], more].concat());
+        exr_pixels(&out)
+    };
+    // How near it comes to any edge, as a share of the picture.
+    let margin = |p: &[[f32; 4]]| {
+        let seen = (0..p.len()).filter(|i| p[*i][3] > 0.05);
+        let margins = seen.map(|i| {
+            let (x, y) = (i % 200, i / 200);
+            (x.min(199 - x) as f32 / 200.0).min(y.min(119 - y) as f32 / 120.0)
+        });
+        margins.fold(f32::INFINITY, f32::min)
+    };
+    let long = draw("long.exr", &["--fov", "10"]);
+    let wide = draw("wide.exr", &["--fov", "90"]);
+    for picture in [&long, &wide] {
+        assert!(
+            (0.02..0.2).contains(&margin(picture)),
+            "{}",
+            margin(picture)
+        );
+    }
+    assert!(psnr(&long, &wide) < 25.0);
+}

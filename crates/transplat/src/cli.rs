@@ -278,9 +278,9 @@ pub struct CameraArgs {
     /// Radius of the lens as a share of the distance to what is looked at, which stays sharp: what is nearer or farther is blurred
     #[arg(long, value_name = "0..0.2", value_parser = parse_aperture)]
     pub aperture: Option<f64>,
-    /// Horizontal field of view of --turntable and --eye
-    #[arg(long, value_name = "DEG", default_value_t = 40.0, conflicts_with = "cameras", value_parser = parse_fov)]
-    pub fov: f64,
+    /// Horizontal field of view, where no --cameras have one [default: 40, or the look's]
+    #[arg(long, value_name = "DEG", conflicts_with = "cameras", value_parser = parse_fov)]
+    pub fov: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -24,6 +24,9 @@ use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use crate::device::{Paint, Painter};
 
+/// Pictures with more samples than this are refused: their buffers would not fit.
+pub const MAX_SAMPLES: usize = 1 << 28;
+
 /// A light as what is seen behind the object.
 pub struct Backdrop {
     /// Blurred already.

@@ -72,6 +72,7 @@ fn lay(tree: &Path, from_root: &str) -> Outcome {
     for name in ASSETS {
         copy(&root().join("assets").join(name), &assets.join(name))?;
     }
+    copy_folder(&root().join("assets/languages"), &assets.join("languages"))?;
     copy_folder(&root().join("assets/truth"), &assets.join("truth"))?;
     // The first picture waits for no bake.
     for splat in ["teapot.ply", "breakfast.ply"] {

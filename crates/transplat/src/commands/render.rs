@@ -1,18 +1,19 @@
 //! `transplat render`: pictures of an asset, as captured or relit.
 
+mod frames;
+
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::ValueEnum;
-use glam::Vec3;
 use transplat_core::bake::Bake;
-use transplat_core::camera::{Camera, CameraPose, NEAR, first_pose, turntable};
+use transplat_core::camera::CameraPose;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, check_folder, check_output, load_cameras, load_lut, load_plate, look_text,
-    plate_size, save_look, write_exr, write_layers, write_png,
+    ExrFloats, PngBits, check_folder, check_output, load_lut, load_plate, look_text, save_look,
+    write_exr, write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::no_progress;
@@ -24,15 +25,13 @@ use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::film::{Film, FilmFormat};
 use crate::layers::Layers;
-use crate::picture::{Backdrop, Lit, Studio, lit_ground, photographs_named};
+use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::settings::{
     assets_of, check_objects, look_of, put, targets_of, with_scene_as_look,
 };
 use crate::pipeline::{Lights, Pipeline, Target};
 use crate::summary::Summary;
-
-/// Pictures with more samples than this are refused: their buffers would not fit.
-pub const MAX_SAMPLES: usize = 1 << 28;
+use frames::{Frame, frames, photographs};
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     if args.part.is_some() {
@@ -227,153 +226,6 @@ pub fn settings(args: &RenderArgs) -> Result<Scene> {
     let exposure = args.exposure.map(|stops| stops.clamp(-60.0, 60.0) as f32);
     put(&mut scene.display.exposure, exposure);
     Ok(scene)
-}
-
-/// A picture to be taken.
-struct Frame {
-    /// Its own, whichever are left out.
-    number: usize,
-    camera: Camera,
-    /// The photograph behind it.
-    plate: Option<PathBuf>,
-}
-
-/// The cameras to draw.
-fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let mut frames = cameras(args, pipeline, summary)?;
-    if let Some(aperture) = args.camera.aperture {
-        let middle = pipeline.cloud.bounds().center;
-        let place = args.camera.look_at.map_or(middle, Vec3::from_array);
-        for Frame { camera, .. } in &mut frames {
-            if camera.lens.focus.is_infinite() {
-                camera.lens.focus = camera.project(place).1.max(camera.near);
-            }
-            camera.lens.radius = aperture as f32 * camera.lens.focus;
-        }
-    }
-    let samples = |f: &Frame| {
-        let of_a_pixel = usize::from(args.supersample).pow(2);
-        f.camera.width.saturating_mul(f.camera.height) * of_a_pixel
-    };
-    let samples = frames.iter().map(samples).max().unwrap_or_default();
-    if samples > MAX_SAMPLES {
-        bail!(
-            "a picture of {samples} samples is too large; {MAX_SAMPLES} are possible: lower --size or --supersample"
-        );
-    }
-    Ok(frames)
-}
-
-/// Of so many frames, those that are asked for.
-fn asked(args: &RenderArgs, count: usize) -> Result<std::ops::RangeInclusive<usize>> {
-    let [first, last] = args.frames.unwrap_or([0, count - 1]);
-    if first >= count {
-        bail!("--frames {first}-{last}: the frames are 0 to {}", count - 1);
-    }
-    Ok(first..=last.min(count - 1))
-}
-
-fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let (scene, cloud) = (&pipeline.scene, &pipeline.cloud);
-    let bounds = cloud.bounds();
-    let near = NEAR * bounds.radius;
-    let plate = scene.plate.as_ref();
-    let plate = plate.filter(|_| scene.background == Background::Plate);
-    let one_for_all = plate.filter(|p| !p.is_dir());
-    // A photograph is covered pixel for pixel.
-    let size_of_all = one_for_all.map(|path| plate_size(path)).transpose()?;
-    if let Some(path) = &args.camera.cameras {
-        let file = load_cameras(path)?;
-        for warning in &file.warnings {
-            summary.warn(warning.clone());
-        }
-        let of_file = |number: usize| -> Result<Frame> {
-            let mut frame = file.frames[number].clone();
-            let plate = plate.map(|p| plate_of(p, frame.picture.as_deref()));
-            let plate = plate.transpose()?;
-            if frame.size.is_none() {
-                let of_frame = || plate.as_ref().map(|path| plate_size(path)).transpose();
-                frame.size = size_of_all.map_or_else(of_frame, |size| Ok(Some(size)))?;
-            }
-            let size = args.size.or(frame.size).unwrap_or([800, 800]);
-            Ok(Frame {
-                number,
-                camera: frame.camera(size, near),
-                plate,
-            })
-        };
-        return asked(args, file.frames.len())?.map(of_file).collect();
-    }
-    let plate = plate.map(|path| plate_of(path, None)).transpose()?;
-    let numbered = |cameras: Vec<Camera>| -> Result<Vec<Frame>> {
-        let range = asked(args, cameras.len())?;
-        let all = cameras.into_iter().enumerate();
-        let frames = all.filter(|(number, _)| range.contains(number));
-        Ok(frames
-            .map(|(number, camera)| Frame {
-                number,
-                camera,
-                plate: plate.clone(),
-            })
-            .collect())
-    };
-    let size = args.size.or(size_of_all).unwrap_or([800, 800]);
-    let camera = &args.camera;
-    let fov_x = camera.fov.to_radians();
-    let up = cloud.up.direction();
-    if let Some(eye) = camera.eye {
-        let target = camera.look_at.map_or(bounds.center, Vec3::from_array);
-        if eye == target.to_array() {
-            bail!("--eye is where it looks at: the two need to be apart");
-        }
-        let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
-        return numbered(vec![camera]);
-    }
-    if let (Some(pose), None) = (&scene.camera, camera.turntable) {
-        let camera = Camera::from_pose(pose, cloud.up, size, bounds.radius);
-        return numbered(vec![camera]);
-    }
-    let Some(count) = camera.turntable else {
-        // As the window opens it.
-        let pose = first_pose(&cloud.positions, cloud.up, &bounds, size);
-        let camera = Camera::from_pose(&pose, cloud.up, size, bounds.radius);
-        return numbered(vec![camera]);
-    };
-    numbered(turntable(cloud, count as usize, fov_x, size, near))
-}
-
-/// A photograph, or all that lie in a folder of them: those that no frame is drawn over are not to be lost either.
-fn photographs(plate: Option<&Path>) -> Vec<PathBuf> {
-    let Some(plate) = plate else {
-        return Vec::new();
-    };
-    match plate.read_dir() {
-        Ok(files) => files.flatten().map(|file| file.path()).collect(),
-        Err(_) => vec![plate.to_owned()],
-    }
-}
-
-/// The photograph behind a frame: one for all, or out of a folder that of its camera, which calls it `picture`.
-fn plate_of(plate: &Path, picture: Option<&str>) -> Result<PathBuf> {
-    if !plate.is_dir() {
-        return Ok(plate.to_owned());
-    }
-    let picture = picture.with_context(|| {
-        format!(
-            "{}: a folder of photographs needs cameras that name theirs (--cameras)",
-            plate.display()
-        )
-    })?;
-    let name = Path::new(picture).file_name().unwrap_or_default();
-    let named = plate.join(name);
-    let found = photographs_named(&named).find(|path| path.is_file());
-    found.with_context(|| {
-        format!(
-            "{}: holds no photograph {}",
-            plate.display(),
-            name.display()
-        )
-    })
 }
 
 /// Files that are not written; a folder would hardly be called so.

@@ -194,7 +194,7 @@ pub fn mark_surfel(ui: &Ui, rect: Rect, session: &Session, camera: &Camera, surf
 pub fn doubt_name(doubt: Doubt) -> &'static str {
     match doubt {
         Doubt::LeftOut => tr("left out: broken or too faint"),
-        Doubt::DarkSource => tr("dark under the source light"),
+        Doubt::DarkSource => tr("dark in the light of the capture"),
         Doubt::Clipped => tr("captured clipped at white"),
         Doubt::AtLimit => tr("ratio beyond 3 stops"),
         Doubt::AmbiguousNormal => tr("ambiguous normal"),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use eframe::egui;
+use transplat_core::camera::CameraPose;
 use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
@@ -32,6 +33,10 @@ pub(super) const STORAGE_KEY: &str = "preferences";
 
 /// How long a drop waits for the pointer to tell where it was let go, in seconds.
 const DROP_WAIT_S: f64 = 0.15;
+
+/// Height in pixels of a screen that is called large, and how much larger text is there.
+const LARGE_SCREEN: f32 = 1400.0;
+const LARGE_TEXT: f32 = 1.25;
 
 /// What the viewer opens with.
 #[derive(Default)]
@@ -96,6 +101,8 @@ pub struct Viewer {
     pub(super) settings_for_once: bool,
     /// A picture as it would be saved.
     pub(super) preview: Option<egui::TextureHandle>,
+    /// What that is a picture of.
+    pub(super) previewed: Option<(Scene, CameraPose)>,
     /// A file that would be written over, to be asked about.
     pub(super) replacing: Option<(PathBuf, SaveKind)>,
     /// Lights that the sides had when they were last put on the shelf.
@@ -165,6 +172,7 @@ impl Viewer {
             is_stopped: false,
             settings_for_once: false,
             preview: None,
+            previewed: None,
             replacing: None,
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
@@ -359,6 +367,19 @@ impl Viewer {
         }
     }
 
+    /// Makes the text of the first window larger on a large screen whose system does not; what is chosen later stays.
+    pub(super) fn fit_text(&mut self, context: &egui::Context) {
+        let screen = context.input(|i| i.viewport().monitor_size);
+        let (Some(screen), false) = (screen, self.preferences.text_fits_screen) else {
+            return;
+        };
+        self.preferences.text_fits_screen = true;
+        let is_large = screen.y * context.pixels_per_point() >= LARGE_SCREEN;
+        if is_large && context.pixels_per_point() == 1.0 {
+            context.set_zoom_factor(LARGE_TEXT);
+        }
+    }
+
     /// Puts the next of the splats that were opened together into the scene.
     pub(super) fn add_next(&mut self) {
         if self.to_add.is_empty() || self.session.is_loading_asset() {
@@ -449,6 +470,10 @@ impl Viewer {
     /// Starts an export.
     pub fn export(&mut self, task: Task) {
         let settings = self.preferences.export.clone();
+        if matches!(task, Task::Preview) {
+            let session = &self.session;
+            self.previewed = Some((session.scene.clone(), session.pose));
+        }
         export::start(&mut self.session, &self.shelf.paths, &settings, task);
     }
 

@@ -159,7 +159,7 @@ impl Session {
         }
         if object.cut.len() >= MOST_CUTS || self.scene.objects.len() >= MOST_OBJECTS {
             self.error(tr(
-                "there are too many cuts, or too many objects, for another one",
+                "there are too many cuts, or too many objects, for another one: remove some first",
             ));
             return;
         }

@@ -65,7 +65,9 @@ impl PathField {
             Some(Dialog::Save(SaveKind::Plate, _)) => {
                 vec![(tr("Show behind the objects"), Some(SaveKind::Plate))]
             }
-            Some(Dialog::Save(SaveKind::Lut, _)) => vec![(tr("Grade by it"), Some(SaveKind::Lut))],
+            Some(Dialog::Save(SaveKind::Lut, _)) => {
+                vec![(tr("Apply the table"), Some(SaveKind::Lut))]
+            }
         }
     }
 }

@@ -177,6 +177,7 @@ impl Pictures {
             let badge = is_pinned.then_some(tr("pinned"));
             let card = Card {
                 what: tr("Look"),
+                replace: tr("Replace by the look as it is"),
                 tip: if note.is_empty() {
                     tr("Click: take this look. Right click: more.").into()
                 } else {
@@ -220,6 +221,7 @@ impl Pictures {
             let kept = &mut session.scene.bookmarks[at];
             let card = Card {
                 what: tr("View"),
+                replace: tr("Replace by the view as it is"),
                 tip: tr("Click: look from there. Right click: more.").into(),
                 is_shown: shown == Some(at),
                 badge: None,
@@ -298,6 +300,7 @@ impl Pictures {
 /// Something kept, as it is shown.
 struct Card {
     what: &'static str,
+    replace: &'static str,
     tip: String,
     is_shown: bool,
     badge: Option<&'static str>,
@@ -347,9 +350,8 @@ impl Card {
                 if self.compares && entry(ui, tr("Compare with it")) {
                     wish = Some(Wish::Compare);
                 }
-                let update = tr_format!("Replace by the {} as it is", self.what.to_lowercase());
                 for (name, what) in [
-                    (update.as_str(), Wish::Update),
+                    (self.replace, Wish::Update),
                     (tr("Move left"), Wish::Left),
                     (tr("Move right"), Wish::Right),
                     (tr("Remove"), Wish::Remove),

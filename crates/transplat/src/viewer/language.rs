@@ -4,12 +4,14 @@
 //! one of gettext (`.po`), so that its tools serve; `assets/languages/transplat.pot` has all texts, collected from the code by a test. What
 //! goes wrong with a file is told in English, as the commands tell it.
 
+mod gettext;
+
 use std::collections::HashMap;
 use std::fmt::{Display, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::RwLock;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 
 /// Texts of the language that is spoken; none is English. They stay for good, since a text once shown may be held anywhere.
 static SPOKEN: RwLock<Option<&'static HashMap<String, String>>> = RwLock::new(None);
@@ -63,7 +65,7 @@ pub fn fill(text: &str, values: &[(&str, &dyn Display)]) -> String {
     let mut next = 0..;
     let mut rest = text;
     while let Some((before, inside)) = rest.split_once('{') {
-        out.push_str(before);
+        out += &before.replace("}}", "}");
         if let Some(after) = inside.strip_prefix('{') {
             out.push('{');
             rest = after;
@@ -89,7 +91,7 @@ pub fn fill(text: &str, values: &[(&str, &dyn Display)]) -> String {
         }
         rest = after;
     }
-    (out + rest).replace("}}", "}")
+    out + &rest.replace("}}", "}")
 }
 
 /// A value as its spec has it: a sign, decimals.
@@ -119,20 +121,17 @@ pub fn speak(file: Option<&Path>) -> Result<()> {
 }
 
 /// The texts of a language's file, by their English.
-fn read(file: &Path) -> Result<HashMap<String, String>> {
+///
+/// # Errors
+/// As [`speak`].
+pub fn read(file: &Path) -> Result<HashMap<String, String>> {
     let named = || file.display().to_string();
     let size = std::fs::metadata(file).with_context(named)?.len();
     if size > LARGEST {
         bail!("{}: {size} bytes are too many for a language", named());
     }
-    let catalog = polib::po_file::parse(file)
-        .map_err(|error| anyhow::anyhow!("{}: no translation by gettext: {error}", named()))?;
-    let whole = catalog
-        .messages()
-        .filter(|m| m.is_translated() && m.is_singular());
-    let texts: HashMap<_, _> = whole
-        .filter_map(|m| Some((m.msgid().to_owned(), m.msgstr().ok()?.to_owned())))
-        .collect();
+    let text = std::fs::read_to_string(file).with_context(named)?;
+    let texts = gettext::parse(&text).map_err(|why| anyhow!("{}: {why}", named()))?;
     if texts.is_empty() {
         bail!("{}: translates nothing", named());
     }
@@ -168,7 +167,7 @@ mod tests {
         let fill = |text: &str| fill(text, &values);
         assert_eq!(fill("{} {} {share:.1}"), "a 7 12.3");
         assert_eq!(fill("{share:+.0} % von {1} in {0}"), "+12 % von 7 in a");
-        assert_eq!(fill("{{{}}}"), "{a}");
+        assert_eq!(fill("{{{}}} }}"), "{a} }");
         // What it got wrong is seen, and nothing is lost.
         assert_eq!(fill("{} {whatever} {9} {"), "a {whatever} {9} {");
     }

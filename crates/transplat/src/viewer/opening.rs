@@ -397,7 +397,7 @@ impl Session {
             self.scene.match_strength = true;
             self.matches_by_itself = true;
             self.info(
-                tr("how strong the light of its capture was is not known: what it is relit by is matched to it; the panel Light has the switch"),
+                tr("how strong the light of its capture was is not known: the new light leaves it about as bright as it was; the panel Light has the switch"),
             );
         }
     }
@@ -409,7 +409,7 @@ impl Session {
             return;
         };
         let [new, last] = [path, &last].map(|p| p.file_name().unwrap_or_default().display());
-        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (Objects) puts splats beside the others", new = new, last = last));
+        self.info(tr_format!("{new} took the place of {last}, the selected object; undo brings that back, and \"Add what is opened\" (panel Asset) puts splats beside the others", new = new, last = last));
     }
 
     /// Points the camera at what was opened, where nobody has pointed it elsewhere.

@@ -1,16 +1,18 @@
 //! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
 
 use std::path::Path;
-
 use std::time::Duration;
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
 use glam::Vec2;
+use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
+use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skipped;
 
 use super::app::{Quitting, Viewer};
+use super::export::Task;
 use super::jobs::{Job, Kind, Work};
 use super::language::{tr, tr_format};
 use super::navigation;
@@ -60,7 +62,7 @@ impl Viewer {
             };
             ui.label(bake).on_hover_text(tr("The object's visibility; until it is baked, shadows are missing or coarse."));
             ui.separator();
-            if let Some(bytes) = crate::summary::memory_bytes(tr("VmRSS:")) {
+            if let Some(bytes) = crate::summary::memory_bytes("VmRSS:") {
                 ui.label(tr_format!("{} MB", thousands((bytes >> 20) as usize)))
                     .on_hover_text(tr("Memory that the program holds."));
                 ui.separator();
@@ -418,6 +420,11 @@ impl Viewer {
             return;
         };
         let mut is_shown = !context.input(|i| i.key_pressed(Key::Escape));
+        let mut again = false;
+        let session = &self.session;
+        let is_this =
+            |(scene, pose): &(Scene, CameraPose)| *scene == session.scene && *pose == session.pose;
+        let is_old = !self.previewed.as_ref().is_some_and(is_this);
         let room = 0.9 * self.viewport.rect.size();
         let size = picture.size_vec2();
         let scale = (room.x / size.x).min(room.y / size.y).min(1.0);
@@ -426,9 +433,18 @@ impl Viewer {
             .show(context, |ui| {
                 let image = egui::Image::new((picture.id(), size * scale));
                 ui.add(image.alt_text(tr("The picture as it would be saved")));
+                if is_old {
+                    ui.horizontal(|ui| {
+                        ui.weak(tr("Something was changed since."));
+                        again = ui.button(tr("Preview again")).clicked();
+                    });
+                }
             });
         if !is_shown {
             self.preview = None;
+        }
+        if again {
+            self.export(Task::Preview);
         }
     }
 

@@ -36,7 +36,7 @@ impl Session {
             .shown()
             .flat_map(|(other, _, asset)| std::iter::repeat_n(other == at, asset.cloud.len()));
         let hidden: Vec<bool> = hidden.collect();
-        let name = as_file_name(&tr_format!("light_at_{}", name_of(object, &asset.path)));
+        let name = as_file_name(&format!("light_at_{}", name_of(object, &asset.path)));
         let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
         let (source, up) = (source.clone(), self.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());

@@ -82,7 +82,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
         CTRL,
         Key::D,
         Action::Duplicate,
-        tr_later("double the object"),
+        tr_later("duplicate the object"),
     ),
     (
         NONE,
@@ -139,7 +139,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
         NONE,
         Key::PageUp,
         Action::LastView,
-        tr_later("kept view before"),
+        tr_later("previous kept view"),
     ),
     (
         CTRL,
@@ -151,7 +151,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
         CTRL,
         Key::PageUp,
         Action::LastLook,
-        tr_later("kept look before"),
+        tr_later("previous kept look"),
     ),
     (NONE, Key::G, Action::Grid, tr_later("grid")),
     (NONE, Key::L, Action::Probes, tr_later("light probes")),
@@ -211,12 +211,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
         Action::Tab(Tab::Report),
         tr_later("the panel Report"),
     ),
-    (
-        NONE,
-        Key::F11,
-        Action::FullScreen,
-        tr_later("all of the screen"),
-    ),
+    (NONE, Key::F11, Action::FullScreen, tr_later("full screen")),
     (NONE, Key::F1, Action::Help, tr_later("this sheet")),
     (
         NONE,
@@ -267,7 +262,7 @@ pub const GESTURES: [(&str, &str); 16] = [
     ),
     (
         tr_later("shift + right drag"),
-        tr_later("turn and tilt the target light"),
+        tr_later("turn and tilt the light"),
     ),
     (
         tr_later("click"),

@@ -53,6 +53,6 @@ pub const TABS: [(Tab, Icon, &str, &str); 6] = [
         Tab::Report,
         Icon::Gauge,
         tr_later("Report"),
-        tr_later("What it costs, and how far it can be trusted."),
+        tr_later("What relighting costs, and how far it can be trusted."),
     ),
 ];

@@ -20,6 +20,7 @@ impl eframe::App for Viewer {
         self.check_device(context);
         self.open_dropped(context);
         self.add_next();
+        self.fit_text(context);
         self.keys(context);
         for event in self.session.update() {
             self.deal_with(event);

@@ -23,9 +23,9 @@ use transplat_core::settings::Method;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
-use crate::commands::render::MAX_SAMPLES;
 use crate::film::Film;
 use crate::layers::Layers;
+use crate::picture::MAX_SAMPLES;
 use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
 use crate::viewer::environments::{Environment, load_map};

@@ -8,7 +8,7 @@ use transplat_core::rasterize::Raster;
 use super::label::Labels;
 use super::run::{handle_step, step};
 use super::{Made, Snapshot};
-use crate::commands::render::MAX_SAMPLES;
+use crate::picture::MAX_SAMPLES;
 use crate::viewer::environments::Environment;
 use crate::viewer::jobs::Handle;
 use crate::viewer::language::tr_format;

@@ -52,7 +52,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     Control {
         label: tr("Depth of field"),
         unit: " %",
-        tip: tr("How wide the lens is, of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp."),
+        tip: tr("How wide the lens is (its aperture), of the distance to what the camera turns about, which stays sharp (double click on the object sets it). Saved pictures and Preview have it; here all is sharp."),
         decimals: 2,
         ..Control::of(0.0..=100.0 * *APERTURE.end(), 0.0)
     }

@@ -195,22 +195,17 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 }
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
-    let text = tr("Match the source's strength");
+    let text = tr("Match the capture's strength");
     ui.checkbox(&mut session.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
     // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {
-        Some(stops) if stops.abs() < 0.05 => tr("now as strong as the source").into(),
+        Some(stops) if stops.abs() < 0.05 => tr("now as strong as the light of the capture").into(),
         Some(stops) => {
-            let word = if stops < 0.0 {
-                tr("darker")
-            } else {
-                tr("brighter")
-            };
-            tr_format!(
-                "now {stops:.1} stops {word} than the source",
-                stops = stops.abs(),
-                word = word
-            )
+            let by = stops.abs();
+            match stops < 0.0 {
+                true => tr_format!("now {:.1} stops darker than the light of the capture", by),
+                false => tr_format!("now {:.1} stops brighter than the light of the capture", by),
+            }
         }
         None => String::new(),
     };

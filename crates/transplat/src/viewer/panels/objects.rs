@@ -174,7 +174,7 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         let scale = number(&mut transform.scale, SCALES);
         let drag = ui.add(scale.speed(speed).max_decimals(4));
         named(
-            &drag.on_hover_text(tr("Of all lengths.")),
+            &drag.on_hover_text(tr("How large it is, beside how it was captured.")),
             egui::Role::SpinButton,
             tr("Scale"),
         );

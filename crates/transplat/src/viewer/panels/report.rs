@@ -23,8 +23,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         .striped(true)
         .show(ui, |ui| {
             ui.strong(tr("stage"));
-            ui.strong(tr("ran"));
-            ui.strong(tr("last"));
+            ui.strong(tr("runs"));
+            ui.strong(tr("last time"));
             ui.end_row();
             let load = session.asset().map(|a| a.load_ms);
             let bake = session.baked().map(|b| b.ms);
