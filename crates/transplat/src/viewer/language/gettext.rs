@@ -7,8 +7,9 @@ use std::collections::HashMap;
 enum Part {
     Text,
     Translation,
-    /// Contexts and plurals, which the window does not ask for.
-    Other,
+    /// What the window does not ask for.
+    Context,
+    Plural,
 }
 
 /// The texts that are translated; what does not follow the format is told with its line, the first is 1.
@@ -25,17 +26,18 @@ pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
         let string = unquoted(quoted).ok_or_else(wrong)?;
         match word.trim_end() {
             "" => {}
-            "msgctxt" | "msgid" if entry.part != Some(Part::Text) => {
+            "msgctxt" => {
                 std::mem::take(&mut entry).end(&mut texts);
-                entry.part = Some(match word.trim_end() {
-                    "msgid" => Part::Text,
-                    _ => Part::Other,
-                });
-                entry.is_plain = entry.part == Some(Part::Text);
+                entry.part = Some(Part::Context);
+            }
+            "msgid" if entry.part != Some(Part::Text) => {
+                let is_plain = entry.part != Some(Part::Context);
+                std::mem::take(&mut entry).end(&mut texts);
+                (entry.part, entry.is_plain) = (Some(Part::Text), is_plain);
             }
             "msgstr" => entry.part = Some(Part::Translation),
             other if other == "msgid_plural" || other.starts_with("msgstr[") => {
-                entry.part = Some(Part::Other);
+                entry.part = Some(Part::Plural);
                 entry.is_plain = false;
             }
             _ => return Err(wrong()),
@@ -43,7 +45,7 @@ pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
         match entry.part.ok_or_else(wrong)? {
             Part::Text => entry.text += &string,
             Part::Translation => entry.translation += &string,
-            Part::Other => {}
+            Part::Context | Part::Plural => {}
         }
     }
     entry.end(&mut texts);
