@@ -49,8 +49,7 @@ struct Blended {
     @location(1) depth: vec4f,
 }
 
-@fragment
-fn shade_pixel(in: Corner) -> Blended {
+fn blended(in: Corner) -> Blended {
     let pixel = in.position.xy - 0.5 + view.origin;
     let k = pixel.x * in.t_w.xyz - in.t_u.xyz;
     let l = pixel.y * in.t_w.xyz - in.t_v.xyz;
@@ -72,4 +71,15 @@ fn shade_pixel(in: Corner) -> Blended {
     }
     let color = min(in.color, vec3f(MAX_COLOR));
     return Blended(vec4f(color * alpha, alpha), vec4f(depth / view.depth_unit * alpha, 0.0, 0.0, alpha));
+}
+
+@fragment
+fn shade_pixel(in: Corner) -> Blended {
+    return blended(in);
+}
+
+// Where nobody asks for depth.
+@fragment
+fn shade_color(in: Corner) -> @location(0) vec4f {
+    return blended(in).color;
 }

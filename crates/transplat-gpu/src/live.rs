@@ -401,12 +401,14 @@ impl Live {
             .collect();
         let state = &mut self.sides[side];
         let is_new = state.drawn.ask(&keys);
-        let resized = state.target.as_ref().is_none_or(|t| t.size != size);
+        let has_depth = frame.presentation.view == View::Depth;
+        let is_other = |t: &Target| t.size != size || t.depth.is_some() != has_depth;
+        let resized = state.target.as_ref().is_none_or(is_other);
         if !is_new && !resized {
             return;
         }
         if resized {
-            state.target = Some(Target::new(&self.context, size));
+            state.target = Some(Target::new(&self.context, size, has_depth));
         }
         for (object, key) in self.objects.iter().flatten().zip(&keys) {
             object.shade(&object.camera(frame), key);

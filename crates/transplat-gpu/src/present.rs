@@ -281,8 +281,9 @@ impl PresentPass {
         screen: &wgpu::TextureView,
     ) {
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
-        let pictures = [&sides[0].color, &sides[1].color, &sides[1].depth];
-        let pictures = pictures.map(|t| t.create_view(&Default::default()));
+        let view = |t: &wgpu::Texture| t.create_view(&Default::default());
+        let pictures = sides.map(|side| view(&side.color));
+        let depth = sides[1].depth.as_ref().map(view);
         let backdrops = around.backdrops.map(|b| b.map_or(&self.nothing, |b| &b.0));
         let ground = around.ground.map(|g| g.map_or(&self.nothing, |g| &g.0));
         let luts = around.luts.map(|lut| &lut.unwrap_or(&self.as_it_is).0);
@@ -294,7 +295,10 @@ impl PresentPass {
                 ("parameters", parameters.as_entire_binding()),
                 ("before_color", texture(&pictures[0])),
                 ("after_color", texture(&pictures[1])),
-                ("after_depth", texture(&pictures[2])),
+                (
+                    "after_depth",
+                    texture(depth.as_ref().unwrap_or(&self.nothing)),
+                ),
                 ("before_map", texture(backdrops[0])),
                 ("after_map", texture(backdrops[1])),
                 ("ground_before", texture(ground[0])),

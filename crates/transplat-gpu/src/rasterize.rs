@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use glam::Vec3;
 use transplat_core::camera::Camera;
@@ -213,19 +213,20 @@ impl Order {
 #[derive(Clone, Debug)]
 pub struct Target {
     pub(crate) color: wgpu::Texture,
-    pub(crate) depth: wgpu::Texture,
+    /// Where it is asked for.
+    pub(crate) depth: Option<wgpu::Texture>,
     /// Width and height in pixels.
     pub size: [usize; 2],
 }
 
 impl Target {
-    /// A target of `size` pixels, which an adapter must be able to hold.
-    pub fn new(context: &Context, size: [usize; 2]) -> Self {
+    /// A target of `size` pixels, which an adapter must be able to hold, with depth or without.
+    pub fn new(context: &Context, size: [usize; 2], has_depth: bool) -> Self {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let texture = |label, format| context.texture(label, size, format, usage);
         Self {
             color: texture("color", context.color_format),
-            depth: texture("depth", context.depth_format),
+            depth: has_depth.then(|| texture("depth", context.depth_format)),
             size,
         }
     }
@@ -302,7 +303,8 @@ pub struct GpuRasterizer {
     project: Arc<ComputePass>,
     /// By degree of colour and entry point.
     shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
-    draw: RenderPass,
+    /// Without depth and with it, each compiled when it is first drawn with.
+    draw: [OnceLock<RenderPass>; 2],
     chunks: Vec<SurfelChunk>,
     canvas: Canvas,
     place: Place,
@@ -343,7 +345,7 @@ impl GpuRasterizer {
             bounds: cloud.bounds(),
             project: context.compute_pass(&shader::RASTERIZE_PROJECT.source(), "project_surfels"),
             shade_passes: Mutex::default(),
-            draw: draw_pass(context),
+            draw: Default::default(),
             chunks,
             canvas,
             place: Place {
@@ -393,7 +395,7 @@ impl GpuRasterizer {
         for y in (0..camera.height).step_by(edge) {
             for x in (0..camera.width).step_by(edge) {
                 let size = [edge.min(camera.width - x), edge.min(camera.height - y)];
-                let target = Target::new(&self.context, size);
+                let target = Target::new(&self.context, size, true);
                 let layer = Layer {
                     origin: [x, y],
                     is_first: true,
@@ -561,8 +563,13 @@ impl GpuRasterizer {
             ("colors", &self.canvas.colors),
             ("order", &order.buffer),
         ];
-        let group = self.context.bind(&self.draw, &bindings);
-        let views = [&target.color, &target.depth].map(|t| t.create_view(&Default::default()));
+        let draw = self.draw_pass(target.depth.is_some());
+        let group = self.context.bind(draw, &bindings);
+        let textures = std::iter::once(&target.color).chain(&target.depth);
+        let views: Vec<_> = textures
+            .map(|t| t.create_view(&Default::default()))
+            .collect();
+        let targets: Vec<_> = views.iter().collect();
         for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
             let load = if first == 0 && layer.is_first {
                 wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
@@ -572,25 +579,30 @@ impl GpuRasterizer {
             let last = order.drawn.min(first + DRAW_AT_ONCE);
             let quads = (0..4, first as u32..last as u32);
             let mut encoder = self.context.encoder();
-            let targets = views.each_ref();
-            self.draw.draw(&mut encoder, &targets, load, &group, quads);
+            draw.draw(&mut encoder, &targets, load, &group, quads);
             self.context.submit(encoder);
         }
     }
 
+    /// What draws into targets with depth, or without.
+    pub(crate) fn draw_pass(&self, has_depth: bool) -> &RenderPass {
+        self.draw[usize::from(has_depth)].get_or_init(|| draw_pass(&self.context, has_depth))
+    }
+
     fn read_tile(&self, layer: Layer, target: &Target, raster: &mut Raster) -> Result<()> {
         let pixels = read_texture(&self.context, &target.color)?;
-        let depths = read_texture(&self.context, &target.depth)?;
+        let depths = target.depth.as_ref();
+        let depths = depths.map(|depth| read_texture(&self.context, depth));
+        let depths = depths.transpose()?.unwrap_or_default();
         for y in 0..target.size[1] {
             for x in 0..target.size[0] {
                 let from = y * target.size[0] + x;
                 let to = (layer.origin[1] + y) * raster.width + layer.origin[0] + x;
                 raster.pixels[to].copy_from_slice(&pixels[4 * from..][..4]);
                 let alpha = pixels[4 * from + 3];
-                raster.depth[to] = if alpha > 0.0 {
-                    depths[from] * layer.depth_unit / alpha
-                } else {
-                    0.0
+                raster.depth[to] = match depths.get(from) {
+                    Some(depth) if alpha > 0.0 => depth * layer.depth_unit / alpha,
+                    _ => 0.0,
                 };
             }
         }
@@ -629,9 +641,10 @@ pub(crate) fn read_texture(context: &Context, texture: &wgpu::Texture) -> Result
     })
 }
 
-fn draw_pass(context: &Context) -> RenderPass {
+fn draw_pass(context: &Context, has_depth: bool) -> RenderPass {
     let half_float = context.color_format == wgpu::TextureFormat::Rgba16Float;
-    let targets = [context.color_format, context.depth_format].map(|format| {
+    let formats = [context.color_format, context.depth_format];
+    let targets = formats.map(|format| {
         let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
         wgpu::ColorTargetState {
             blend,
@@ -640,5 +653,8 @@ fn draw_pass(context: &Context) -> RenderPass {
     });
     let topology = wgpu::PrimitiveTopology::TriangleStrip;
     let source = shader::rasterize_draw(half_float);
-    context.render_pass(&source, "shade_pixel", topology, &targets)
+    match has_depth {
+        true => context.render_pass(&source, "shade_pixel", topology, &targets),
+        false => context.render_pass(&source, "shade_color", topology, &targets[..1]),
+    }
 }

@@ -309,15 +309,13 @@ impl Subject<'_> {
             let camera = next();
             let order = rasterizer.sort(&camera, &[]);
             rasterizer.project(&camera);
-            let target = Target::new(context, size);
-            bench.time("gpu", "draw", || {
-                let layer = Layer {
-                    depth_unit: 1.0,
-                    ..Layer::default()
-                };
-                rasterizer.draw_tile(&camera, layer, &order, &target);
-                done(context);
-            });
+            for (stage, has_depth) in [("draw", false), ("draw with depth", true)] {
+                let target = Target::new(context, size, has_depth);
+                bench.time("gpu", stage, || {
+                    rasterizer.draw_tile(&camera, Layer::default(), &order, &target);
+                    done(context);
+                });
+            }
             bench.time_of("gpu", "frame, camera moves", &mut next, |camera| {
                 live.frame(&self.frame(camera, size));
                 done(context);

@@ -177,7 +177,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     d.viewer().open(&path);
     // What is told goes again after some seconds.
     let (start, mut told) = (Instant::now(), String::new());
-    while !(told.contains("set upright") && told.contains("matched")) {
+    while !(told.contains("set upright") && told.contains("how strong")) {
         d.harness.step();
         let messages = d.viewer().session.messages.iter();
         told = messages.map(|m| m.text.clone()).collect();

@@ -496,6 +496,19 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     d.settle();
     let fine = d.viewer().session.scene.environment.rotation;
     assert!((nudged - fine - 1.0).abs() < 1e-9);
+    // Presses that come between two frames all count.
+    let press = egui::Event::Key {
+        key: egui::Key::ArrowRight,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers: egui::Modifiers::NONE,
+    };
+    let events = &mut d.harness.input_mut().events;
+    events.extend(std::iter::repeat_n(press, 3));
+    d.settle();
+    let thrice = d.viewer().session.scene.environment.rotation;
+    assert!((fine - thrice - 15.0).abs() < 1e-9, "{fine} {thrice}");
 
     // What stays for a second is a step to come back to, also where nothing else makes a frame; then the window rests.
     d.viewer().session.messages.clear();
@@ -570,10 +583,17 @@ fn exports_write_what_they_say() {
     d.after(|v| v.export(Task::EachLight));
     // The one of the screenshot's light is there already: nothing is written over.
     assert_eq!(count(".png"), 1 + lights);
-    d.after(|v| v.export(Task::Turntable));
-    assert_eq!(count(".png"), 4 + lights);
+    // Each sequence is numbered from 0 in a folder of its own.
+    for again in ["", "-2"] {
+        d.after(|v| v.export(Task::Turntable));
+        for frame in 0..3 {
+            let name = format!("teapot_interior_after{again}/teapot_interior_after_00{frame}.png");
+            assert!(folder.join(&name).is_file(), "{name}");
+        }
+    }
+    assert_eq!(count(".png"), 1 + lights);
     d.after(|v| v.export(Task::ContactSheet));
-    assert_eq!(count(".png"), 5 + lights);
+    assert_eq!(count(".png"), 2 + lights);
     // Below each picture is its light's name, and behind that nothing where nothing is wanted.
     d.viewer().export_settings().transparent = true;
     d.viewer().export_settings().pattern = "clear".into();

@@ -37,8 +37,11 @@ impl LiveAsset {
         } else {
             Cow::Owned(with_degree(cloud.sh.clone(), cloud.sh_degree, degree))
         };
+        let rasterizer = GpuRasterizer::new(context, cloud)?;
+        // What every frame draws with; no frame waits for it.
+        rasterizer.draw_pass(false);
         Ok(Self {
-            rasterizer: GpuRasterizer::new(context, cloud)?,
+            rasterizer,
             stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),
             normals: ResidentVectors::upload(
                 context,

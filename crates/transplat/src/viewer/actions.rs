@@ -7,6 +7,7 @@ use transplat_core::scene::Scene;
 use super::app::Viewer;
 use super::export::Task;
 use super::files::ask;
+use super::jobs::Kind;
 use super::menus::COMPARE;
 use super::navigation;
 use super::session::{Dialog, SaveKind, TARGET};
@@ -17,6 +18,9 @@ impl Viewer {
         if context.text_edit_focused()
             || self.shown.path_field.is_some()
             || self.replacing.is_some()
+            || self.quitting.is_some()
+            // What is typed while the desktop's dialog comes is for that.
+            || self.session.jobs.is_running(Kind::Dialog)
         {
             return;
         }
@@ -31,12 +35,15 @@ impl Viewer {
                 if focused && ARROWS.contains(key) {
                     continue;
                 }
-                let fine = ARROWS.contains(key) && i.consume_key(egui::Modifiers::SHIFT, *key);
-                if fine {
-                    actions.push((*action, true));
-                } else if i.consume_key(*modifiers, *key) {
-                    actions.push((*action, false));
+                // Each press counts, however many come between two frames.
+                let mut take = |modifiers, fine| {
+                    let presses = i.count_and_consume_key(modifiers, *key);
+                    actions.extend(std::iter::repeat_n((*action, fine), presses));
+                };
+                if ARROWS.contains(key) {
+                    take(egui::Modifiers::SHIFT, true);
                 }
+                take(*modifiers, false);
             }
             if i.events
                 .iter()

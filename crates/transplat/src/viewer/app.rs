@@ -184,7 +184,7 @@ impl Viewer {
             preferences,
         };
         // What is spoken before is English.
-        if let Some(file) = viewer.preferences.language.clone() {
+        if let Some(file) = viewer.preferences.language.take() {
             viewer.speak(Some(file));
         }
         viewer.first_scene(startup);

@@ -1,6 +1,6 @@
 //! An asset as it is open, and with which settings it is opened.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -106,11 +106,7 @@ impl Asset {
 
     /// For the user.
     pub fn name(&self) -> String {
-        self.path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
+        name_of(&self.path)
     }
 
     /// Sets how it is read to how it was.
@@ -159,5 +155,45 @@ pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
         hide: kept(opened.hide, &asked.hide, now.hide),
         cut: kept(opened.cut, &asked.cut, now.cut),
         ..now
+    }
+}
+
+/// What trainers call every splat, so that only a folder tells which it is.
+const CALLED_ALIKE: [&str; 4] = ["point_cloud", "source", "splat", "output"];
+
+/// What a splat's file is called for the user; where trainers call all alike, the folder that has a name.
+pub fn name_of(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let folders = path.iter().rev().skip(1).map(|f| f.to_string_lossy());
+    let is_own = |name: &str| {
+        let name = name.to_lowercase();
+        let is_name = name.chars().any(char::is_alphanumeric);
+        is_name && !CALLED_ALIKE.contains(&&*name) && !name.starts_with("iteration_")
+    };
+    let mut names = std::iter::once(stem.clone()).chain(folders);
+    names.find(|name| is_own(name)).unwrap_or(stem).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::name_of;
+
+    #[test]
+    fn a_splat_is_called_as_only_it_is() {
+        for (path, name) in [
+            ("/captures/teapot.ply", "teapot"),
+            (
+                "/captures/garden/point_cloud/iteration_30000/point_cloud.ply",
+                "garden",
+            ),
+            ("plant/source.ply", "plant"),
+            ("/point_cloud.ply", "point_cloud"),
+            ("splat.ply", "splat"),
+            ("../output/splat.ply", "splat"),
+        ] {
+            assert_eq!(name_of(Path::new(path)), name);
+        }
     }
 }

@@ -495,12 +495,16 @@ fn saved(paths: &[PathBuf]) -> String {
 
 /// `folder/stem.extension`, or with the first number that is free.
 pub fn free_name(folder: &Path, stem: &str, extension: &str) -> PathBuf {
-    let plain = folder.join(format!("{stem}.{extension}"));
+    let named = |stem: &str| match extension {
+        "" => folder.join(stem),
+        extension => folder.join(format!("{stem}.{extension}")),
+    };
+    let plain = named(stem);
     if !plain.exists() {
         return plain;
     }
     (2..)
-        .map(|i| folder.join(format!("{stem}-{i}.{extension}")))
+        .map(|i| named(&format!("{stem}-{i}")))
         .find(|p| !p.exists())
         .unwrap_or(plain)
 }

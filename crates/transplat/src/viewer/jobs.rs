@@ -116,7 +116,7 @@ impl Job {
     pub fn time_left(&self) -> Option<Duration> {
         let worked = self.signals.begun.get()?.elapsed();
         let done = self.progress();
-        let is_known = done >= 0.02 && worked >= Duration::from_secs(2);
+        let is_known = done >= 0.05 && worked >= Duration::from_secs(3);
         is_known.then(|| worked.mul_f32((1.0 / done - 1.0).max(0.0)))
     }
 

@@ -189,15 +189,12 @@ impl Viewer {
         }
     }
 
-    /// Speaks a language from here on; one that cannot be read is told, and English is spoken.
+    /// Speaks a language from here on; one that cannot be read is told, and the last one is spoken.
     pub(super) fn speak(&mut self, file: Option<PathBuf>) {
-        self.preferences.language = match language::speak(file.as_deref()) {
-            Ok(()) => file,
-            Err(error) => {
-                self.session.error(format!("{error:#}"));
-                None
-            }
-        };
+        match language::speak(file.as_deref()) {
+            Ok(()) => self.preferences.language = file,
+            Err(error) => self.session.error(format!("{error:#}")),
+        }
     }
 
     pub(super) fn view_menu(&mut self, ui: &mut Ui) {

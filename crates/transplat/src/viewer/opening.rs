@@ -11,7 +11,7 @@ use transplat_core::scene::{
 };
 use transplat_gpu::live::LiveAsset;
 
-use super::asset::{Asset, OpenedWith, reading_of, told};
+use super::asset::{Asset, OpenedWith, name_of, reading_of, told};
 use super::capture::Capture;
 use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
@@ -215,8 +215,7 @@ impl Session {
         let kind = Kind::Of(id, Work::Load);
         self.jobs.cancel(kind);
         let context = self.context.clone();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let label = tr_format!("loading {name}", name = name);
+        let label = tr_format!("loading {name}", name = name_of(&path));
         let asked = self.scene.objects[at].clone();
         let object = match &opened_with {
             OpenedWith::Object(object, _) => (**object).clone(),

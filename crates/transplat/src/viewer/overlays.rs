@@ -25,6 +25,9 @@ use crate::words::milliseconds;
 /// How long a message stays that is no error, in seconds.
 const MESSAGE_S: f32 = 7.0;
 
+/// How long a job runs before it is shown.
+const MOMENT: Duration = Duration::from_millis(400);
+
 /// How many messages are shown, the latest.
 const MOST_MESSAGES: usize = 4;
 
@@ -34,6 +37,11 @@ fn in_the_middle(title: &str, picture: egui::Rect) -> egui::Window<'_> {
         .pivot(egui::Align2::CENTER_CENTER)
         .default_pos(picture.center())
         .resizable(false)
+}
+
+/// A question that is answered before anything else is done: nothing lies over it.
+fn question(name: &str) -> egui::Modal {
+    egui::Modal::new(egui::Id::unique(name))
 }
 
 impl Viewer {
@@ -94,7 +102,8 @@ impl Viewer {
     pub(super) fn jobs_and_messages(&mut self, context: &egui::Context) {
         let rect = self.viewport.rect;
         let area = egui::Area::new(egui::Id::unique("jobs"))
-            .fixed_pos(rect.left_top() + egui::vec2(10.0, 40.0))
+            // Below what is said of the picture itself.
+            .fixed_pos(rect.left_top() + egui::vec2(10.0, 66.0))
             // Windows can be brought before it.
             .order(egui::Order::Middle);
         let is_stopped = self.is_stopped;
@@ -102,7 +111,10 @@ impl Viewer {
         let Session { messages, jobs, .. } = &mut self.session;
         messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
         // What is over in a moment is not worth a word.
-        let is_long = |j: &&Job| j.started.elapsed().as_secs_f32() > 0.4;
+        let is_long = |j: &&Job| j.started.elapsed() > MOMENT;
+        if !jobs.running().iter().all(|j| is_long(&j)) {
+            context.request_repaint_after(MOMENT);
+        }
         let jobs: Vec<&Job> = jobs.running().iter().filter(is_long).collect();
         if messages.is_empty() && jobs.is_empty() && !is_stopped {
             return;
@@ -398,20 +410,26 @@ impl Viewer {
         let Some((path, kind)) = self.replacing.clone() else {
             return;
         };
-        egui::Window::new(tr("Replace?"))
-            .resizable(false)
-            .show(context, |ui| {
-                ui.label(tr_format!("{} is there already.", path.display()));
-                ui.horizontal(|ui| {
-                    if ui.button(tr("Replace it")).clicked() {
-                        self.replacing = None;
-                        self.save_to(&path, kind, true);
-                    }
-                    if ui.button(tr("Keep it")).clicked() {
-                        self.replacing = None;
-                    }
-                });
+        let asked = question("replace").show(context, |ui| {
+            ui.label(tr_format!("{} is there already.", path.display()));
+            ui.horizontal(|ui| {
+                if ui.button(tr("Replace it")).clicked() {
+                    self.replacing = None;
+                    self.save_to(&path, kind, true);
+                }
+                let keep = ui.button(tr("Keep it"));
+                // Enter that was for the name is no answer: the first frame has no focus yet.
+                if ui.memory(|m| m.focused().is_none()) {
+                    keep.request_focus();
+                }
+                if keep.clicked() {
+                    self.replacing = None;
+                }
             });
+        });
+        if asked.should_close() {
+            self.replacing = None;
+        }
     }
 
     /// A picture as it would be saved, as large as there is room.
@@ -472,33 +490,33 @@ impl Viewer {
         };
         let of_export = |job: &&Job| job.kind == Kind::Export && !job.is_cancelled();
         let count = self.session.jobs.running().iter().filter(of_export).count();
-        in_the_middle(tr("Quit?"), self.viewport.rect)
-            .collapsible(false)
-            .show(context, |ui| {
-                ui.label(match quitting {
-                    Quitting::Asks if count > 1 => {
-                        tr_format!("{count} exports are not done yet.", count = count)
-                    }
-                    Quitting::Asks => tr("An export is not done yet.").into(),
-                    Quitting::WhenDone => tr("The window closes once all is saved.").into(),
-                });
-                ui.horizontal(|ui| {
-                    let asks = quitting == Quitting::Asks;
-                    // It keeps its place: a second click must not meet another button.
-                    let waits =
-                        ui.add_enabled(asks, egui::Button::new(tr("Quit when they are done")));
-                    if waits.clicked() {
-                        self.quitting = Some(Quitting::WhenDone);
-                    }
-                    if ui.button(tr("Stop them and quit")).clicked() {
-                        self.session.jobs.cancel(Kind::Export);
-                        context.send_viewport_cmd(egui::ViewportCommand::Close);
-                    }
-                    if ui.button(tr("Stay")).clicked() {
-                        self.quitting = None;
-                    }
-                });
+        let asked = question("quit").show(context, |ui| {
+            ui.label(match quitting {
+                Quitting::Asks if count > 1 => {
+                    tr_format!("{count} exports are not done yet.", count = count)
+                }
+                Quitting::Asks => tr("An export is not done yet.").into(),
+                Quitting::WhenDone => tr("The window closes once all is saved.").into(),
             });
+            ui.horizontal(|ui| {
+                let asks = quitting == Quitting::Asks;
+                // It keeps its place: a second click must not meet another button.
+                let waits = ui.add_enabled(asks, egui::Button::new(tr("Quit when they are done")));
+                if waits.clicked() {
+                    self.quitting = Some(Quitting::WhenDone);
+                }
+                if ui.button(tr("Stop them and quit")).clicked() {
+                    self.session.jobs.cancel(Kind::Export);
+                    context.send_viewport_cmd(egui::ViewportCommand::Close);
+                }
+                if ui.button(tr("Stay")).clicked() {
+                    self.quitting = None;
+                }
+            });
+        });
+        if asked.should_close() {
+            self.quitting = None;
+        }
     }
 
     pub(super) fn drop_hint(&self, context: &egui::Context) {

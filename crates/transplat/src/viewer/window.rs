@@ -62,8 +62,14 @@ impl eframe::App for Viewer {
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        egui::Panel::top("menus").show(ui, |ui| self.menus(ui));
-        egui::Panel::bottom("status").show(ui, |ui| self.status(ui));
+        // What a narrow window with large text has no room for is scrolled to.
+        let in_a_row = egui::ScrollArea::horizontal;
+        egui::Panel::top("menus").show(ui, |ui| {
+            in_a_row().show(ui, |ui| self.menus(ui));
+        });
+        egui::Panel::bottom("status").show(ui, |ui| {
+            in_a_row().show(ui, |ui| self.status(ui));
+        });
         egui::Panel::bottom("shelf")
             .exact_size(shelf::HEIGHT)
             .show(ui, |ui| {

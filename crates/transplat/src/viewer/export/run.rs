@@ -118,7 +118,7 @@ impl Snapshot {
         let mut written = Vec::new();
         for (i, (view, light)) in pictures.enumerate() {
             handle_step(handle, i, count)?;
-            let path = self.named(&light.name(), view, None);
+            let path = self.named(&light.name(), view);
             let report = step(handle, i, count);
             self.save(&path, view, light, &report)?;
             written.push(path);
@@ -405,11 +405,18 @@ impl Snapshot {
     }
 
     /// A file's name by the pattern; one that is taken gets a number, nothing is written over.
-    pub(super) fn named(&self, light: &str, view: View, frame: Option<usize>) -> PathBuf {
-        self.named_as(light, view, frame, self.settings.format.extension())
+    pub(super) fn named(&self, light: &str, view: View) -> PathBuf {
+        self.named_as(light, view, self.settings.format.extension())
     }
 
-    fn named_as(&self, light: &str, view: View, frame: Option<usize>, extension: &str) -> PathBuf {
+    /// The same of another kind; a folder, where that has no extension.
+    fn named_as(&self, light: &str, view: View, extension: &str) -> PathBuf {
+        let stem = self.stem(light, view, None);
+        free_name(Path::new(&self.settings.folder), &stem, extension)
+    }
+
+    /// What the pattern makes of a picture, or of a frame of several.
+    fn stem(&self, light: &str, view: View, frame: Option<usize>) -> String {
         let view = serde_json::to_value(view).ok();
         let view = view.as_ref().and_then(|v| v.as_str()).unwrap_or("picture");
         let pattern = match self.settings.pattern.trim() {
@@ -431,7 +438,10 @@ impl Snapshot {
             }
         }
         let stem = stem.replace("{n}", "");
-        free_name(Path::new(&self.settings.folder), &stem, extension)
+        if stem.is_empty() {
+            return self.name.clone();
+        }
+        stem
     }
 
     fn turntable(&self, handle: &Handle<Outcome>) -> Result<Made> {
@@ -447,7 +457,7 @@ impl Snapshot {
         let mut written = Vec::new();
         let mut film = match self.settings.film {
             Some(format) => {
-                let path = self.named_as(&target.name(), view, None, format.extension());
+                let path = self.named_as(&target.name(), view, format.extension());
                 self.make_folder(&path)?;
                 let film = Film::new(&path, self.settings.size, self.settings.frame_rate)?;
                 written.push(path);
@@ -455,6 +465,8 @@ impl Snapshot {
             }
             None => None,
         };
+        // A sequence has a folder of its own: in one with others it would be numbered around them.
+        let folder = self.named_as(&target.name(), view, "");
         for frame in 0..frames {
             handle_step(handle, frame, frames)?;
             let report = step(handle, frame, frames);
@@ -476,7 +488,9 @@ impl Snapshot {
                 film.add(&self.take(&studio, &pose, lit, &report)?)?;
                 continue;
             }
-            let path = self.named(&target.name(), view, Some(frame));
+            let stem = self.stem(&target.name(), view, Some(frame));
+            let extension = self.settings.format.extension();
+            let path = free_name(&folder, &stem, extension);
             self.save_shot(&path, &studio, (&scene, &pose), (target, lit), &report)?;
             written.push(path);
         }

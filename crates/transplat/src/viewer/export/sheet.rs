@@ -80,7 +80,7 @@ impl Snapshot {
                 }
             }
         }
-        let path = self.named("lights", self.scene.view, None);
+        let path = self.named("lights", self.scene.view);
         self.write(&path, &sheet)?;
         Ok(Made::Files(vec![path]))
     }
