@@ -105,7 +105,7 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
             if any(there < vec2f(0.0)) || any(there > vec2f(1.0)) {
                 return checkerboard(pixel);
             }
-            // The sampler of maps goes round: a picture has edges. With one of its own OpenGL refuses the shader.
+            // A photograph has edges where the sampler of maps goes round; OpenGL refuses a second sampler for one texture.
             let half_pixel = 0.5 / f32(textureDimensions(after_map).x);
             let inside = vec2f(clamp(there.x, half_pixel, 1.0 - half_pixel), there.y);
             let radiance = textureSampleLevel(after_map, map_sampler, inside, 0.0).rgb;

@@ -110,12 +110,20 @@ mod tests {
         for (name, source) in &*ALL {
             let module = naga::front::wgsl::parse_str(source)
                 .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
-            naga::valid::Validator::new(
+            let info = naga::valid::Validator::new(
                 naga::valid::ValidationFlags::all(),
                 naga::valid::Capabilities::empty(),
             )
             .validate(&module)
             .unwrap_or_else(|e| panic!("{name}: {e:?}"));
+            // OpenGL knows textures with their sampler only: one each.
+            for entry in 0..module.entry_points.len() {
+                let mut samplers = std::collections::HashMap::new();
+                for key in &info.get_entry_point(entry).sampling_set {
+                    let other = samplers.insert(key.image, key.sampler);
+                    assert!(other.is_none_or(|o| o == key.sampler), "{name}: {key:?}");
+                }
+            }
         }
     }
 

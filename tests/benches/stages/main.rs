@@ -95,6 +95,8 @@ fn size(text: &str) -> Result<[usize; 2], String> {
 
 fn main() {
     let args = Args::parse();
+    // Cargo runs benchmarks elsewhere; paths are those of the repository.
+    std::env::set_current_dir(root()).expect("the repository is there");
     let before = args.compare.as_deref().map(read_rows).unwrap_or_default();
     let mut bench = Bench::new(before);
     let gpu = (args.device != Devices::Cpu).then(|| {
@@ -225,8 +227,10 @@ impl Subject<'_> {
     fn on_cpu(&self, prepared: &PreparedTransfer, bench: &mut Bench) {
         let cloud = self.cloud;
         let mut last = None;
+        let mut lights = self.lights.iter().cycle();
         bench.time("cpu", "transfer", || {
-            let relit = prepared.relight_after(last.take(), &self.lights[1], Part::Whole, &[]);
+            let light = lights.next().expect("it goes round");
+            let relit = prepared.relight_after(last.take(), light, Part::Whole, &[]);
             last = Some(relit.expect("read for it"));
         });
         let surfels = cloud.len();
@@ -323,7 +327,7 @@ impl Subject<'_> {
             let camera = next();
             live.frame(&self.frame(camera, size));
             let mut lights = self.lights.iter().cycle();
-            bench.time("gpu", "frame, light turns", || {
+            bench.time("gpu", "frame, light changes", || {
                 let light = lights.next().expect("it goes round");
                 live.relight(0, light, Part::Whole, &[])
                     .expect("read for it");

@@ -487,7 +487,7 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
 #[test]
 fn what_is_opened_together_stands_side_by_side() {
     let folder = Folder::empty();
-    let names = ["one.ply", "two.ply", "three.ply"];
+    let names = ["one.ply", "two.ply", "three.ply", "four.ply", "five.ply"];
     for name in names {
         write(&folder, name, &synthetic::sphere(300));
     }
@@ -512,9 +512,9 @@ fn what_is_opened_together_stands_side_by_side() {
         }
     };
     let mut d = Driver::open(startup, folder);
-    check(&mut d, 3);
+    check(&mut d, 5);
     // In a window with one object, the first of them takes its place as ever.
     let mut d = Driver::bundled();
     d.after(|v| v.open_all(paths));
-    check(&mut d, 3);
+    check(&mut d, 5);
 }

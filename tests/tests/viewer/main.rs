@@ -587,7 +587,7 @@ fn exports_write_what_they_say() {
     for again in ["", "-2"] {
         d.after(|v| v.export(Task::Turntable));
         for frame in 0..3 {
-            let name = format!("teapot_interior_after{again}/teapot_interior_after_00{frame}.png");
+            let name = format!("teapot_sunset_after{again}/teapot_sunset_after_00{frame}.png");
             assert!(folder.join(&name).is_file(), "{name}");
         }
     }

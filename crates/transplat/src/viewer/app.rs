@@ -101,8 +101,9 @@ pub struct Viewer {
     pub(super) settings_for_once: bool,
     /// A picture as it would be saved.
     pub(super) preview: Option<egui::TextureHandle>,
-    /// What that is a picture of.
+    /// What that is a picture of, and what the next one will be of.
     pub(super) previewed: Option<(Scene, CameraPose)>,
+    asked_preview: Option<(Scene, CameraPose)>,
     /// A file that would be written over, to be asked about.
     pub(super) replacing: Option<(PathBuf, SaveKind)>,
     /// Lights that the sides had when they were last put on the shelf.
@@ -114,6 +115,8 @@ pub struct Viewer {
     pub(super) kept_work: Option<Scene>,
     pub(super) fatal: Arc<Mutex<Option<String>>>,
     pub(super) title: String,
+    /// Whether nothing was kept of an earlier start.
+    is_first_start: bool,
 }
 
 impl Viewer {
@@ -136,6 +139,7 @@ impl Viewer {
         ));
         style::apply(&cc.egui_ctx);
         let kept = cc.storage.and_then(|s| s.get_string(STORAGE_KEY));
+        let is_first_start = kept.is_none();
         // What an older or newer program kept differently is left.
         let preferences: Preferences = kept
             .and_then(|text| serde_json::from_str(&text).ok())
@@ -173,6 +177,7 @@ impl Viewer {
             settings_for_once: false,
             preview: None,
             previewed: None,
+            asked_preview: None,
             replacing: None,
             last_lights: [0; 2],
             recovery: directories::ProjectDirs::from("", "", "transplat")
@@ -181,11 +186,12 @@ impl Viewer {
             kept_work: None,
             fatal: startup.fatal.clone(),
             title: String::new(),
+            is_first_start,
             preferences,
         };
         // What is spoken before is English.
-        if let Some(file) = viewer.preferences.language.take() {
-            viewer.speak(Some(file));
+        if let Some(language) = viewer.preferences.language.take() {
+            viewer.speak(Some(language));
         }
         viewer.first_scene(startup);
         Ok(viewer)
@@ -305,6 +311,10 @@ impl Viewer {
         }
         if let Ok(kind) = file_kind(&path) {
             self.unproven.push(path.clone());
+            if kind == FileKind::Look {
+                // What waits belongs to the scene before.
+                self.to_add.clear();
+            }
             if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
                 self.session.environments.request_again(&path);
                 self.shelf.add(&mut self.session, &path);
@@ -345,19 +355,21 @@ impl Viewer {
                 );
                 slot.is_some() && is_light
             });
+        // A splat first: the light of the capture is told for it.
+        self.open_all(others);
         let lights: Vec<PathBuf> = lights;
         for (path, side) in lights.into_iter().zip(slot.into_iter().cycle()) {
             self.session.environments.request_again(&path);
             self.shelf.add(&mut self.session, &path);
             self.session.set_light(side, path);
         }
-        self.open_all(others);
     }
 
     /// Opens what is opened together: splats are put beside the first of them.
     pub fn open_all(&mut self, paths: Vec<PathBuf>) {
         let mut has_splat = false;
         for path in paths {
+            let path = std::path::absolute(&path).unwrap_or(path);
             let is_splat = file_kind(&path).is_ok_and(|kind| kind == FileKind::Ply);
             match is_splat && has_splat {
                 true => self.to_add.push(path),
@@ -367,15 +379,15 @@ impl Viewer {
         }
     }
 
-    /// Makes the text of the first window larger on a large screen whose system does not; what is chosen later stays.
+    /// Makes the text of the first start larger on a large screen whose system does not; what is chosen later stays.
     pub(super) fn fit_text(&mut self, context: &egui::Context) {
         let screen = context.input(|i| i.viewport().monitor_size);
-        let (Some(screen), false) = (screen, self.preferences.text_fits_screen) else {
+        let Some(screen) = screen.filter(|_| self.is_first_start) else {
             return;
         };
-        self.preferences.text_fits_screen = true;
-        let is_large = screen.y * context.pixels_per_point() >= LARGE_SCREEN;
-        if is_large && context.pixels_per_point() == 1.0 {
+        self.is_first_start = false;
+        let scale = context.pixels_per_point();
+        if scale == 1.0 && screen.y >= LARGE_SCREEN {
             context.set_zoom_factor(LARGE_TEXT);
         }
     }
@@ -387,7 +399,10 @@ impl Viewer {
         }
         let path = self.to_add.remove(0);
         match self.session.has_asset() {
-            true => self.session.add_object(path),
+            true => {
+                self.unproven.push(path.clone());
+                self.session.add_beside(path);
+            }
             false => self.open(&path),
         }
     }
@@ -472,7 +487,7 @@ impl Viewer {
         let settings = self.preferences.export.clone();
         if matches!(task, Task::Preview) {
             let session = &self.session;
-            self.previewed = Some((session.scene.clone(), session.pose));
+            self.asked_preview = Some((session.scene.clone(), session.pose));
         }
         export::start(&mut self.session, &self.shelf.paths, &settings, task);
     }
@@ -511,6 +526,7 @@ impl Viewer {
                 let options = egui::TextureOptions::LINEAR;
                 let context = self.session.jobs.context();
                 self.preview = Some(context.load_texture("preview", picture, options));
+                self.previewed = self.asked_preview.clone();
             }
         }
     }

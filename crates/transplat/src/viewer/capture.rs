@@ -18,6 +18,7 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferAsset};
 
+use super::language::tr;
 use crate::device::Device;
 use crate::pipeline::bake::{self, PartOf, Wanted};
 
@@ -95,7 +96,7 @@ impl Capture {
         let made = bake::refined(device, &wanted, None, progress, |_| ())?;
         match &*made.bake {
             Bake::Directional(bake) => Ok(self.bake.get_or_init(|| bake.clone()).clone()),
-            Bake::Harmonic(_) | Bake::Scene(_) => bail!("the bake is for the other preset"),
+            Bake::Harmonic(_) | Bake::Scene(_) => bail!(tr("the bake is for the other preset")),
         }
     }
 
@@ -107,7 +108,7 @@ impl Capture {
         take: impl FnOnce(&PreparedTransfer) -> Result<T>,
     ) -> Result<T> {
         let Some(bake) = self.known_bake() else {
-            bail!("what it is cut out of is not baked");
+            bail!(tr("what it is cut out of is not baked"));
         };
         self.waiting.fetch_add(1, Ordering::SeqCst);
         let mut kept = self

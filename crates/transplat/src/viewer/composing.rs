@@ -32,6 +32,15 @@ const FOOTPRINT: f32 = 0.5;
 impl Session {
     /// Puts a splat into the scene: a small one where the camera looks, another one beside what is there.
     pub fn add_object(&mut self, asset: PathBuf) {
+        self.add_in_room(asset, SMALL);
+    }
+
+    /// Puts a splat into the scene, beside what is there.
+    pub fn add_beside(&mut self, asset: PathBuf) {
+        self.add_in_room(asset, 0.0);
+    }
+
+    fn add_in_room(&mut self, asset: PathBuf, small: f32) {
         self.add(Object {
             asset: Some(asset),
             // Nothing is told of it.
@@ -43,12 +52,12 @@ impl Session {
             ..Object::default()
         });
         if let Some(added) = self.states.last_mut() {
-            added.seeks_room = true;
+            added.seeks_room = Some(small);
         }
     }
 
-    /// Puts what was added beside the others, unless it is small among them.
-    pub(super) fn find_room(&mut self, at: usize) {
+    /// Puts what was added beside the others, unless it is smaller than such a share of them.
+    pub(super) fn find_room(&mut self, at: usize, small: f32) {
         let of = |at: usize| {
             let object = &self.scene.objects[at];
             let bounds = self.states[at].asset.as_ref()?.bounds;
@@ -60,7 +69,7 @@ impl Session {
             return;
         };
         let all = Bounds::around(others.into_iter());
-        if all.is_none_or(|all| own.radius < SMALL * all.radius) {
+        if all.is_none_or(|all| own.radius < small * all.radius) {
             return;
         }
         let Some(all) = all else { return };

@@ -6,7 +6,7 @@
 
 mod gettext;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::{Display, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::RwLock;
@@ -29,7 +29,7 @@ pub const fn tr_later(text: &'static str) -> &'static str {
     text
 }
 
-/// As `format!`, translated. A translation may take the values in any order: by name, where all are named (`{name}", name = name`), or else
+/// As `format!`, translated. A translation may take the values in any order: by name, where all are named (`"{name}", name = name`), or else
 /// by number.
 macro_rules! tr_format {
     ($text:literal $(, $name:ident = $value:expr)+ $(,)?) => {
@@ -144,16 +144,14 @@ pub fn own_folder() -> Option<PathBuf> {
     Some(of_program.config_dir().join("languages"))
 }
 
-/// The languages in some folders: what each is called, and its file.
-pub fn languages(folders: impl Iterator<Item = PathBuf>) -> Vec<(String, PathBuf)> {
+/// The files of the languages in some folders, by what each is called; a later folder's come before an earlier one's.
+pub fn languages(folders: impl Iterator<Item = PathBuf>) -> BTreeMap<String, PathBuf> {
     let entries = folders.filter_map(|f| std::fs::read_dir(f).ok()).flatten();
     let files = entries.flatten().map(|entry| entry.path());
-    let mut all: Vec<_> = files
+    files
         .filter(|path| path.extension().is_some_and(|e| e == "po"))
         .filter_map(|path| Some((path.file_stem()?.to_str()?.to_owned(), path)))
-        .collect();
-    all.sort();
-    all
+        .collect()
 }
 
 #[cfg(test)]
@@ -185,7 +183,7 @@ mod tests {
         let folders = [folder.path().to_owned(), folder.path().join("none")];
         assert_eq!(
             languages(folders.into_iter()),
-            [("Deutsch".to_owned(), file)]
+            BTreeMap::from([("Deutsch".to_owned(), file)])
         );
     }
 }

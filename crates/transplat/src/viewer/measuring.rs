@@ -52,7 +52,7 @@ impl Session {
                     is_new: true,
                 })
             };
-            measure().context("nothing could be measured")
+            measure().context(tr("nothing could be measured"))
         };
         self.start(kind, label, work, move |session, measured| {
             if let Some(at) = session.at(id) {

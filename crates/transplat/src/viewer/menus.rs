@@ -1,5 +1,6 @@
 //! Menus and the bar above the viewport.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use eframe::egui::{self, Ui};
@@ -171,18 +172,16 @@ impl Viewer {
     }
 
     fn language_menu(&mut self, ui: &mut Ui) {
-        let own = language::own_folder();
-        let folders = bundled("languages").into_iter().chain(own.clone());
-        let mut all = vec![("English".to_owned(), None)];
-        let found = language::languages(folders);
-        all.extend(found.into_iter().map(|(name, file)| (name, Some(file))));
-        for (name, file) in all {
-            if ui.radio(self.preferences.language == file, name).clicked() {
-                self.speak(file);
+        let found = languages().into_keys().map(Some);
+        for language in std::iter::once(None).chain(found) {
+            let is_spoken = self.preferences.language == language;
+            let name = language.as_deref().unwrap_or("English");
+            if ui.radio(is_spoken, name).clicked() {
+                self.speak(language);
                 ui.close();
             }
         }
-        if let Some(own) = own {
+        if let Some(own) = language::own_folder() {
             let own = own.display();
             let text = tr_format!("More: translations (.po) in {folder}", folder = own);
             ui.weak(text);
@@ -190,9 +189,14 @@ impl Viewer {
     }
 
     /// Speaks a language from here on; one that cannot be read is told, and the last one is spoken.
-    pub(super) fn speak(&mut self, file: Option<PathBuf>) {
+    pub(super) fn speak(&mut self, language: Option<String>) {
+        let file = language.as_ref().and_then(|name| languages().remove(name));
+        if file.is_none() && language.is_some() {
+            // It was there at the last start.
+            return;
+        }
         match language::speak(file.as_deref()) {
-            Ok(()) => self.preferences.language = file,
+            Ok(()) => self.preferences.language = language,
             Err(error) => self.session.error(format!("{error:#}")),
         }
     }
@@ -352,3 +356,11 @@ const CHANNELS: [(&str, View, &str); 7] = [
         tr_later("What was left out, and where the relit colour is doubtful."),
     ),
 ];
+
+/// The languages that are there, a user's own before those that come with the program.
+fn languages() -> BTreeMap<String, PathBuf> {
+    let folders = bundled("languages")
+        .into_iter()
+        .chain(language::own_folder());
+    language::languages(folders)
+}

@@ -40,7 +40,7 @@ pub struct ObjectState {
     /// Whether the user has just put it into the scene: without its splat it goes again.
     pub(super) is_added: bool,
     /// Whether it is to be put where there is room, once its size is known.
-    pub(super) seeks_room: bool,
+    pub(super) seeks_room: Option<f32>,
     /// A saved bake that the command line names.
     pub saved_bake: Option<PathBuf>,
     /// What it was captured under.

@@ -375,8 +375,8 @@ impl Session {
         self.look_at_opened(&opened_with);
         if is_added {
             self.selected = at;
-            if seeks_room {
-                self.find_room(at);
+            if let Some(small) = seeks_room {
+                self.find_room(at, small);
             }
             self.reveal(at);
         }

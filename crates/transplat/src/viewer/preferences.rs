@@ -36,10 +36,8 @@ pub struct Preferences {
     pub export: ExportSettings,
     pub tab: Tab,
     pub knows_how_to_turn_the_light: bool,
-    /// Whether the text was made as large as the screen asks for, once.
-    pub text_fits_screen: bool,
-    /// The file of a translation; none is English.
-    pub language: Option<PathBuf>,
+    /// The name of a language; none is English.
+    pub language: Option<String>,
 }
 
 impl Default for Preferences {
@@ -59,7 +57,6 @@ impl Default for Preferences {
             export: ExportSettings::default(),
             tab: Tab::default(),
             knows_how_to_turn_the_light: false,
-            text_fits_screen: false,
             language: None,
         }
     }

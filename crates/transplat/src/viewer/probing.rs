@@ -49,7 +49,7 @@ impl Session {
                 let radiance = map.sample(turn * d);
                 std::array::from_fn(|c| gain[c] * radiance[c])
             };
-            let cloud = whole.cloud().context("no object is shown")?;
+            let cloud = whole.cloud().context(tr("no object is shown"))?;
             let (painter, _) = device.fastest().painter(&cloud)?;
             let beyond = Beyond {
                 environment: Some(&sky as RadianceToward<'_>),

@@ -37,7 +37,7 @@ use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
 impl Snapshot {
     pub(super) fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {
         if let Some(whole) = self.whole.take() {
-            self.cloud = whole.cloud().context("no object is shown")?;
+            self.cloud = whole.cloud().context(tr("no object is shown"))?;
         }
         if let Task::Splat(path) = task {
             return self.write_splat(path, handle);
@@ -104,7 +104,7 @@ impl Snapshot {
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
-            Task::Splat(_) => bail!(tr("not a picture")),
+            Task::Splat(_) => bail!("not a picture"),
         }
     }
 

@@ -14,12 +14,16 @@ enum Part {
 
 /// The texts that are translated; what does not follow the format is told with its line, the first is 1.
 pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
+    let file = file.trim_start_matches('\u{feff}');
     let mut texts = HashMap::new();
     let mut entry = Entry::default();
+    // Said of the entry that follows: somebody has to look at it again.
+    let mut is_fuzzy = false;
     for (i, line) in file.lines().enumerate() {
         let line = line.trim();
         let wrong = || format!("line {} is none of gettext's", i + 1);
         if line.is_empty() || line.starts_with('#') {
+            is_fuzzy |= line.starts_with("#,") && line.contains("fuzzy");
             continue;
         }
         let (word, quoted) = line.split_at(line.find('"').ok_or_else(wrong)?);
@@ -31,7 +35,8 @@ pub fn parse(file: &str) -> Result<HashMap<String, String>, String> {
                 entry.part = Some(Part::Context);
             }
             "msgid" if entry.part != Some(Part::Text) => {
-                let is_plain = entry.part != Some(Part::Context);
+                let is_plain = entry.part != Some(Part::Context) && !is_fuzzy;
+                is_fuzzy = false;
                 std::mem::take(&mut entry).end(&mut texts);
                 (entry.part, entry.is_plain) = (Some(Part::Text), is_plain);
             }
@@ -102,7 +107,7 @@ mod tests {
             msgstr "Language: de\n"
 
             #: viewer/menus.rs
-            #, fuzzy
+            #, no-wrap
             msgid "Open"
             msgstr "Öffnen"
 
@@ -118,6 +123,10 @@ mod tests {
             msgid "one" 
             msgid_plural "many"
             msgstr[99999999999] "viele"
+
+            #, fuzzy
+            msgid "unsure"
+            msgstr "unsicher"
 
             msgid "not yet"
             msgstr ""

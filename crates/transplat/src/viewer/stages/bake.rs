@@ -120,9 +120,10 @@ impl Session {
             let saved = saved.as_deref();
             if let Some(part) = &part {
                 let of_whole = part.of_whole(&device, wanted.skips, &progress);
-                wanted.part_of = Some(of_whole.context("the bake failed")?);
+                wanted.part_of = Some(of_whole.context(tr("the bake failed"))?);
             }
-            bake::refined(&device, &wanted, saved, &progress, preview).context("the bake failed")
+            bake::refined(&device, &wanted, saved, &progress, preview)
+                .context(tr("the bake failed"))
         };
         self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
     }

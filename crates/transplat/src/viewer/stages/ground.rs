@@ -31,7 +31,7 @@ impl Session {
         if !self.jobs.is_awaited(kind) && self.ground.ask(&key) {
             let work = move |handle: &Handle<Outcome>| {
                 let progress = |done| handle.progress(done);
-                let cloud = SurfelCloud::whole(&placed).context("nothing is shown")?;
+                let cloud = SurfelCloud::whole(&placed).context(tr("nothing is shown"))?;
                 Ok(Ground::bake(&cloud, up, directions, &progress)?)
             };
             self.start(
