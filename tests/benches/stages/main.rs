@@ -114,7 +114,7 @@ fn main() {
         load_environment(&path).expect("it is bundled")
     });
     let lights = maps.each_ref().map(light);
-    bench.at("", [1024, 512]);
+    bench.at("environment", [0, 1024 * 512]);
     if args.device != Devices::Gpu {
         bench.time("cpu", "project environment", || light(&maps[1]));
     }
@@ -179,11 +179,14 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    fn camera(&self, size: [usize; 2], degrees: f64) -> Camera {
-        let (cloud, bounds) = (self.cloud, &self.bounds);
-        let mut pose = first_pose(&cloud.positions, cloud.up, bounds, size);
-        pose.azimuth += degrees;
-        Camera::from_pose(&pose, cloud.up, size, bounds.radius)
+    /// One camera after the other around the asset.
+    fn orbit(&self, size: [usize; 2]) -> impl FnMut() -> Camera {
+        let (up, bounds) = (self.cloud.up, self.bounds);
+        let mut pose = first_pose(&self.cloud.positions, up, &bounds, size);
+        move || {
+            pose.azimuth += 7.0;
+            Camera::from_pose(&pose, up, size, bounds.radius)
+        }
     }
 
     fn files(&self, bench: &mut Bench) {
@@ -236,11 +239,7 @@ impl Subject<'_> {
         let surfels = cloud.len();
         for &size in self.sizes {
             bench.size([surfels, size[0] * size[1]]);
-            let mut turn = 0.0;
-            let mut next = || {
-                turn += 7.0;
-                self.camera(size, turn)
-            };
+            let mut next = self.orbit(size);
             if size == self.sizes[0] {
                 bench.time_of("cpu", "sort", &mut next, |camera| {
                     depth_order(&cloud.positions, &camera, &[])
@@ -287,11 +286,7 @@ impl Subject<'_> {
         let sh = ResidentSh::upload(context, &cloud.sh, cloud.sh_degree, cloud.encoding);
         for &size in self.sizes {
             bench.size([surfels, size[0] * size[1]]);
-            let mut turn = 0.0;
-            let mut next = || {
-                turn += 7.0;
-                self.camera(size, turn)
-            };
+            let mut next = self.orbit(size);
             if size == self.sizes[0] {
                 bench.time_of("gpu", "sort", &mut next, |camera| {
                     rasterizer.sort(&camera, &[]);

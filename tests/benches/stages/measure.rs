@@ -107,7 +107,7 @@ impl Bench {
             self.pixels,
         );
         let pixels = match self.pixels {
-            0 | 512 => String::new(),
+            0 => String::new(),
             all => format!(" {:.1} MP", all as f64 * 1e-6),
         };
         let ratio = self

@@ -84,15 +84,21 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
 fn drop_light(d: &mut Driver, name: &str, at: egui::Pos2) -> PathBuf {
     let light = d.folder.path(name);
     fs::copy(asset("interior.hdr"), &light).expect("room for it");
+    drop_files(d, &[&light], at);
+    light
+}
+
+fn drop_files(d: &mut Driver, files: &[&PathBuf], at: egui::Pos2) {
     d.harness.hover_at(at);
     d.harness.step();
-    let file = std::sync::Arc::new(Dropped(light.clone()));
-    d.harness.input_mut().dropped_files.push(file);
+    for file in files {
+        let file = std::sync::Arc::new(Dropped((*file).clone()));
+        d.harness.input_mut().dropped_files.push(file);
+    }
     d.harness.step();
     d.harness.input_mut().dropped_files.clear();
     d.harness.hover_at(at + egui::vec2(1.0, 0.0));
     d.settle();
-    light
 }
 
 #[test]
@@ -107,6 +113,27 @@ fn a_light_dropped_on_a_slot_is_that_slots_light() {
     // Anywhere else it is the target's.
     let light = drop_light(&mut d, "c.hdr", egui::pos2(300.0, 300.0));
     assert_eq!(d.viewer().session.light(1).path, light);
+}
+
+/// A splat that is dropped with the light of its capture is lit by it, whichever comes first.
+#[test]
+fn a_light_dropped_with_its_splat_is_that_splats() {
+    for light_first in [true, false] {
+        let mut d = Driver::bundled();
+        let (splat, light) = (d.folder.path("own.ply"), d.folder.path("own.hdr"));
+        fs::copy(asset("teapot.ply"), &splat).expect("room for it");
+        fs::copy(asset("interior.hdr"), &light).expect("room for it");
+        let slot = d.harness.get_by_label("captured under: city");
+        let at = slot.rect().center();
+        let files = match light_first {
+            true => [&light, &splat],
+            false => [&splat, &light],
+        };
+        drop_files(&mut d, &files, at);
+        let session = &d.viewer().session;
+        assert_eq!(session.asset().map(|a| a.name()), Some("own".into()));
+        assert_eq!(session.light(0).path, light);
+    }
 }
 
 #[test]

@@ -346,18 +346,15 @@ impl Viewer {
                 .zip(at)
                 .is_some_and(|(rect, at)| rect.contains(at))
         });
-        let (lights, others) = std::mem::take(&mut self.dropped)
-            .into_iter()
-            .partition(|path| {
-                let is_light = matches!(
-                    file_kind(path),
-                    Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture)
-                );
-                slot.is_some() && is_light
-            });
+        let dropped = std::mem::take(&mut self.dropped).into_iter();
+        let is_light = |path: &PathBuf| {
+            use FileKind::{Exr, Hdr, Picture};
+            matches!(file_kind(path), Ok(Hdr | Exr | Picture))
+        };
+        let (lights, others): (Vec<_>, Vec<_>) =
+            dropped.partition(|path| slot.is_some() && is_light(path));
         // A splat first: the light of the capture is told for it.
         self.open_all(others);
-        let lights: Vec<PathBuf> = lights;
         for (path, side) in lights.into_iter().zip(slot.into_iter().cycle()) {
             self.session.environments.request_again(&path);
             self.shelf.add(&mut self.session, &path);
