@@ -23,7 +23,7 @@ struct View {
 struct Surfel {
     // Centre, and opacity in w.
     position: vec4f,
-    // Standard deviation times unit tangent.
+    // Standard deviation times unit tangent; in w of the first the thickness: 0 of a surfel, below 0 of an antialiased Gaussian.
     axis_a: vec4f,
     axis_b: vec4f,
 }

@@ -12,6 +12,7 @@ use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::coefficient_count;
+use transplat_core::surfels::Thickness;
 use transplat_core::synthetic;
 use transplat_core::transfer::harmonic::HarmonicTransfer;
 use transplat_gpu::Context;
@@ -354,5 +355,38 @@ fn rasterize_extreme_surfels() {
         println!("extreme surfels from {eye}: {psnr:.1} dB");
         // Discs of a million radii leave f32 few digits of where their rim is: most pixels agree, not all.
         assert!(psnr > 30.0, "{psnr}");
+    }
+}
+
+#[test]
+fn rasterize_3d_gaussians_among_surfels() {
+    let gpu = gpu();
+    let mut cloud = synthetic::sphere_over_plate(400);
+    for i in 0..cloud.len() {
+        // Round ones, needles, and such as are smaller than a pixel, at more than one place of the sphere each.
+        let (scale, sigma) = match i % 5 {
+            0 => continue,
+            1 => (cloud.scales[i], 0.5 * cloud.scales[i].x),
+            2 => (Vec2::new(3.0, 0.02) * cloud.scales[i], 1e-7),
+            3 => (Vec2::splat(1e-3), 1e-3),
+            // As wide as the scene, and seen from its middle.
+            _ if i < 10 => (Vec2::splat(40.0), 20.0),
+            _ => (cloud.scales[i], 1e-20),
+        };
+        cloud.scales[i] = scale;
+        cloud.thicknesses[i] = Thickness::of_gaussian(sigma, i % 2 == 0);
+    }
+    let colors: Vec<[f32; 3]> = (0..cloud.len())
+        .map(|i| [0.3 + 0.1 * (i % 7) as f32, 0.5, 0.1 * (i % 4) as f32])
+        .collect();
+    let rasterizer = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
+    for eye in [Vec3::new(3.0, 1.0, 0.5), Vec3::new(0.4, 0.1, 0.9)] {
+        let camera = Camera::look_at(eye, Vec3::Z * 0.3, Vec3::Z, 0.9, [120, 90], 0.02);
+        let got = rasterizer.draw(&camera, Paint::Colors(&colors), ColorSpace::Linear, &[]);
+        let got = got.expect("the driver works");
+        let psnr = raster_psnr(&rasterize(&cloud, &camera, &colors, &[]), &got);
+        println!("3D Gaussians from {eye}: {psnr:.1} dB");
+        // f32 on either side: what differs is where alpha ends at 1/255.
+        assert!(psnr > 55.0, "{psnr}");
     }
 }

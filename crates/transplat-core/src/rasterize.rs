@@ -1,7 +1,9 @@
-//! Stage *rasterize* on the CPU: 2D Gaussian surfels as their trainer draws them, over tiles in parallel.
+//! Stage *rasterize* on the CPU: 2D surfels and 3D Gaussians as their trainers draw them, in one order, over tiles in parallel.
 //!
-//! Source: Huang et al., "2D Gaussian Splatting for Geometrically Accurate Radiance Fields", SIGGRAPH 2024. A surfel is hit where the pixel's
-//! two planes meet its own; a screen-space low-pass keeps those visible that are seen edge-on. Front to back by the centres' depth.
+//! Surfels: Huang et al., "2D Gaussian Splatting for Geometrically Accurate Radiance Fields", SIGGRAPH 2024. A surfel is hit where the
+//! pixel's two planes meet its own; a screen-space low-pass keeps those visible that are seen edge-on. 3D Gaussians: Kerbl et al., "3D Gaussian
+//! Splatting for Real-Time Radiance Field Rendering", SIGGRAPH 2023, after Zwicker et al., "EWA Volume Splatting", 2001: the projection is
+//! linear around the centre, and widened by a low-pass. Front to back by the centres' depth.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -10,7 +12,7 @@ use crate::camera::Camera;
 use crate::color::{Display, Encoding, STORED_OFFSET, radiance};
 use crate::numeric::over;
 use crate::sh::{coefficient_count, evaluate_sh};
-use crate::surfels::{MIN_ALPHA, SurfelCloud};
+use crate::surfels::{MIN_ALPHA, SurfelCloud, Thickness};
 
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
@@ -20,6 +22,18 @@ pub const MAX_ALPHA: f32 = 0.99;
 
 /// A pixel is finished when less than this would pass through.
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
+
+/// Variance, in pixels squared, that the low-pass adds to a 3D Gaussian on the screen.
+pub const LOW_PASS_VARIANCE: f32 = 0.3;
+
+/// Outside of the picture by more than this, a 3D Gaussian is projected as if it were there: its linear projection holds no longer.
+pub const MARGIN: f32 = 1.3;
+
+/// Where the opacity is compensated for the low-pass, at least this share of its square is left.
+pub const LEAST_COMPENSATION: f32 = 2.5e-5;
+
+/// Where no pixel is: the centre of a low-pass that is not to be seen.
+pub const NOWHERE: f32 = 1e15;
 
 /// A picture of surfels: premultiplied colour in whatever space the surfels' colours were, alpha, and depth.
 #[derive(Clone, Debug)]
@@ -107,6 +121,8 @@ pub fn shade(
 }
 
 /// One surfel on the screen. With `s` the homogeneous point (u, v, 1) of the surfel's plane, a pixel is `(t_u.s, t_v.s) / t_w.s`.
+///
+/// A 3D Gaussian is on the screen a surfel that lies parallel to it.
 #[derive(Clone, Copy, Debug)]
 pub struct ProjectedSurfel {
     /// First row of the map from the surfel's plane to homogeneous pixels.
@@ -121,6 +137,8 @@ pub struct ProjectedSurfel {
     pub low: Vec2,
     /// See `low`.
     pub high: Vec2,
+    /// Peak opacity, 0 to 1.
+    pub opacity: f32,
     /// Which surfel.
     pub index: u32,
 }
@@ -156,6 +174,28 @@ pub fn project_surfel(
     }
     let a = view * (cloud.tangents[index][0] * cloud.scales[index].x);
     let b = view * (cloud.tangents[index][1] * cloud.scales[index].y);
+    let thickness = cloud.thicknesses[index];
+    let projected = if thickness.is_flat() {
+        project_flat(camera, p, [a, b], opacity)?
+    } else {
+        let c = view * (cloud.stored_normal(index) * thickness.sigma());
+        project_gaussian(camera, p, [a, b, c], opacity, thickness)?
+    };
+    let size = Vec2::new(camera.width as f32, camera.height as f32);
+    let on_screen = projected.high.cmpgt(Vec2::ZERO).all() && projected.low.cmplt(size).all();
+    on_screen.then_some(ProjectedSurfel {
+        index: index as u32,
+        ..projected
+    })
+}
+
+/// A surfel in the camera's coordinates: centre, and half axes of one standard deviation.
+fn project_flat(
+    camera: &Camera,
+    p: Vec3,
+    [a, b]: [Vec3; 2],
+    opacity: f32,
+) -> Option<ProjectedSurfel> {
     let [cx, cy] = camera.principal_point();
     let t_w = Vec3::new(a.z, b.z, p.z);
     let t_u = camera.focal * Vec3::new(a.x, b.x, p.x) + cx * t_w;
@@ -167,16 +207,61 @@ pub fn project_surfel(
     let reach = Vec2::splat((r2 / 2.0).sqrt());
     let low = (center - half).min(low_pass - reach);
     let high = (center + half).max(low_pass + reach);
-    let size = Vec2::new(camera.width as f32, camera.height as f32);
-    let on_screen = high.cmpgt(Vec2::ZERO).all() && low.cmplt(size).all();
-    on_screen.then_some(ProjectedSurfel {
+    Some(ProjectedSurfel {
         t_u,
         t_v,
         t_w,
         center: low_pass,
         low,
         high,
-        index: index as u32,
+        opacity,
+        index: 0,
+    })
+}
+
+/// A 3D Gaussian in the camera's coordinates: centre, and half axes of one standard deviation.
+fn project_gaussian(
+    camera: &Camera,
+    p: Vec3,
+    axes: [Vec3; 3],
+    opacity: f32,
+    thickness: Thickness,
+) -> Option<ProjectedSurfel> {
+    let limit = MARGIN * 0.5 * Vec2::new(camera.width as f32, camera.height as f32) / camera.focal;
+    let slope = p.truncate() / p.z;
+    let held = slope.clamp(-limit, limit);
+    let to_pixels = camera.focal / p.z;
+    // The axes on the screen: columns of the linear projection times the axes.
+    let on_screen = axes.map(|axis| to_pixels * (axis.truncate() - held * axis.z));
+    let [x, y] = [on_screen.map(|v| v.x), on_screen.map(|v| v.y)].map(Vec3::from_array);
+    let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
+    // Without cancellation (Cauchy and Binet), however long and thin it is.
+    let sharp = x.cross(y).length_squared();
+    let determinant = sharp + LOW_PASS_VARIANCE * (xx + yy) + LOW_PASS_VARIANCE * LOW_PASS_VARIANCE;
+    let (wide_x, wide_y) = (xx + LOW_PASS_VARIANCE, yy + LOW_PASS_VARIANCE);
+    let opacity = if thickness.is_antialiased() {
+        opacity * (sharp / determinant).max(LEAST_COMPENSATION).sqrt()
+    } else {
+        opacity
+    };
+    if opacity <= MIN_ALPHA || !determinant.is_finite() {
+        return None;
+    }
+    let [cx, cy] = camera.principal_point();
+    let center = camera.focal * slope + Vec2::new(cx, cy);
+    let r2 = 2.0 * (opacity / MIN_ALPHA).max(1.0001).ln();
+    let half = (r2 * Vec2::new(wide_x, wide_y)).map(f32::sqrt);
+    // A root of the covariance: it takes a disc to the ellipse.
+    let root = wide_x.sqrt();
+    Some(ProjectedSurfel {
+        t_u: p.z * Vec3::new(root, 0.0, center.x),
+        t_v: p.z * Vec3::new(xy / root, (determinant / wide_x).sqrt(), center.y),
+        t_w: p.z * Vec3::Z,
+        center: Vec2::splat(NOWHERE),
+        low: center - half,
+        high: center + half,
+        opacity,
+        index: 0,
     })
 }
 
@@ -221,8 +306,7 @@ pub fn pick(
         .filter(|i| hidden.get(*i).is_none_or(|h| !h))
         .filter_map(|i| {
             let projected = project_surfel(cloud, camera, i)?;
-            let opacity = cloud.opacities[i];
-            let (alpha, depth) = hit(&projected, opacity, camera.near, x as f32, y as f32)?;
+            let (alpha, depth) = hit(&projected, camera.near, x as f32, y as f32)?;
             Some((depth, alpha, i))
         })
         .collect();
@@ -282,7 +366,7 @@ pub fn rasterize(
         .for_each(|(row, (pixels, depth))| {
             for column in 0..columns {
                 let list = tiles.list(row * columns + column);
-                let tile = draw_tile(cloud, colors, &projected, list, camera, column, row);
+                let tile = draw_tile(colors, &projected, list, camera, column, row);
                 for y in 0..pixels.len() / camera.width {
                     for x in 0..TILE.min(camera.width - column * TILE) {
                         let out = y * camera.width + column * TILE + x;
@@ -349,7 +433,7 @@ struct Tile {
 
 /// Opacity and depth of a surfel at a pixel, or `None` where it adds nothing.
 #[inline(always)]
-pub fn hit(s: &ProjectedSurfel, opacity: f32, near: f32, x: f32, y: f32) -> Option<(f32, f32)> {
+pub fn hit(s: &ProjectedSurfel, near: f32, x: f32, y: f32) -> Option<(f32, f32)> {
     let k = x * s.t_w - s.t_u;
     let l = y * s.t_w - s.t_v;
     let q = k.cross(l);
@@ -364,12 +448,11 @@ pub fn hit(s: &ProjectedSurfel, opacity: f32, near: f32, x: f32, y: f32) -> Opti
             depth = u * s.t_w.x + v * s.t_w.y + s.t_w.z;
         }
     }
-    let alpha = (opacity * (-0.5 * rho).exp()).min(MAX_ALPHA);
+    let alpha = (s.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA);
     (depth > near && alpha >= MIN_ALPHA).then_some((alpha, depth))
 }
 
 fn draw_tile(
-    cloud: &SurfelCloud,
     colors: &[[f32; 3]],
     projected: &[ProjectedSurfel],
     list: &[u32],
@@ -391,9 +474,7 @@ fn draw_tile(
     let mut left = (x1 - x0) * (y1 - y0);
     for entry in list {
         let s = &projected[*entry as usize];
-        let index = s.index as usize;
-        let opacity = cloud.opacities[index];
-        let color = colors[index];
+        let color = colors[s.index as usize];
         let first = |low: f32, start: usize| (low.ceil().max(0.0) as usize).max(start);
         let until = |high: f32, end: usize| {
             (high.floor().max(-1.0) as i64 + 1).clamp(0, end as i64) as usize
@@ -404,7 +485,7 @@ fn draw_tile(
                 if tile.finished[i] {
                     continue;
                 }
-                let Some((alpha, depth)) = hit(s, opacity, camera.near, x as f32, y as f32) else {
+                let Some((alpha, depth)) = hit(s, camera.near, x as f32, y as f32) else {
                     continue;
                 };
                 let through = tile.transmittance[i] * (1.0 - alpha);
@@ -513,10 +594,90 @@ mod tests {
         }
     }
 
+    /// The covariance on the screen by matrices, in f64, as Kerbl et al. (2023) write it.
+    fn screen_covariance(cloud: &SurfelCloud, camera: &Camera) -> [[f64; 2]; 2] {
+        let view = camera.view_from_world.as_dmat3();
+        let p = view * (cloud.positions[0] - camera.eye).as_dvec3();
+        let [u, v] = cloud.tangents[0].map(|t| t.as_dvec3());
+        let sigmas = cloud.scales[0].extend(cloud.thicknesses[0].sigma());
+        let axes = glam::DMat3::from_cols(u, v, u.cross(v));
+        let root = view * axes * glam::DMat3::from_diagonal(sigmas.as_dvec3());
+        let covariance = root * root.transpose();
+        let f = f64::from(camera.focal);
+        let rows = [
+            glam::DVec3::new(f / p.z, 0.0, -f * p.x / (p.z * p.z)),
+            glam::DVec3::new(0.0, f / p.z, -f * p.y / (p.z * p.z)),
+        ];
+        let entry =
+            |i: usize, j: usize| rows[i].dot(covariance * rows[j]) + if i == j { 0.3 } else { 0.0 };
+        [[entry(0, 0), entry(0, 1)], [entry(1, 0), entry(1, 1)]]
+    }
+
+    #[test]
+    fn a_3d_gaussian_has_the_profile_of_its_projected_covariance() {
+        let center = Vec3::new(0.3, -0.4, 0.25);
+        let normal = Vec3::new(0.6, -0.3, 0.7).normalize();
+        // Round, a needle, a speck that is smaller than a pixel.
+        for (scale, sigma) in [
+            ([0.2, 0.1], 0.05),
+            ([0.5, 1e-5], 1e-6),
+            ([1e-3, 2e-3], 5e-4),
+        ] {
+            for is_antialiased in [false, true] {
+                let mut cloud = synthetic::from_points(&[center], &[normal], 0.1);
+                cloud.scales[0] = Vec2::from_array(scale);
+                cloud.thicknesses[0] = Thickness::of_gaussian(sigma, is_antialiased);
+                let camera = view(200);
+                let [[a, b], [_, c]] = screen_covariance(&cloud, &camera);
+                let determinant = a * c - b * b;
+                let without = (a - 0.3) * (c - 0.3) - b * b;
+                let compensation = (without / determinant).max(2.5e-5).sqrt();
+                let peak = 0.95 * if is_antialiased { compensation } else { 1.0 };
+                let p = camera.view_from_world * (center - camera.eye);
+                let [mx, my] = camera.principal_point();
+                let middle = camera.focal * p.truncate() / p.z + Vec2::new(mx, my);
+                let raster = rasterize(&cloud, &camera, &[[1.0; 3]], &[]);
+                let mut drawn = 0;
+                for (i, pixel) in raster.pixels.iter().enumerate() {
+                    let x = f64::from((i % 200) as f32 - middle.x);
+                    let y = f64::from((i / 200) as f32 - middle.y);
+                    let rho = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant;
+                    let expected = (peak * (-0.5 * rho).exp()) as f32;
+                    // Where it ends, either is right.
+                    if (expected - MIN_ALPHA).abs() > 1e-3 {
+                        let expected = if expected > MIN_ALPHA { expected } else { 0.0 };
+                        assert!(
+                            (pixel[3] - expected).abs() < 1e-3,
+                            "{scale:?} {is_antialiased} at {i}: {} for {expected}",
+                            pixel[3]
+                        );
+                        drawn += usize::from(expected > 0.0);
+                    }
+                }
+                assert!(drawn > 0 || peak < 0.02, "{scale:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn surfels_and_3d_gaussians_are_drawn_in_one_order() {
+        let (near, far) = (Vec3::new(1.0, 0.0, 0.0), Vec3::new(-1.0, 0.0, 0.0));
+        for gaussian in [0, 1] {
+            let mut cloud = synthetic::from_points(&[near, far], &[Vec3::X; 2], 0.5);
+            cloud.thicknesses[gaussian] = Thickness::of_gaussian(0.1, false);
+            let raster = rasterize(&cloud, &view(50), &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[]);
+            let middle = raster.pixels[25 * 50 + 25];
+            assert!(middle[0] > 0.9 && middle[1] < 0.06, "{middle:?}");
+        }
+    }
+
     #[test]
     fn surfels_behind_or_around_the_camera_do_no_harm() {
         let mut cloud = synthetic::sphere(200);
         cloud.scales.fill(Vec2::splat(5.0));
+        for thickness in cloud.thicknesses.iter_mut().step_by(2) {
+            *thickness = Thickness::of_gaussian(3.0, false);
+        }
         let inside = Camera::look_at(Vec3::ZERO, Vec3::X, Vec3::Z, 1.0, [40, 40], 0.02);
         for camera in [view(40), inside] {
             let raster = rasterize(&cloud, &camera, &vec![[1.0; 3]; 200], &[]);

@@ -1,4 +1,4 @@
-//! The asset: 2D Gaussian surfels with view-dependent colour.
+//! The asset: Gaussians, flat or not, with view-dependent colour.
 
 use std::sync::Arc;
 
@@ -14,7 +14,54 @@ use crate::sh::{band, coefficient_count, rotate_functions, with_degree};
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 
-/// A trained splat as flat surfels, structure of arrays: every vector has one entry a surfel, except `sh`.
+/// How far a Gaussian reaches along its normal, and so how it is drawn.
+///
+/// In one number, as it crosses to the GPU: 0 is a 2D surfel, anything else the standard deviation of a 3D Gaussian in scene units,
+/// below 0 where its trainer compensated the opacity for the low-pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct Thickness(f32);
+
+impl Thickness {
+    /// That of a 2D surfel.
+    pub const FLAT: Self = Self(0.0);
+
+    /// That of a 3D Gaussian, however thin.
+    pub fn of_gaussian(sigma: f32, is_antialiased: bool) -> Self {
+        let sigma = sigma.max(f32::MIN_POSITIVE);
+        Self(if is_antialiased { -sigma } else { sigma })
+    }
+
+    /// Whether it is a 2D surfel.
+    pub fn is_flat(self) -> bool {
+        self.0 == 0.0
+    }
+
+    /// Whether a 3D Gaussian is drawn fainter where the low-pass widens it (Yu et al., "Mip-Splatting", 2024).
+    pub fn is_antialiased(self) -> bool {
+        self.0 < 0.0
+    }
+
+    /// Standard deviation along the normal, in scene units; 0 for a surfel.
+    pub fn sigma(self) -> f32 {
+        self.0.abs()
+    }
+
+    /// The number that it is to the GPU.
+    pub fn signed(self) -> f32 {
+        self.0
+    }
+
+    fn scaled(self, factor: f32) -> Self {
+        if self.is_flat() {
+            return self;
+        }
+        Self::of_gaussian(factor * self.sigma(), self.is_antialiased())
+    }
+}
+
+/// A trained splat, structure of arrays: every vector has one entry a Gaussian, except `sh`. What is not flat is taken by all but the
+/// rasterizer for the surfel across its shortest axis.
 #[derive(Clone, Debug)]
 pub struct SurfelCloud {
     /// Centres, in scene units.
@@ -23,6 +70,8 @@ pub struct SurfelCloud {
     pub tangents: Vec<[Vec3; 2]>,
     /// Standard deviations along the tangents, in scene units.
     pub scales: Vec<Vec2>,
+    /// And along the normal.
+    pub thicknesses: Vec<Thickness>,
     /// Peak opacity, 0 to 1.
     pub opacities: Vec<f32>,
     /// Colour `[n][K][3]` as [`SurfelCloud::encoding`] says.
@@ -66,6 +115,8 @@ impl SurfelCloud {
         self.positions.extend(places);
         self.tangents.extend(&other.tangents);
         self.scales.extend(other.scales.iter().map(|s| scale * *s));
+        let thicknesses = other.thicknesses.iter().map(|t| t.scaled(scale));
+        self.thicknesses.extend(thicknesses);
         self.opacities.extend(&other.opacities);
         self.sh.extend(&other.sh);
     }
@@ -82,6 +133,7 @@ impl SurfelCloud {
                 .map(|t| t.map(|t| turn * t))
                 .collect(),
             scales: self.scales.iter().map(|s| scale * *s).collect(),
+            thicknesses: self.thicknesses.iter().map(|t| t.scaled(scale)).collect(),
             opacities: self.opacities.clone(),
             sh: rotate_functions(turn_of_colors, self.sh_degree, &self.sh),
             sh_degree: self.sh_degree,
@@ -145,8 +197,9 @@ impl SurfelCloud {
         let taken: Vec<usize> = (0..count.min(n)).map(|i| i * n / count.min(n)).collect();
         let larger = (n as f32 / taken.len().max(1) as f32).sqrt();
         let mut thinned = self.selected(&taken);
-        for scale in &mut thinned.scales {
+        for (scale, thickness) in thinned.scales.iter_mut().zip(&mut thinned.thicknesses) {
             *scale *= larger;
+            *thickness = thickness.scaled(larger);
         }
         thinned
     }
@@ -157,6 +210,7 @@ impl SurfelCloud {
             positions: taken.iter().map(|i| self.positions[*i]).collect(),
             tangents: taken.iter().map(|i| self.tangents[*i]).collect(),
             scales: taken.iter().map(|i| self.scales[*i]).collect(),
+            thicknesses: taken.iter().map(|i| self.thicknesses[*i]).collect(),
             opacities: taken.iter().map(|i| self.opacities[*i]).collect(),
             sh: taken.iter().flat_map(|i| self.sh_of(*i)).copied().collect(),
             sh_degree: self.sh_degree,
@@ -174,6 +228,7 @@ impl SurfelCloud {
         self.positions = taken(&self.positions, order);
         self.tangents = taken(&self.tangents, order);
         self.scales = taken(&self.scales, order);
+        self.thicknesses = taken(&self.thicknesses, order);
         self.opacities = taken(&self.opacities, order);
         let k = coefficient_count(self.sh_degree);
         let mut sh: Vec<[f32; 3]> = bytemuck::zeroed_vec(self.sh.len());

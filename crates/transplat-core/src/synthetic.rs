@@ -4,7 +4,7 @@ use glam::{Affine3A, DMat3, DQuat, Vec2, Vec3};
 
 use crate::color::Encoding;
 use crate::sh::{MAX_COEFFICIENTS, SQRT_4PI, coefficient_count, evaluate_basis, lattice};
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 
 /// Surfels at given points with given normals, all of one size, opaque, and grey (linear radiance 1/2) from everywhere.
 pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud {
@@ -19,6 +19,7 @@ pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud
             })
             .collect(),
         scales: vec![Vec2::splat(scale); n],
+        thicknesses: vec![Thickness::FLAT; n],
         opacities: vec![0.95; n],
         sh: vec![[0.5 * SQRT_4PI as f32; 3]; n],
         sh_degree: 0,

@@ -323,7 +323,9 @@ impl GpuRasterizer {
                 let [u, v] = cloud.tangents[i];
                 Surfel {
                     position: cloud.positions[i].extend(cloud.opacities[i]).to_array(),
-                    axis_a: (u * cloud.scales[i].x).extend(0.0).to_array(),
+                    axis_a: (u * cloud.scales[i].x)
+                        .extend(cloud.thicknesses[i].signed())
+                        .to_array(),
                     axis_b: (v * cloud.scales[i].y).extend(0.0).to_array(),
                 }
             })

@@ -11,7 +11,7 @@ use crate::oracle::difference;
 use crate::progress::no_progress;
 use crate::settings::{Method, Terms, TransferSettings};
 use crate::sh::{MAX_DEGREE, coefficient_count, rotate_functions};
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 use crate::synthetic;
 use crate::transfer::{Part, PreparedTransfer, Relit};
 
@@ -57,6 +57,13 @@ fn cloud() -> impl Strategy<Value = SurfelCloud> {
                 .map(|s| s.1.any_orthonormal_pair().into())
                 .collect(),
             scales: surfels.iter().map(|s| s.2).collect(),
+            // Surfels, 3D Gaussians, and such as were trained antialiased.
+            thicknesses: (surfels.iter().enumerate())
+                .map(|(i, s)| match i % 3 {
+                    0 => Thickness::FLAT,
+                    kind => Thickness::of_gaussian(0.1 * s.2.x, kind == 2),
+                })
+                .collect(),
             opacities: surfels.iter().map(|s| s.3).collect(),
             sh: surfels.into_iter().flat_map(|s| s.4).collect(),
             sh_degree: degree,

@@ -71,6 +71,10 @@ pub fn geometry_key(cloud: &SurfelCloud) -> u64 {
         key.add(bytemuck::bytes_of(v));
     }
     key.add(bytemuck::cast_slice(&cloud.scales));
+    // So that bakes of surfels keep the key they had.
+    if !cloud.thicknesses.iter().all(|t| t.is_flat()) {
+        key.add(bytemuck::cast_slice(&cloud.thicknesses));
+    }
     key.add(bytemuck::cast_slice(&cloud.opacities));
     key.add(bytemuck::cast_slice(&cloud.outside_from));
     key.0

@@ -51,6 +51,9 @@ pub(super) fn read(
         return Err(invalid("holds no vertices".into()));
     }
     let mut rows = Builder::new(layout.kind(), layout.degree, header.vertices as usize);
+    if header.comments.iter().any(|c| says_antialiased(c)) || layout.filter.is_some() {
+        rows.set_antialiased();
+    }
     if ascii {
         read_ascii(path, reader, &header, &layout, &mut rows)?;
     } else {
@@ -158,6 +161,8 @@ struct Layout {
     rotation: [usize; 4],
     scales: Vec<usize>,
     opacity: usize,
+    /// What Mip-Splatting widens each Gaussian by.
+    filter: Option<usize>,
     /// `[K][3]`: in the file, all of red's higher coefficients come first, then green's, then blue's.
     sh: Vec<[usize; 3]>,
     degree: usize,
@@ -203,6 +208,7 @@ impl Layout {
             ],
             scales,
             opacity: need("opacity")?,
+            filter: header.find("filter_3D"),
             sh,
             degree,
         };
@@ -237,13 +243,27 @@ impl Layout {
         for (log, index) in log_scales.iter_mut().zip(&self.scales) {
             *log = get(*index);
         }
-        StoredRow {
+        let mut row = StoredRow {
             position: self.position.map(get),
             rotation: self.rotation.map(get),
             log_scales,
             logit: get(self.opacity),
+        };
+        if let (Some(filter), AssetKind::Gaussians3d) = (self.filter, self.kind()) {
+            row.widen(get(filter));
         }
+        row
     }
+}
+
+/// As Brush and Postshot write that the opacities were compensated for the low-pass in training.
+fn says_antialiased(comment: &str) -> bool {
+    let lower = comment.to_ascii_lowercase();
+    let mut words = lower.split_whitespace();
+    matches!(
+        (words.next(), words.next()),
+        (Some("splatrendermode:"), Some("mip")) | (Some("antialiased"), Some("1"))
+    )
 }
 
 /// `Vertical axis: y` in a comment, as several tools write it.

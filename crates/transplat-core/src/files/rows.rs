@@ -6,14 +6,14 @@ use rayon::prelude::*;
 use crate::color::Encoding;
 use crate::morton::neighborhood_order;
 use crate::sh::coefficient_count;
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 
 /// What kind of splat a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AssetKind {
     /// 2D Gaussian surfels: two scales.
     Surfels2d,
-    /// 3D Gaussians: three scales, of which the shortest was dropped.
+    /// 3D Gaussians: three scales.
     Gaussians3d,
 }
 
@@ -59,14 +59,27 @@ struct Row {
     position: Vec3,
     tangents: [Vec3; 2],
     scale: Vec2,
+    thickness: Thickness,
     opacity: f32,
-    /// Shortest over second axis of a 3D Gaussian: 0 is flat.
-    flatness: f32,
 }
 
 impl StoredRow {
+    /// Applies the 3D smoothing filter of that standard deviation that a Gaussian was trained under, which makes it wider and as much fainter
+    /// (Yu et al., "Mip-Splatting", CVPR 2024, eq. 9).
+    pub(super) fn widen(&mut self, filter: f32) {
+        let mut share = 1f64;
+        for log in &mut self.log_scales {
+            let scale = f64::from(*log).exp();
+            let wide = scale.hypot(f64::from(filter));
+            share *= scale / wide;
+            *log = wide.ln() as f32;
+        }
+        let opacity = share / (1.0 + (-f64::from(self.logit)).exp());
+        self.logit = (opacity / (1.0 - opacity)).ln() as f32;
+    }
+
     /// None where it holds what is no number or out of any range.
-    fn surfel(&self, kind: AssetKind, sh: &[[f32; 3]]) -> Option<Row> {
+    fn surfel(&self, kind: AssetKind, is_antialiased: bool, sh: &[[f32; 3]]) -> Option<Row> {
         let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
         let logs = &self.log_scales[..axes];
         let [w, x, y, z] = self.rotation;
@@ -99,8 +112,11 @@ impl StoredRow {
             position: Vec3::from_array(self.position),
             tangents: [axes[u], axes[v]],
             scale: Vec2::new(scales[u], scales[v]),
+            thickness: match kind {
+                AssetKind::Surfels2d => Thickness::FLAT,
+                AssetKind::Gaussians3d => Thickness::of_gaussian(scales[shortest], is_antialiased),
+            },
             opacity: 1.0 / (1.0 + (-self.logit).exp()),
-            flatness: scales[shortest] / scales[u].min(scales[v]),
         })
     }
 }
@@ -110,8 +126,8 @@ const NOTHING: Row = Row {
     position: Vec3::ZERO,
     tangents: [Vec3::X, Vec3::Y],
     scale: Vec2::splat(1e-12),
+    thickness: Thickness::FLAT,
     opacity: 0.0,
-    flatness: f32::NAN,
 };
 
 /// Fills a cloud block by block. All of it is allocated at once, zeroed by the system, so that its pages are first touched in parallel.
@@ -119,7 +135,7 @@ pub(super) struct Builder {
     kind: AssetKind,
     cloud: SurfelCloud,
     filled: usize,
-    flatness: Vec<f32>,
+    is_antialiased: bool,
     left_out: Vec<usize>,
 }
 
@@ -135,6 +151,7 @@ impl Builder {
             positions: bytemuck::zeroed_vec(rows),
             tangents: bytemuck::zeroed_vec(rows),
             scales: bytemuck::zeroed_vec(rows),
+            thicknesses: bytemuck::zeroed_vec(rows),
             opacities: bytemuck::zeroed_vec(rows),
             sh: bytemuck::zeroed_vec(rows * coefficient_count(sh_degree)),
             sh_degree,
@@ -146,9 +163,14 @@ impl Builder {
             kind,
             cloud,
             filled: 0,
-            flatness: bytemuck::zeroed_vec(rows),
+            is_antialiased: false,
             left_out: Vec::new(),
         }
+    }
+
+    /// Its 3D Gaussians were trained with their opacity compensated for the low-pass.
+    pub(super) fn set_antialiased(&mut self) {
+        self.is_antialiased = true;
     }
 
     /// Converts a block of rows in parallel; `decode` gives a row of it and writes its colour `[K]`, with a memory of its own to work in.
@@ -159,6 +181,7 @@ impl Builder {
     ) {
         const PIECE: usize = 512;
         let (kind, k) = (self.kind, coefficient_count(self.cloud.sh_degree));
+        let is_antialiased = self.is_antialiased;
         let block = self.filled..self.filled + rows;
         let cloud = &mut self.cloud;
         let left_out: Vec<usize> = cloud.positions[block.clone()]
@@ -167,15 +190,16 @@ impl Builder {
             .zip(cloud.scales[block.clone()].par_chunks_mut(PIECE))
             .zip(cloud.opacities[block.clone()].par_chunks_mut(PIECE))
             .zip(cloud.sh[block.start * k..block.end * k].par_chunks_mut(PIECE * k))
-            .zip(self.flatness[block.clone()].par_chunks_mut(PIECE))
+            .zip(cloud.thicknesses[block.clone()].par_chunks_mut(PIECE))
             .enumerate()
             .flat_map_iter(
-                |(piece, (((((positions, tangents), scales), opacities), sh), flatness))| {
+                |(piece, (((((positions, tangents), scales), opacities), sh), thicknesses))| {
                     let (mut left_out, mut memory) = (Vec::new(), Vec::new());
                     for i in 0..positions.len() {
                         let row = piece * PIECE + i;
                         let sh = &mut sh[i * k..][..k];
-                        let converted = decode(row, &mut memory, sh).surfel(kind, sh);
+                        let stored = decode(row, &mut memory, sh);
+                        let converted = stored.surfel(kind, is_antialiased, sh);
                         let converted = converted.unwrap_or_else(|| {
                             sh.fill([0.0; 3]);
                             left_out.push(block.start + row);
@@ -185,7 +209,7 @@ impl Builder {
                         tangents[i] = converted.tangents;
                         scales[i] = converted.scale;
                         opacities[i] = converted.opacity;
-                        flatness[i] = converted.flatness;
+                        thicknesses[i] = converted.thickness;
                     }
                     left_out
                 },
@@ -201,7 +225,6 @@ impl Builder {
         comments: Vec<String>,
     ) -> Result<Finished, String> {
         let (kind, mut cloud, left_out) = (self.kind, self.cloud, self.left_out);
-        let mut flatness = self.flatness;
         if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
                 "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}); not a usable splat",
@@ -210,11 +233,7 @@ impl Builder {
                 left_out[0]
             ));
         }
-        // A row that is left out has no ratio.
-        flatness.retain(|f| kind == AssetKind::Gaussians3d && f.is_finite());
-        let middle = flatness.len() / 2;
-        let median_flatness = (!flatness.is_empty())
-            .then(|| *flatness.select_nth_unstable_by(middle, f32::total_cmp).1);
+        let median_flatness = median_flatness(&cloud);
         let report = AssetReport {
             kind,
             vertices: cloud.len(),
@@ -232,4 +251,14 @@ impl Builder {
         }
         Ok((cloud, report, surfel_of_row))
     }
+}
+
+/// Median over 3D Gaussians of shortest over second axis; nothing where there are none.
+fn median_flatness(cloud: &SurfelCloud) -> Option<f32> {
+    let gaussians = cloud.thicknesses.iter().zip(&cloud.scales);
+    let gaussians = gaussians.filter(|(thickness, _)| !thickness.is_flat());
+    let ratio = |(thickness, scale): (&Thickness, &Vec2)| thickness.sigma() / scale.min_element();
+    let mut ratios: Vec<f32> = gaussians.map(ratio).collect();
+    let middle = ratios.len() / 2;
+    (!ratios.is_empty()).then(|| *ratios.select_nth_unstable_by(middle, f32::total_cmp).1)
 }

@@ -17,7 +17,9 @@ use transplat_core::ground::GROUND_FADE;
 use transplat_core::present::{
     Background, CHECKER_EDGE, CHECKER_GREYS, FALSE_COLORS, View, WIPE_LINE,
 };
-use transplat_core::rasterize::MAX_ALPHA;
+use transplat_core::rasterize::{
+    LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA, NOWHERE,
+};
 use transplat_core::surfels::MIN_ALPHA;
 use transplat_core::transfer::directional::{
     BACK_RANGE, HORIZON, LEAST_IRRADIANCE, RESIDUAL_FLOOR,
@@ -100,6 +102,10 @@ pub(super) static TRANSFER_DIRECTIONAL: File = file!("transfer_directional", |s|
 
 pub static RASTERIZE_PROJECT: File = file!("rasterize_project", |s| s
     .number("MIN_ALPHA", MIN_ALPHA)
+    .number("LOW_PASS_VARIANCE", LOW_PASS_VARIANCE)
+    .number("MARGIN", MARGIN)
+    .number("LEAST_COMPENSATION", LEAST_COMPENSATION)
+    .number("NOWHERE", NOWHERE)
     .count("WORKGROUP", WORKGROUP));
 
 pub(super) static RASTERIZE_DRAW: File = file!("rasterize_draw", |s| s

@@ -213,3 +213,33 @@ fn infinite_logits_and_flattened_scales_are_fine() {
     assert_eq!(cloud.opacities[0], 1.0);
     assert!(asset.report.left_out.is_empty());
 }
+
+#[test]
+fn antialiased_training_is_read_from_what_trainers_write() {
+    let table = rows(3, 0, 3);
+    let good = write(&table, Format::LittleEndian, false);
+    let text = String::from_utf8_lossy(&good[..good.len() - 3 * table[0].len() * 4]).into_owned();
+    let body = &good[text.len()..];
+    let told = |comment: &str| {
+        let head = text.replace("comment Vertical axis: -y", &format!("comment {comment}"));
+        let (cloud, _) = load_bytes(&[head.as_bytes(), body].concat()).expect("a good file");
+        let told = |t: &crate::surfels::Thickness| !t.is_flat() && t.is_antialiased();
+        cloud.thicknesses.iter().all(told)
+    };
+    assert!(told("SplatRenderMode: mip") && told("antialiased 1"));
+    assert!(!told("SplatRenderMode: default") && !told("antialiased 0") && !told("mip"));
+}
+
+#[test]
+fn the_smoothing_filter_of_mip_splatting_widens_and_fades() {
+    let mut table = rows(1, 0, 3);
+    table[0].push(("filter_3D".into(), 0.2));
+    let (cloud, _) = load_bytes(&write(&table, Format::LittleEndian, false)).expect("a good file");
+    let scales = [-1f32, -2.0, -6.0].map(f32::exp);
+    let wide = scales.map(|s| s.hypot(0.2));
+    assert!((cloud.thicknesses[0].sigma() - wide[2]).abs() < 1e-6);
+    assert!(cloud.scales[0].distance(glam::Vec2::new(wide[0], wide[1])) < 1e-6);
+    let share: f32 = scales.iter().zip(wide).map(|(s, w)| s / w).product();
+    assert!((cloud.opacities[0] - 0.5 * share).abs() < 1e-6);
+    assert!(cloud.thicknesses[0].is_antialiased());
+}
