@@ -5,17 +5,25 @@ mod bake;
 mod cameras;
 mod estimate;
 mod exr;
+mod format;
 #[cfg(test)]
 mod fuzz;
+mod gltf;
 mod hdr;
 mod kind;
+mod ksplat;
 mod look;
 mod lut;
+mod packed;
 mod picture;
 mod ply;
 mod read;
 mod rows;
+mod sog;
+mod splat;
+mod spz;
 mod write;
+mod written;
 
 use std::path::Path;
 
@@ -23,12 +31,13 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::plate::Plate;
 
-pub use asset::{AssetFile, load_asset, write_relit, write_splat};
+pub use asset::{AssetFile, load_asset, losses, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, is_camera_file, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
-pub use kind::{FileKind, file_kind};
+pub use format::SplatFormat;
+pub use kind::{FileKind, file_kind, file_of};
 pub use look::{load_look, look_text, save_look};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
@@ -74,7 +83,7 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
         FileKind::Hdr => hdr::load(path),
         FileKind::Exr => exr::load(path),
         FileKind::Picture => picture::load(path),
-        FileKind::Ply => Err(Error::invalid(
+        FileKind::Splat(_) => Err(Error::invalid(
             path,
             "is a splat; an environment (.hdr, .exr, .png, .jpg) is expected here",
         )),

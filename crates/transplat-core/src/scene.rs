@@ -19,7 +19,7 @@ pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
 pub use light::{
     ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file, wrap,
 };
-pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform};
+pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform, splat_name};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]

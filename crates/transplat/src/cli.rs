@@ -57,6 +57,11 @@ pub enum Command {
         after_help = "Example:\n  transplat render knot.ply --source city.hdr --target sunset.hdr --turntable 8 -o pictures\n\nPictures are named NNN.png by frame, from 000; with several targets in a folder for each. PNG is display-encoded with straight alpha; EXR is linear and premultiplied (and blended in linear light).\n\nA batch:\n  transplat render --batch shots.json --part 1/8 -o pictures\nshots.json: {\"splats\": [\"knot.ply\", {\"asset\": \"vase.ply\", \"source\": \"estimate\"}], \"source\": \"city.hdr\", \"lights\": [\"sunset.hdr\", \"hdris/\"], \"turntable\": 24}, with \"cameras\": FILE instead of a turntable and, where settings are wanted, \"look\": FILE. Paths are relative to it."
     )]
     Render(Box<RenderArgs>),
+    /// Write a splat in another format, which the output's name says: .ply, .compressed.ply, .spz, .sog, .splat, .glb.
+    #[command(
+        after_help = "Example:\n  transplat convert playbot.ply -o playbot.spz\n\nWhat the format cannot hold is said. SPZ and glTF have +y up: what goes there from another format, or from there to another, is turned to stand upright there."
+    )]
+    Convert(ConvertArgs),
     /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
     #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
     Bake(BakeArgs),
@@ -92,7 +97,7 @@ pub struct OutputArgs {
 
 #[derive(Clone, Debug, Args)]
 pub struct AssetArgs {
-    /// The splat: a 2DGS or 3DGS .ply; or a look, whose splat and settings are meant
+    /// The splat, of 2D surfels or 3D Gaussians: .ply, .spz, .sog (or the folder of its meta.json), .splat, .ksplat, .glb, .gltf; or a look, whose splat and settings are meant
     pub asset: Option<PathBuf>,
     #[command(flatten)]
     pub options: AssetOptions,
@@ -196,9 +201,9 @@ pub struct RelightArgs {
     pub asset: AssetArgs,
     #[command(flatten)]
     pub light: LightArgs,
-    /// The relit splat; of a scene of several objects one of all where they stand, or a folder of a splat for each, as it was captured; with
+    /// The relit splat, in the format that its name says; of a scene of several objects one of all where they stand, or a folder of a splat for each, as it was captured; with
     /// several targets the folder for them
-    #[arg(short, long, value_name = "OUT.ply|DIR")]
+    #[arg(short, long, value_name = "OUT.ply|spz|sog|...|DIR")]
     pub output: PathBuf,
     #[command(flatten)]
     pub out: OutputArgs,
@@ -296,6 +301,20 @@ impl PictureFormat {
             Self::Exr => "exr",
         }
     }
+}
+
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// The splat
+    pub asset: PathBuf,
+    /// The splat in another format
+    #[arg(short, long, value_name = "OUT.ply|spz|sog|...")]
+    pub output: PathBuf,
+    /// Its up axis, where the file does not say it
+    #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
+    pub up: Option<UpAxis>,
+    #[command(flatten)]
+    pub out: OutputArgs,
 }
 
 #[derive(Debug, Args)]

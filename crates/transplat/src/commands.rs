@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 
 pub mod bake;
 pub mod batch;
+pub mod convert;
 pub mod estimate;
 pub mod info;
 pub mod probe;

@@ -51,6 +51,7 @@ pub fn main() -> ExitCode {
             Some(file) => commands::batch::run(file, args),
             None => commands::render::run(args),
         },
+        Some(Command::Convert(args)) => commands::convert::run(args),
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Estimate(args)) => commands::estimate::run(args),
         Some(Command::Probe(args)) => commands::probe::run(args),

@@ -195,7 +195,7 @@ impl Subject<'_> {
         write_splat(self.cloud, &self.cloud.sh, &path).expect("there is room");
         let (loaded, file) = bench.time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
         bench.time("cpu", "export PLY", || {
-            write_relit(&file, &loaded.sh, &out).expect("it can be written");
+            write_relit(&file, &loaded, &loaded.sh, &out).expect("it can be written");
         });
     }
 

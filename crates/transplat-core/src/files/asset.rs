@@ -6,12 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use super::kind::{FileKind, file_kind};
+use glam::{Affine3A, DQuat};
+
+use super::format::{self, SplatFormat};
+use super::kind::{FileKind, file_kind, file_of};
 use super::rows::{AssetReport, NOT_WRITTEN};
 use super::write::write_atomically;
-use super::{ply, read};
+use super::written::Written;
+use super::{gltf, ksplat, ply, read, sog, splat, spz};
 use crate::error::{Error, Result};
-use crate::surfels::SurfelCloud;
+use crate::surfels::{SurfelCloud, UpAxis};
 
 /// The file behind an asset: what [`write_relit`] needs to write it again with other colour.
 #[derive(Clone, Debug)]
@@ -20,7 +24,10 @@ pub struct AssetFile {
     pub path: PathBuf,
     /// What was noticed.
     pub report: AssetReport,
-    format: AssetFormat,
+    /// In which format it is.
+    pub format: SplatFormat,
+    /// What a PLY is written again by.
+    header: Option<ply::Header>,
     stamp: Stamp,
     /// Which surfel each row of the file is, [`NOT_WRITTEN`] where the row is not written. `[vertices]`
     surfel_of_row: Arc<[u32]>,
@@ -54,12 +61,6 @@ impl AssetFile {
     }
 }
 
-/// What a format needs to write a file of its own again.
-#[derive(Clone, Debug)]
-enum AssetFormat {
-    Ply(ply::Header),
-}
-
 /// Length and time of change when it was read: it must still be the same when it is written again.
 type Stamp = (u64, Option<SystemTime>);
 
@@ -67,65 +68,101 @@ fn stamp(metadata: &Metadata) -> Stamp {
     (metadata.len(), metadata.modified().ok())
 }
 
-/// Loads a splat: a 2DGS or 3DGS PLY.
+/// Loads a splat, in any of the formats that are read: of 2D surfels or of 3D Gaussians.
 ///
-/// A 3D Gaussian becomes a surfel by dropping its shortest axis. Rows with values that are no numbers are left out of the
-/// picture (opacity 0) and reported.
+/// Rows with values that are no numbers are left out of the picture (opacity 0) and reported.
 ///
 /// # Errors
 /// The file cannot be read, is no splat, lacks a property that a splat has, ends before its rows do, or is mostly no numbers.
 pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
+    let path = &*file_of(path);
     let kind = file_kind(path);
     let file = read::open(path)?;
     let metadata = file.metadata().map_err(Error::io(path))?;
+    let length = metadata.len();
     let mut reader = BufReader::with_capacity(1 << 20, file);
-    let ((cloud, report, surfel_of_row), format) = match kind {
-        Ok(FileKind::Ply) => {
-            let (finished, header) = ply::read(path, &mut reader, metadata.len())?;
-            (finished, AssetFormat::Ply(header))
-        }
+    let mut format = match kind {
+        Ok(FileKind::Splat(format)) => format,
         Err(error @ Error::Io { .. }) => return Err(error),
-        other => {
-            let message = match other {
-                _ if metadata.len() == 0 => "the file is empty; a splat in PLY is expected",
-                Ok(FileKind::Look) => {
-                    "a look, where one splat is expected; render, relight and the window open looks"
-                }
-                Ok(FileKind::Bake) => "a bake, where a splat is expected",
-                Ok(FileKind::Lut) => {
-                    "a table of colours, where a splat is expected (--lut takes it)"
-                }
-                Ok(_) => "a picture, where a splat is expected",
-                Err(_) => "not a PLY splat: does not begin with \"ply\"",
-            };
-            return Err(Error::invalid(path, message));
-        }
+        other => return Err(Error::invalid(path, instead_of_a_splat(other, length))),
     };
+    let mut header = None;
+    let finished = match format {
+        SplatFormat::Ply | SplatFormat::CompressedPly => {
+            let (finished, found) = ply::read(path, &mut reader, length)?;
+            if found.is_none() {
+                format = SplatFormat::CompressedPly;
+            }
+            header = found;
+            finished
+        }
+        SplatFormat::Spz => spz::read(path, &mut reader, length)?,
+        SplatFormat::Sog => sog::read(path)?,
+        SplatFormat::Splat => splat::read(path, &mut reader, length)?,
+        SplatFormat::Ksplat => ksplat::read(path, &mut reader, length)?,
+        SplatFormat::Gltf => gltf::read(path)?,
+    };
+    let (mut cloud, report, surfel_of_row) = finished;
+    cloud.up = report.up.or(format.up()).unwrap_or_default();
     let asset = AssetFile {
         path: path.to_owned(),
         report,
         format,
+        header,
         stamp: stamp(&metadata),
         surfel_of_row: surfel_of_row.into(),
     };
     Ok((cloud, asset))
 }
 
-/// Writes a splat that comes of no file, as 2DGS in PLY, with a colour `[n][K][3]` as [`crate::color::Encoding::Stored`] has it.
+/// What of an asset is lost in a file of that name, which is not of the asset's own format.
+pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
+    let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
+    let losses = format.losses(cloud);
+    (!losses.is_empty()).then(|| format!("{} holds {}", format.name(), losses.join("; ")))
+}
+
+/// What there is in the place of a splat.
+fn instead_of_a_splat(kind: Result<FileKind>, length: u64) -> String {
+    match kind {
+        _ if length == 0 => "the file is empty; a splat is expected",
+        Ok(FileKind::Look) => {
+            "a look, where one splat is expected; render, relight and the window open looks"
+        }
+        Ok(FileKind::Bake) => "a bake, where a splat is expected",
+        Ok(FileKind::Lut) => "a table of colours, where a splat is expected (--lut takes it)",
+        Ok(_) => "a picture, where a splat is expected",
+        Err(Error::Invalid { message, .. }) => return format!("no splat: {message}"),
+        Err(_) => "no splat",
+    }
+    .into()
+}
+
+/// Writes a splat that comes of no file, in the format that the name tells or else as PLY, with a colour `[n][K][3]` as
+/// [`crate::color::Encoding::Stored`] has it.
 ///
 /// # Errors
 /// The output cannot be written.
 pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Result<()> {
-    write_atomically(path, |out| ply::write_made(cloud, stored, out))
+    let format = SplatFormat::of_name(path).unwrap_or(SplatFormat::Ply);
+    let order = (0..cloud.len() as u32).collect();
+    write_as(format, cloud, stored, order, path)
 }
 
-/// Writes the asset again with other colour, and nothing else that its format holds changed.
+/// Writes the asset again with other colour, in the format that the name tells, or else in its own: in that and for a PLY, nothing else that it
+/// holds is changed.
 ///
-/// `stored` is the colour `[n][K][3]` as the file stores it. Rows that were left out at loading are made harmless: what was no number is 0, and they are transparent.
+/// `stored` is the colour `[n][K][3]` as the file stores it. Rows that were left out at loading are made harmless in a PLY: what was no number is
+/// 0, and they are transparent; elsewhere they are not written.
 ///
 /// # Errors
 /// The source file is gone or has changed since it was loaded, or the output cannot be written.
-pub fn write_relit(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Result<()> {
+pub fn write_relit(
+    asset: &AssetFile,
+    cloud: &SurfelCloud,
+    stored: &[[f32; 3]],
+    path: &Path,
+) -> Result<()> {
     let source = read::open(&asset.path)?;
     if stamp(&source.metadata().map_err(Error::io(&asset.path))?) != asset.stamp {
         return Err(Error::invalid(
@@ -133,12 +170,54 @@ pub fn write_relit(asset: &AssetFile, stored: &[[f32; 3]], path: &Path) -> Resul
             "has changed since it was loaded; load it again",
         ));
     }
-    let mut reader = BufReader::with_capacity(1 << 18, source);
-    match &asset.format {
-        AssetFormat::Ply(header) => {
-            let columns =
-                ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
-            write_atomically(path, |out| columns.write(&mut reader, out))
+    let format = SplatFormat::of_name(path).unwrap_or(asset.format);
+    if let (SplatFormat::Ply, Some(header)) = (format, &asset.header) {
+        let mut reader = BufReader::with_capacity(1 << 18, source);
+        let columns = ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
+        return write_atomically(path, |out| columns.write(&mut reader, out));
+    }
+    let left_out = &asset.report.left_out;
+    let rows = asset.surfel_of_row.iter().enumerate();
+    let rows = rows.filter(|(row, s)| **s != NOT_WRITTEN && left_out.binary_search(row).is_err());
+    let order = rows.map(|(_, surfel)| *surfel).collect();
+    match turn(asset.format, format, cloud.up) {
+        None => write_as(format, cloud, stored, order, path),
+        Some(turn) => {
+            let (there_from_here, up) = turn;
+            let mut turned = SurfelCloud {
+                sh: stored.to_vec(),
+                ..cloud.clone()
+            };
+            turned = turned.transformed(there_from_here);
+            turned.up = up;
+            write_as(format, &turned, &turned.sh, order, path)
         }
     }
+}
+
+/// How a splat has to be turned that goes from one format to another of which each has an up axis of its own, and what is up then. What has none
+/// is taken to have -y up, as most of them have.
+fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Affine3A, UpAxis)> {
+    let up_there = match (from.up(), to.up()) {
+        (None, Some(there)) => there,
+        (Some(_), None) => UpAxis::MinusY,
+        _ => return None,
+    };
+    let there_from_world = up_there.asset_from_world();
+    let there_from_here = there_from_world * up.asset_from_world().transpose();
+    (up != up_there).then(|| {
+        let turn = DQuat::from_mat3(&there_from_here).as_quat();
+        (Affine3A::from_quat(turn), up_there)
+    })
+}
+
+fn write_as(
+    format: SplatFormat,
+    cloud: &SurfelCloud,
+    stored: &[[f32; 3]],
+    order: Vec<u32>,
+    path: &Path,
+) -> Result<()> {
+    let splat = Written::new(cloud, stored, order);
+    write_atomically(path, |out| format::write(format, &splat, out))
 }

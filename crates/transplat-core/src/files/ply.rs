@@ -1,5 +1,6 @@
-//! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order.
+//! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order; and compressed, by [`compressed`].
 
+pub(super) mod compressed;
 mod header;
 mod made;
 mod write;
@@ -20,14 +21,18 @@ pub(super) use write::ColorColumns;
 /// Rows are read and converted in blocks of this size.
 const BLOCK_ROWS: usize = 1 << 14;
 
-/// Reads a splat from a file of so many bytes; the header is what [`ColorColumns`] writes it again by.
+/// Reads a splat from a file of so many bytes; the header, where it is not compressed, is what [`ColorColumns`] writes it again by.
 pub(super) fn read(
     path: &Path,
     reader: &mut (impl BufRead + Seek),
     file_bytes: u64,
-) -> Result<(Finished, Header)> {
+) -> Result<(Finished, Option<Header>)> {
     let invalid = |message: String| Error::invalid(path, message);
     let header = Header::parse(reader).map_err(|m| invalid(format!("not a PLY splat: {m}")))?;
+    if header.find("packed_position").is_some() {
+        let finished = compressed::read(path, reader, file_bytes, &header)?;
+        return Ok((finished, None));
+    }
     let layout = Layout::find(&header).map_err(invalid)?;
     let available = file_bytes.saturating_sub(header.bytes);
     let ascii = header.format == Format::Ascii;
@@ -60,12 +65,16 @@ pub(super) fn read(
         let read = read_binary(reader, &header, &layout, &mut rows);
         read.map_err(Error::io(path))?;
     }
-    let names = header.properties.iter().map(|p| p.name.clone()).collect();
-    let finished = rows.finish(names, header.comments.clone());
-    let (mut cloud, mut report, surfel_of_row) = finished.map_err(invalid)?;
-    report.up = (header.comments.iter()).find_map(|comment| up_axis_of(comment));
-    cloud.up = report.up.unwrap_or_default();
-    Ok(((cloud, report, surfel_of_row), header))
+    if !header.is_whole(reader, file_bytes) {
+        return Err(invalid(
+            "holds all its vertices, and is cut in what comes after them".into(),
+        ));
+    }
+    let (cloud, mut report, surfel_of_row) =
+        (rows.finish("PLY".into(), up_of(&header))).map_err(invalid)?;
+    report.properties = header.properties.iter().map(|p| p.name.clone()).collect();
+    report.comments = header.comments.clone();
+    Ok(((cloud, report, surfel_of_row), Some(header)))
 }
 
 fn read_binary(
@@ -175,11 +184,6 @@ impl Layout {
                 format!("the vertices have no property {name}; a splat has x y z, f_dc_0..2, opacity, scale_0..1 (and 2), rot_0..3")
             })
         };
-        if header.find("packed_position").is_some() {
-            return Err(
-                "a compressed PLY, which is not supported yet; save it uncompressed".into(),
-            );
-        }
         let rest = header
             .properties
             .iter()
@@ -264,6 +268,11 @@ fn says_antialiased(comment: &str) -> bool {
         (words.next(), words.next()),
         (Some("splatrendermode:"), Some("mip")) | (Some("antialiased"), Some("1"))
     )
+}
+
+/// What its comments say.
+fn up_of(header: &Header) -> Option<UpAxis> {
+    (header.comments.iter()).find_map(|comment| up_axis_of(comment))
 }
 
 /// `Vertical axis: y` in a comment, as several tools write it.

@@ -66,3 +66,15 @@ pub(crate) fn check_map_size(path: &Path, width: usize, height: usize) -> Result
     }
     Ok(())
 }
+
+/// So many bytes, of which no more are held than there are.
+pub(crate) fn read_exactly(reader: &mut impl Read, count: u64) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    reader.take(count).read_to_end(&mut bytes)?;
+    if (bytes.len() as u64) < count {
+        let message = format!("it ends after {} of {count} bytes", bytes.len());
+        let kind = std::io::ErrorKind::UnexpectedEof;
+        return Err(std::io::Error::new(kind, message));
+    }
+    Ok(bytes)
+}

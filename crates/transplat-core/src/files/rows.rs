@@ -20,13 +20,15 @@ pub enum AssetKind {
 /// What loading noticed.
 #[derive(Clone, Debug)]
 pub struct AssetReport {
+    /// What the file's format and version are called.
+    pub format: String,
     /// 2DGS or 3DGS.
     pub kind: AssetKind,
     /// Vertices in the file.
     pub vertices: usize,
-    /// Names of all properties, in the file's order.
+    /// Names of all properties of a PLY, in the file's order.
     pub properties: Vec<String>,
-    /// Comment lines of the header.
+    /// Comment lines of its header.
     pub comments: Vec<String>,
     /// Rows that hold something that is not a number or out of any range; they are kept in place and never drawn.
     pub left_out: Vec<usize>,
@@ -42,6 +44,22 @@ const MAX_LEFT_OUT_SHARE: f64 = 0.1;
 /// Positions beyond this overflow when squared; colour beyond [`MAX_SH`] is no colour.
 const MAX_POSITION: f32 = 1e15;
 const MAX_SH: f32 = 1e6;
+
+/// So many Gaussians no file packs into fewer bytes than there are of them, unless they are few.
+const MIN_PACKED: u64 = 1 << 20;
+
+/// Checks the number of Gaussians that a packed file of so many bytes claims, before anything is allocated by it.
+pub(super) fn check_count(count: u64, file_bytes: u64) -> Result<(), String> {
+    if count == 0 {
+        return Err("holds no splats".into());
+    }
+    if count > file_bytes.max(MIN_PACKED) {
+        return Err(format!(
+            "claims {count} splats in {file_bytes} bytes: it is truncated, or its count is wrong"
+        ));
+    }
+    Ok(())
+}
 
 /// One Gaussian as trainers store it.
 pub(super) struct StoredRow {
@@ -219,11 +237,8 @@ impl Builder {
         self.filled += rows;
     }
 
-    pub(super) fn finish(
-        self,
-        properties: Vec<String>,
-        comments: Vec<String>,
-    ) -> Result<Finished, String> {
+    /// The splat, of a format that is called like that, which says which way is up or does not.
+    pub(super) fn finish(self, format: String, up: Option<UpAxis>) -> Result<Finished, String> {
         let (kind, mut cloud, left_out) = (self.kind, self.cloud, self.left_out);
         if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
@@ -237,12 +252,14 @@ impl Builder {
         let report = AssetReport {
             kind,
             vertices: cloud.len(),
-            properties,
-            comments,
+            format,
+            properties: Vec::new(),
+            comments: Vec::new(),
             left_out,
             median_flatness,
-            up: None,
+            up,
         };
+        cloud.up = up.unwrap_or_default();
         let order = neighborhood_order(&cloud.positions);
         cloud.rearrange(&order);
         let mut surfel_of_row = vec![0; order.len()];

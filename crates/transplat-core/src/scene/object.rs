@@ -1,6 +1,6 @@
 //! An object of a scene: a splat, how it is read, where it stands, and what it was captured under.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::{Affine3A, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -79,9 +79,9 @@ impl Object {
 
     /// What it is called: as its file without the ending, where nobody calls it otherwise.
     pub fn called(&self) -> Option<String> {
-        let stem = || Some(self.asset.as_ref()?.file_stem()?.to_string_lossy());
+        let stem = || self.asset.as_deref().map(splat_name);
         let given = self.name.clone().filter(|name| !name.trim().is_empty());
-        given.or_else(|| stem().map(|s| s.into_owned()))
+        given.or_else(stem)
     }
 
     /// Whether it is as it was captured, with nothing said of it that is for several.
@@ -167,6 +167,16 @@ impl Default for Transform {
             rotation: Quat::IDENTITY,
             translation: Vec3::ZERO,
         }
+    }
+}
+
+/// The name of a splat's file without its ending; of a folder that is one, its name.
+pub fn splat_name(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let folder = path.parent().and_then(Path::file_name);
+    match folder.filter(|_| path.ends_with("meta.json")) {
+        Some(folder) => folder.to_string_lossy().into(),
+        None => stem.strip_suffix(".compressed").unwrap_or(&stem).into(),
     }
 }
 

@@ -26,11 +26,11 @@ pub fn run(args: &InfoArgs) -> Result<()> {
     let path = &args.file;
     let mut lines = vec![path.display().to_string()];
     let kind = file_kind(path)?;
-    if args.estimate_light && kind != FileKind::Ply {
+    if args.estimate_light && !matches!(kind, FileKind::Splat(_)) {
         bail!("{}: --estimate-light is for a splat", path.display());
     }
     match kind {
-        FileKind::Ply => {
+        FileKind::Splat(_) => {
             let (cloud, file) = summary.time("load", || load_asset(path))?;
             asset(&cloud, &file, &mut summary, &mut lines);
             if let Some(warning) = up_warning(path, &cloud, &file) {
@@ -154,6 +154,7 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     };
     let bounds = cloud.bounds();
     summary.set("kind", kind);
+    summary.set("format", found.format.clone());
     summary.set("surfels", cloud.len());
     summary.set("sh_degree", cloud.sh_degree);
     summary.set("up", cloud.up.name());
@@ -163,8 +164,14 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     summary.set("properties", found.properties.clone());
     summary.set("comments", found.comments.clone());
     lines.push(format!(
-        "{kind} splat, {} surfels, SH degree {}",
+        "{kind} splat in {}, {} {}, SH degree {}",
+        found.format,
         cloud.len(),
+        if found.kind == AssetKind::Surfels2d {
+            "surfels"
+        } else {
+            "Gaussians"
+        },
         cloud.sh_degree
     ));
     let why = if found.up.is_some() {
@@ -220,7 +227,9 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     for comment in &found.comments {
         lines.push(format!("comment: {comment}"));
     }
-    lines.push(format!("properties: {}", shortened(&found.properties)));
+    if !found.properties.is_empty() {
+        lines.push(format!("properties: {}", shortened(&found.properties)));
+    }
 }
 
 /// Property names, with `f_rest_0 .. f_rest_44` told as a range.

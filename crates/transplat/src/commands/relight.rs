@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::files::{check_folder, check_output, write_relit, write_splat};
+use transplat_core::files::{
+    FileKind, SplatFormat, check_folder, check_output, file_kind, losses, write_relit, write_splat,
+};
 use transplat_core::scene::Scene;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
@@ -13,7 +15,7 @@ use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::device::Transfer;
 use crate::pipeline::Pipeline;
-use crate::pipeline::object::{as_file_name, name_of, told_apart};
+use crate::pipeline::object::{LoadedObject, as_file_name, name_of, told_apart};
 use crate::pipeline::settings::{
     assets_of, check_objects, look_of, targets_of, with_scene_as_look,
 };
@@ -34,7 +36,9 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let assets = assets_of(&asset, &scene)?;
     let names = object_names(&scene, &assets);
     let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
-    let output = Output::new(&args.output, names, is_for_many)?;
+    let endings = endings(&scene, &assets);
+    let objects = names.into_iter().zip(endings).collect();
+    let output = Output::new(&args.output, objects, is_for_many)?;
     let outputs: Vec<PathBuf> = named.iter().flat_map(|(t, _)| output.files(t)).collect();
     let inputs = light
         .inputs(&scene, &named)
@@ -86,8 +90,14 @@ fn write(
         let relit = pipeline.relight_objects(prepared, name, wanted, summary)?;
         for ((object, relit), file) in pipeline.objects.iter().zip(relit).zip(files) {
             summary.time("export", || {
-                write_relit(&object.file, &relit.stored(&object.cloud), file)
+                write_relit(
+                    &object.file,
+                    &object.cloud,
+                    &relit.stored(&object.cloud),
+                    file,
+                )
             })?;
+            warn_of_losses(object, file, summary);
         }
         return Ok(());
     }
@@ -98,9 +108,17 @@ fn write(
             write_splat(&pipeline.cloud, &stored, &files[0])
         } else {
             let object = pipeline.first();
-            write_relit(&object.file, &relit.stored(&object.cloud), &files[0])
+            write_relit(
+                &object.file,
+                &object.cloud,
+                &relit.stored(&object.cloud),
+                &files[0],
+            )
         }
     })?;
+    if !is_scene {
+        warn_of_losses(pipeline.first(), &files[0], summary);
+    }
     Ok(())
 }
 
@@ -110,25 +128,47 @@ fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
     told_apart(shown.map(|(object, asset)| as_file_name(&name_of(object, asset))))
 }
 
+/// The endings of the files of each: those of the formats that they came in.
+fn endings(scene: &Scene, assets: &[PathBuf]) -> Vec<&'static str> {
+    let shown = scene.objects.iter().zip(assets).filter(|(o, _)| o.shown);
+    let ending = |asset: &PathBuf| match file_kind(asset) {
+        Ok(FileKind::Splat(format)) => format.ending(),
+        _ => None,
+    };
+    shown
+        .map(|(_, asset)| ending(asset).unwrap_or(".ply"))
+        .collect()
+}
+
+fn warn_of_losses(object: &LoadedObject, path: &Path, summary: &mut Summary) {
+    if let Some(lost) = losses(&object.file, &object.cloud, path) {
+        summary.warn(format!("{}: {lost}", path.display()));
+    }
+}
+
 /// Where splats go: one file, or a folder with one a light and object.
 struct Output<'a> {
     path: &'a Path,
     is_file: bool,
     is_for_many: bool,
-    objects: Vec<String>,
+    /// Name and ending of each object's file.
+    objects: Vec<(String, &'static str)>,
 }
 
 impl<'a> Output<'a> {
-    fn new(path: &'a Path, objects: Vec<String>, is_for_many: bool) -> Result<Self> {
-        let extension = path.extension().filter(|_| !path.is_dir());
-        let is_ply = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
-        if is_for_many && is_ply {
+    fn new(
+        path: &'a Path,
+        objects: Vec<(String, &'static str)>,
+        is_for_many: bool,
+    ) -> Result<Self> {
+        let is_splat = !path.is_dir() && SplatFormat::of_name(path).is_some();
+        if is_for_many && is_splat {
             bail!(
                 "{}: more than one splat may be written; give a folder",
                 path.display()
             );
         }
-        let is_of_several = objects.len() > 1 && !is_ply;
+        let is_of_several = objects.len() > 1 && !is_splat;
         Ok(Self {
             path,
             is_file: !is_for_many && !is_of_several && !path.to_string_lossy().ends_with('/'),
@@ -140,11 +180,11 @@ impl<'a> Output<'a> {
     /// Refuses a file that is called as no splat is.
     fn check_name(&self) -> Result<()> {
         let extension = self.path.extension().filter(|_| !self.path.is_dir());
-        let is_ply = extension.is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+        let is_splat = SplatFormat::of_name(self.path).is_some();
         let is_folder = self.is_for_many || self.path.to_string_lossy().ends_with('/');
-        if extension.is_some() && !is_ply && !is_folder {
+        if extension.is_some() && !is_splat && !is_folder {
             bail!(
-                "{}: a splat is written as .ply; a folder ends with a slash",
+                "{}: a splat is written as .ply, .compressed.ply, .spz, .sog, .splat or .glb; a folder ends with a slash",
                 self.path.display()
             );
         }
@@ -155,12 +195,12 @@ impl<'a> Output<'a> {
     fn files(&self, target: &str) -> Vec<PathBuf> {
         let in_folder = |folder: &Path| {
             let each = self.objects.iter();
-            each.map(|name| folder.join(format!("{name}.ply")))
+            each.map(|(name, ending)| folder.join(format!("{name}{ending}")))
                 .collect()
         };
         match (&self.objects[..], self.is_file) {
             (_, true) => vec![self.path.to_owned()],
-            ([_], false) => vec![self.path.join(format!("{target}.ply"))],
+            ([(_, ending)], false) => vec![self.path.join(format!("{target}{ending}"))],
             (_, false) if self.is_for_many => in_folder(&self.path.join(target)),
             (_, false) => in_folder(self.path),
         }

@@ -76,7 +76,7 @@ impl Viewer {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
             Action::SaveLook => self.ask_where(SaveKind::Look, "json"),
-            Action::ExportSplat => self.ask_where(SaveKind::Splat, "ply"),
+            Action::ExportSplat => self.ask_where(SaveKind::Splat, self.splat_ending()),
             Action::Screenshot => self.export(Task::Screenshot(None)),
             Action::Copy => self.export(Task::Clipboard),
             Action::Undo => self.undo(),

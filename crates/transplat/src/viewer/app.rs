@@ -5,7 +5,9 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
+use transplat_core::files::{
+    FileKind, SplatFormat, file_kind, file_of, is_camera_file, is_same_file, load_look,
+};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
@@ -231,8 +233,10 @@ impl Viewer {
             }
         }
         self.session.state_mut().saved_bake = startup.bake;
-        let is = |file: &PathBuf, kind| file_kind(file).is_ok_and(|k| k == kind);
-        let splat = startup.files.iter().find(|f| is(f, FileKind::Ply)).cloned();
+        let is = |file: &PathBuf, test: fn(FileKind) -> bool| file_kind(file).is_ok_and(test);
+        let is_look = |kind| kind == FileKind::Look;
+        let mut files = startup.files.iter();
+        let splat = files.find(|f| is(f, FileKind::is_splat)).cloned();
         if splat.is_none() && scene.objects.len() > 1 {
             let assets = scene.objects.iter().filter_map(|o| o.asset.clone());
             self.unproven.extend(assets);
@@ -244,7 +248,7 @@ impl Viewer {
         }
         // A look beside a splat is for that splat.
         scene.objects.truncate(1);
-        let by_look = startup.files.iter().any(|f| is(f, FileKind::Look));
+        let by_look = startup.files.iter().any(|f| is(f, is_look));
         let is_told = scene.objects[self.session.selected].asset.is_some();
         let nothing_named = splat.is_none() && !is_told && !by_look;
         let first = match nothing_named {
@@ -274,8 +278,8 @@ impl Viewer {
         for file in startup.files {
             match (&splat, load_look(&file)) {
                 (Some(own), _) if *own == file => {}
-                (Some(_), _) if is(&file, FileKind::Ply) => self.to_add.push(file),
-                (Some(_), Ok(mut scene)) if is(&file, FileKind::Look) => {
+                (Some(_), _) if is(&file, FileKind::is_splat) => self.to_add.push(file),
+                (Some(_), Ok(mut scene)) if is(&file, is_look) => {
                     scene.objects.truncate(1);
                     scene.objects[0].asset = None;
                     self.session.apply(scene);
@@ -294,6 +298,8 @@ impl Viewer {
             self.session.open_cameras(&path);
             return;
         }
+        // A folder may be a splat.
+        let path = file_of(&path).into_owned();
         if path.is_dir() {
             match environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(tr_format!(
@@ -315,7 +321,7 @@ impl Viewer {
                 // What waits belongs to the scene before.
                 self.to_add.clear();
             }
-            if matches!(kind, FileKind::Hdr | FileKind::Exr | FileKind::Picture) {
+            if kind.is_environment() {
                 self.session.environments.request_again(&path);
                 self.shelf.add(&mut self.session, &path);
             }
@@ -347,10 +353,7 @@ impl Viewer {
                 .is_some_and(|(rect, at)| rect.contains(at))
         });
         let dropped = std::mem::take(&mut self.dropped).into_iter();
-        let is_light = |path: &PathBuf| {
-            use FileKind::{Exr, Hdr, Picture};
-            matches!(file_kind(path), Ok(Hdr | Exr | Picture))
-        };
+        let is_light = |path: &PathBuf| file_kind(path).is_ok_and(FileKind::is_environment);
         let (lights, others): (Vec<_>, Vec<_>) =
             dropped.partition(|path| slot.is_some() && is_light(path));
         // A splat first: the light of the capture is told for it.
@@ -367,7 +370,7 @@ impl Viewer {
         let mut has_splat = false;
         for path in paths {
             let path = std::path::absolute(&path).unwrap_or(path);
-            let is_splat = file_kind(&path).is_ok_and(|kind| kind == FileKind::Ply);
+            let is_splat = file_kind(&path).is_ok_and(FileKind::is_splat);
             match is_splat && has_splat {
                 true => self.to_add.push(path),
                 false => self.open(&path),
@@ -428,7 +431,7 @@ impl Viewer {
         // A picture's name may say another format.
         let (wanted, may_differ) = match kind {
             SaveKind::Look => ("json", false),
-            SaveKind::Splat => ("ply", false),
+            SaveKind::Splat => (self.splat_ending(), SplatFormat::of_name(path).is_some()),
             _ => (self.preferences.export.format.extension(), true),
         };
         let asked = path;
@@ -477,6 +480,15 @@ impl Viewer {
         let (asset, light) = (self.asset_name(), self.session.light(TARGET).name());
         let name = format!("{asset}_{light}.{extension}");
         ask(&mut self.session, Dialog::Save(kind, name));
+    }
+
+    /// What the name of a relit splat ends with: as its format is chosen, or as the capture came.
+    pub(super) fn splat_ending(&self) -> &'static str {
+        let own = self.session.asset().map(|asset| asset.file.format);
+        let own = own.filter(|_| self.session.scene.objects.len() == 1);
+        let format = self.preferences.export.splat.or(own);
+        let ending = format.and_then(SplatFormat::ending);
+        ending.map_or("ply", |ending| &ending[1..])
     }
 
     /// Starts an export.

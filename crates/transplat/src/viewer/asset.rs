@@ -1,5 +1,6 @@
 //! An asset as it is open, and with which settings it is opened.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -8,9 +9,9 @@ use anyhow::Result;
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
-use transplat_core::files::{AssetFile, load_asset};
+use transplat_core::files::{AssetFile, SplatFormat, load_asset};
 use transplat_core::ground::ground_plane;
-use transplat_core::scene::{Cut, Object, Scene};
+use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::upright::proposed_up;
 
@@ -30,6 +31,8 @@ pub struct Asset {
     pub file: Arc<AssetFile>,
     pub bounds: Bounds,
     pub warnings: Vec<String>,
+    /// What of it each format cannot hold.
+    pub losses: Vec<(SplatFormat, Vec<String>)>,
     pub load_ms: f64,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
@@ -89,6 +92,9 @@ impl Asset {
             bounds: cloud.bounds(),
             ground: ground_plane(&cloud, file_up),
             up: file_up,
+            losses: SplatFormat::WRITTEN
+                .map(|(_, format)| (format, format.losses(&cloud)))
+                .to_vec(),
             warnings,
             load_ms: start.elapsed().as_secs_f64() * 1e3,
             file_up,
@@ -163,7 +169,7 @@ const CALLED_ALIKE: [&str; 4] = ["point_cloud", "source", "splat", "output"];
 
 /// What a splat's file is called for the user; where trainers call all alike, the folder that has a name.
 pub fn name_of(path: &Path) -> String {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = Cow::from(splat_name(path));
     let folders = path.iter().rev().skip(1).map(|f| f.to_string_lossy());
     let is_own = |name: &str| {
         let name = name.to_lowercase();
@@ -184,6 +190,8 @@ mod tests {
     fn a_splat_is_called_as_only_it_is() {
         for (path, name) in [
             ("/captures/teapot.ply", "teapot"),
+            ("guitar.compressed.ply", "guitar"),
+            ("playbot_sog/meta.json", "playbot_sog"),
             (
                 "/captures/garden/point_cloud/iteration_30000/point_cloud.ply",
                 "garden",

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::AssetFile;
+use transplat_core::files::{AssetFile, SplatFormat};
 use transplat_core::ground::Ground;
 use transplat_core::lut::Lut;
 use transplat_core::present::{Background, View};
@@ -105,6 +105,8 @@ pub struct ExportSettings {
     pub film: Option<FilmFormat>,
     /// Of the film, a second.
     pub frame_rate: u32,
+    /// What a relit splat is written as; nothing is as it came.
+    pub splat: Option<SplatFormat>,
 }
 
 impl Default for ExportSettings {
@@ -123,6 +125,7 @@ impl Default for ExportSettings {
             turn: Turn::default(),
             film: None,
             frame_rate: FRAME_RATE,
+            splat: None,
         }
     }
 }

@@ -97,10 +97,16 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter(
                 tr("All that opens"),
                 &[
-                    "ply", "hdr", "exr", "png", "jpg", "jpeg", "json", "bin", "txt", "cube",
+                    "ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "hdr", "exr", "png",
+                    "jpg", "jpeg", "json", "bin", "txt", "cube",
                 ],
             )
-            .add_filter(tr("Splats"), &["ply"])
+            .add_filter(
+                tr("Splats"),
+                &[
+                    "ply", "spz", "sog", "json", "splat", "ksplat", "glb", "gltf",
+                ],
+            )
             .add_filter(tr("Environments"), &["hdr", "exr", "png", "jpg", "jpeg"])
             .add_filter(tr("Tables of colours"), &["cube"])
             .add_filter(tr("Looks and cameras"), &["json", "bin", "txt"])
@@ -127,7 +133,11 @@ fn show(dialog: Dialog) -> Option<Event> {
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
                 SaveKind::Look => (tr("Save look"), tr("Look"), &["json"]),
-                SaveKind::Splat => (tr("Export relit splat"), tr("Splat"), &["ply"]),
+                SaveKind::Splat => (
+                    tr("Export relit splat"),
+                    tr("Splat"),
+                    &["ply", "spz", "sog", "splat", "glb"],
+                ),
                 _ => (tr("Save picture"), tr("Picture"), &["png", "exr"]),
             };
             rfd::FileDialog::new()

@@ -25,10 +25,10 @@ impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
     pub fn open(&mut self, path: &Path) {
         match file_kind(path) {
-            Ok(FileKind::Ply) if self.adds_splats && self.has_asset() => {
+            Ok(FileKind::Splat(_)) if self.adds_splats && self.has_asset() => {
                 self.add_object(path.to_owned());
             }
-            Ok(FileKind::Ply) => {
+            Ok(FileKind::Splat(_)) => {
                 // Nothing is told of it: its light is estimated.
                 let object = Object {
                     source: EnvironmentLight::of(ESTIMATE),
@@ -49,11 +49,11 @@ impl Session {
                 }
                 Err(error) => self.error(error.to_string()),
             },
-            Ok(FileKind::Hdr | FileKind::Exr | FileKind::Picture) => {
+            Ok(kind) if kind.is_environment() => {
                 self.set_light(TARGET, path.to_owned());
             }
             Ok(FileKind::Lut) => self.open_lut(path.to_owned()),
-            Ok(FileKind::Bake) => self.error(tr_format!(
+            Ok(_) => self.error(tr_format!(
                 "{}: a bake is found by itself when it lies beside its splat",
                 path.display()
             )),

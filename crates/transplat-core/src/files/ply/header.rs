@@ -1,6 +1,6 @@
 //! The header of a PLY file: elements, their properties by name, and comments.
 
-use std::io::BufRead;
+use std::io::{BufRead, Seek, SeekFrom};
 
 /// A header longer than this is no header.
 const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -91,13 +91,65 @@ impl ScalarType {
     }
 }
 
-/// A scalar property of a vertex.
+/// A scalar property.
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
     pub scalar: ScalarType,
     /// Bytes from the start of a binary row.
     pub offset: usize,
+}
+
+/// An element: what its rows are.
+#[derive(Clone, Debug)]
+pub(crate) struct Element {
+    pub name: String,
+    /// Claimed number of rows.
+    pub count: u64,
+    pub properties: Vec<Property>,
+    /// Binary bytes of a row, without lists.
+    pub stride: usize,
+    /// What a row is made of, in its order, where it has lists: the type of a list's length, and the type of what is there.
+    lists: Vec<(Option<ScalarType>, ScalarType)>,
+    has_list: bool,
+}
+
+impl Element {
+    /// The property of that name.
+    pub(crate) fn find(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|p| p.name == name)
+    }
+
+    /// Steps over all of its rows in binary; `None` where they end too early.
+    fn skip(&self, reader: &mut (impl BufRead + Seek), big_endian: bool, end: u64) -> Option<()> {
+        let here = reader.stream_position().ok()?;
+        if !self.has_list {
+            let bytes = self.count.checked_mul(self.stride as u64)?;
+            let after = here.checked_add(bytes).filter(|after| *after <= end)?;
+            return reader.seek(SeekFrom::Start(after)).ok().map(drop);
+        }
+        // Each row takes something, so a claimed count comes to the end soon.
+        for _ in 0..self.count {
+            for (length, item) in &self.lists {
+                let mut bytes = item.size() as u64;
+                if let Some(length) = length {
+                    let mut number = [0; 8];
+                    let number = &mut number[..length.size()];
+                    reader.read_exact(number).ok()?;
+                    let items = length.read(number, big_endian);
+                    bytes = bytes.checked_mul(items.max(0.0) as u64)?;
+                }
+                if bytes > end {
+                    return None;
+                }
+                reader.seek_relative(bytes as i64).ok()?;
+            }
+            if reader.stream_position().ok()? > end {
+                return None;
+            }
+        }
+        Some(())
+    }
 }
 
 /// What the header says, with the vertex element picked out.
@@ -114,6 +166,9 @@ pub(crate) struct Header {
     pub properties: Vec<Property>,
     /// Binary bytes of one vertex.
     pub stride: usize,
+    /// The elements before the vertices, and those after.
+    pub before: Vec<Element>,
+    pub after: Vec<Element>,
 }
 
 impl Header {
@@ -124,6 +179,28 @@ impl Header {
 
     pub(crate) fn big_endian(&self) -> bool {
         self.format == Format::BigEndian
+    }
+
+    /// Whether a file of so many bytes holds all that comes after the vertices, which is where the reader is.
+    pub(crate) fn is_whole(&self, reader: &mut (impl BufRead + Seek), file_bytes: u64) -> bool {
+        if self.format == Format::Ascii {
+            let rows = self.after.iter().map(|e| e.count);
+            let Some(mut rows) = rows.reduce(u64::saturating_add) else {
+                return true;
+            };
+            let mut line = Vec::new();
+            while rows > 0 {
+                line.clear();
+                match reader.read_until(b'\n', &mut line) {
+                    Ok(1..) => rows -= u64::from(!line.trim_ascii().is_empty()),
+                    _ => return false,
+                }
+            }
+            return true;
+        }
+        let big_endian = self.big_endian();
+        let mut after = self.after.iter();
+        after.all(|element| element.skip(reader, big_endian, file_bytes).is_some())
     }
 
     /// Parses a header; the reader is left at the first byte behind it.
@@ -153,14 +230,6 @@ fn read_line(reader: &mut impl BufRead, total: &mut usize) -> Result<String, Str
         return Err("the header has no end_header line".into());
     }
     String::from_utf8(line).map_err(|_| "the header is not text".into())
-}
-
-struct Element {
-    name: String,
-    count: u64,
-    properties: Vec<Property>,
-    stride: usize,
-    has_list: bool,
 }
 
 #[derive(Default)]
@@ -196,6 +265,7 @@ impl Parser {
                     count,
                     properties: Vec::new(),
                     stride: 0,
+                    lists: Vec::new(),
                     has_list: false,
                 });
             }
@@ -205,7 +275,14 @@ impl Parser {
                     .last_mut()
                     .ok_or("a property comes before any element")?;
                 match words[1..] {
-                    ["list", ..] => element.has_list = true,
+                    ["list", length, item, name] => {
+                        let types = [length, item].map(ScalarType::parse);
+                        let [Some(length), Some(item)] = types else {
+                            return Err(format!("list {name} has an unknown type"));
+                        };
+                        element.lists.push((Some(length), item));
+                        element.has_list = true;
+                    }
                     [scalar, name] => {
                         let scalar = ScalarType::parse(scalar)
                             .ok_or_else(|| format!("property {name} has unknown type {scalar}"))?;
@@ -218,6 +295,7 @@ impl Parser {
                             offset: element.stride,
                         });
                         element.stride += scalar.size();
+                        element.lists.push((None, scalar));
                     }
                     _ => return Err(format!("{line:?} is not a property")),
                 }
@@ -231,7 +309,9 @@ impl Parser {
     fn finish(self, bytes: u64) -> Result<Header, String> {
         let format = self.format.ok_or("the header has no format line")?;
         let mut skip = 0u64;
-        for element in self.elements {
+        let mut elements = self.elements.into_iter();
+        let mut before = Vec::new();
+        while let Some(element) = elements.next() {
             if element.name == "vertex" {
                 if element.has_list {
                     return Err("a vertex has list properties, which no splat has".into());
@@ -244,6 +324,8 @@ impl Parser {
                     vertices: element.count,
                     properties: element.properties,
                     stride: element.stride,
+                    before,
+                    after: elements.collect(),
                 });
             }
             if element.has_list && element.count > 0 && format != Format::Ascii {
@@ -262,6 +344,7 @@ impl Parser {
                 .checked_mul(row)
                 .and_then(|n| n.checked_add(skip))
                 .ok_or("an element claims more rows than any file holds")?;
+            before.push(element);
         }
         Err("there is no vertex element; a splat has one row of that element a surfel".into())
     }

@@ -515,7 +515,7 @@ impl Snapshot {
             let stored = relit.stored_as(self.cloud.sh_degree, Encoding::Stored);
             write_splat(&self.cloud, &stored, path)?;
         } else {
-            write_relit(&self.file, &relit.stored(&self.cloud), path)?;
+            write_relit(&self.file, &self.cloud, &relit.stored(&self.cloud), path)?;
         }
         Ok(Made::Files(vec![path.to_owned()]))
     }

@@ -26,7 +26,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     file(ui, &asset.path);
     let kind = match asset.file.report.kind {
         AssetKind::Surfels2d => tr("2D surfels"),
-        AssetKind::Gaussians3d => tr("3D Gaussians, flattened"),
+        AssetKind::Gaussians3d => tr("3D Gaussians"),
     };
     let (n, degree) = (asset.cloud.len(), asset.cloud.sh_degree);
     fact(

@@ -1,6 +1,7 @@
 //! Pictures and splats out.
 
-use eframe::egui::{self, Ui};
+use eframe::egui::{self, RichText, Ui};
+use transplat_core::files::SplatFormat;
 
 use crate::film::FilmFormat;
 use crate::viewer::app::Viewer;
@@ -8,6 +9,7 @@ use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
 use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{Dialog, SaveKind};
+use crate::viewer::style::small;
 use crate::viewer::widgets::{button, choice, named, number};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
@@ -17,14 +19,39 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.separator();
     task = task.or(turntable(ui, viewer));
     ui.separator();
-    let tip = tr(
-        "As PLY, with every property that the capture has: any other viewer shows it relit. (ctrl + E)",
-    );
+    splat_format(ui, viewer);
+    let tip = tr("Any other viewer shows it relit. (ctrl + E)");
     if button(ui, tr("Export relit splat…"), tip) {
-        viewer.ask_where(SaveKind::Splat, "ply");
+        viewer.ask_where(SaveKind::Splat, viewer.splat_ending());
     }
     if let Some(task) = task {
         viewer.export(task);
+    }
+}
+
+/// In which format a relit splat is written, and what of it that loses.
+fn splat_format(ui: &mut Ui, viewer: &mut Viewer) {
+    let written = SplatFormat::WRITTEN.map(|(_, format)| (format.name(), Some(format)));
+    let options: Vec<_> = std::iter::once((tr("as it came"), None))
+        .chain(written)
+        .collect();
+    let format = &mut viewer.preferences.export.splat;
+    let text = tr(
+        "A PLY keeps every property that the capture has. The name may say another format: .ply, .compressed.ply, .spz, .sog, .splat, .glb.",
+    );
+    choice(ui, tr("Splat as"), text, format, &options);
+    let (Some(format), Some(asset)) = (*format, viewer.session.asset()) else {
+        return;
+    };
+    if format != asset.file.format {
+        let losses = asset.losses.iter().find(|(f, _)| *f == format);
+        for loss in losses.iter().flat_map(|(_, losses)| losses) {
+            ui.label(
+                RichText::new(loss)
+                    .font(small())
+                    .color(ui.visuals().weak_text_color()),
+            );
+        }
     }
 }
 

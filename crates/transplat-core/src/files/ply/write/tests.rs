@@ -47,9 +47,10 @@ fn only_the_colour_of_a_binary_file_changes() {
         std::fs::write(&from, &original).expect("room for it");
         let (cloud, asset) = load_asset(&from).expect("a good file");
         assert_eq!(cloud.sh, [[0.3, 0.2, 0.1]; 2]);
-        write_relit(&asset, &cloud.sh, &to).expect("room for it");
+        write_relit(&asset, &cloud, &cloud.sh, &to).expect("room for it");
         assert_eq!(std::fs::read(&to).expect("it is there"), original);
-        write_relit(&asset, &[[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]], &to).expect("room for it");
+        write_relit(&asset, &cloud, &[[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]], &to)
+            .expect("room for it");
         let (other, _) = load_asset(&to).expect("a good file");
         assert_eq!(other.sh, [[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]]);
         assert_eq!(other.positions, cloud.positions);
@@ -67,7 +68,7 @@ fn ascii_keeps_its_words_and_makes_broken_rows_harmless() {
     std::fs::write(&from, ascii()).expect("room for it");
     let (cloud, asset) = load_asset(&from).expect("mostly good");
     assert_eq!(asset.report.left_out, [1]);
-    write_relit(&asset, &vec![[1.0, 2.0, 3.0]; cloud.len()], &to).expect("room for it");
+    write_relit(&asset, &cloud, &vec![[1.0, 2.0, 3.0]; cloud.len()], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
     let mut lines = text.lines().skip_while(|l| *l != "end_header").skip(1);
     assert_eq!(lines.next(), Some("7"));
@@ -84,7 +85,7 @@ fn a_changed_source_is_noticed() {
     let (cloud, asset) = load_asset(&from).expect("a good file");
     std::fs::write(&from, &binary(false)[..300]).expect("room for it");
     let to = folder.path().join("b.ply");
-    assert!(write_relit(&asset, &cloud.sh, &to).is_err());
+    assert!(write_relit(&asset, &cloud, &cloud.sh, &to).is_err());
     assert!(!to.exists());
 }
 
@@ -98,9 +99,9 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let (from, to) = (folder.path().join("a.ply"), folder.path().join("b.ply"));
     std::fs::write(&from, ascii()).expect("room for it");
-    let (_, asset) = load_asset(&from).expect("mostly good");
+    let (cloud, asset) = load_asset(&from).expect("mostly good");
     let part = asset.part(&surfels(&asset, [1, 3]));
-    write_relit(&part, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
+    write_relit(&part, &cloud, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &to).expect("room for it");
     let text = std::fs::read_to_string(&to).expect("it is there");
     assert!(text.contains("\nelement vertex 2\n") && text.contains("\nelement camera 1\n"));
     let lines: Vec<&str> = text.lines().skip_while(|l| *l != "end_header").collect();
@@ -118,12 +119,12 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
         std::fs::write(&from, binary(big_endian)).expect("room for it");
         let (cloud, asset) = load_asset(&from).expect("a good file");
         let part = asset.part(&surfels(&asset, [1]));
-        write_relit(&part, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
+        write_relit(&part, &cloud, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
         let (back, _) = load_asset(&to).expect("a good file");
         assert_eq!(back.positions, cloud.positions[1..]);
         assert_eq!(back.sh, [[4.0, 5.0, 6.0]]);
         let written = std::fs::read(&to).expect("it is there");
         assert_eq!(written[written.len() - 2..], [3, 4]);
-        assert!(write_relit(&part, &cloud.sh, &to).is_err());
+        assert!(write_relit(&part, &cloud, &cloud.sh, &to).is_err());
     }
 }

@@ -1,0 +1,148 @@
+//! The formats of splats.
+
+use std::io::{Seek, Write};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::written::Written;
+use super::{gltf, ply, sog, splat, spz};
+use crate::sh::MAX_DEGREE;
+use crate::surfels::{SurfelCloud, UpAxis};
+
+/// A format of splats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SplatFormat {
+    /// PLY as trainers write it.
+    Ply,
+    /// The compressed PLY of PlayCanvas.
+    CompressedPly,
+    /// SPZ of Niantic.
+    Spz,
+    /// SOG of PlayCanvas.
+    Sog,
+    /// 32 bytes a splat, without a header.
+    Splat,
+    /// That of GaussianSplats3D, which is only read.
+    Ksplat,
+    /// glTF with `KHR_gaussian_splatting`.
+    Gltf,
+}
+
+impl SplatFormat {
+    /// Those that are written, each with the ending of its name; the longer one before that which it ends with.
+    pub const WRITTEN: [(&'static str, Self); 6] = [
+        (".compressed.ply", Self::CompressedPly),
+        (".ply", Self::Ply),
+        (".spz", Self::Spz),
+        (".sog", Self::Sog),
+        (".splat", Self::Splat),
+        (".glb", Self::Gltf),
+    ];
+
+    /// The one that a file of that name is written in.
+    pub fn of_name(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+        let mut written = Self::WRITTEN.into_iter();
+        written
+            .find(|(ending, _)| name.ends_with(ending))
+            .map(|(_, format)| format)
+    }
+
+    /// The ending of its files' names, and nothing where it is not written.
+    pub fn ending(self) -> Option<&'static str> {
+        let mut written = Self::WRITTEN.into_iter();
+        written
+            .find(|(_, format)| *format == self)
+            .map(|(ending, _)| ending)
+    }
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "PLY",
+            Self::CompressedPly => "compressed PLY",
+            Self::Spz => "SPZ",
+            Self::Sog => "SOG",
+            Self::Splat => ".splat",
+            Self::Ksplat => ".ksplat",
+            Self::Gltf => "glTF",
+        }
+    }
+
+    /// The axis that its files have up by their specification; PLY and what was made of it has none, and mostly -y.
+    pub(super) fn up(self) -> Option<UpAxis> {
+        matches!(self, Self::Spz | Self::Gltf).then_some(UpAxis::PlusY)
+    }
+
+    /// The highest SH degree that it holds.
+    fn max_degree(self) -> usize {
+        match self {
+            Self::Ply => MAX_DEGREE,
+            Self::CompressedPly => ply::compressed::MAX_DEGREE,
+            Self::Spz => spz::MAX_DEGREE,
+            Self::Sog => sog::MAX_DEGREE,
+            Self::Splat | Self::Ksplat => 0,
+            Self::Gltf => gltf::MAX_DEGREE,
+        }
+    }
+
+    /// What of a splat it cannot hold, in words.
+    pub fn losses(self, cloud: &SurfelCloud) -> Vec<String> {
+        let mut losses = Vec::new();
+        let degree = cloud.filled_degree();
+        match self.max_degree() {
+            most if degree <= most => {}
+            0 => losses.push("no colour that depends on the view".into()),
+            most => losses.push(format!("SH of degree {most} at most, of {degree}")),
+        }
+        let has = |test: fn(&crate::surfels::Thickness) -> bool| cloud.thicknesses.iter().any(test);
+        if self != Self::Ply && has(|t| t.is_flat()) {
+            losses.push("no 2D surfels, which become thin 3D Gaussians".into());
+        }
+        if matches!(self, Self::Splat | Self::Gltf) && has(|t| t.is_antialiased()) {
+            losses.push("no mark that it was trained antialiased".into());
+        }
+        if let Some(quantum) = self.quantum() {
+            losses.push(quantum.into());
+        }
+        losses
+    }
+
+    /// What its numbers are rounded to.
+    fn quantum(self) -> Option<&'static str> {
+        match self {
+            Self::CompressedPly => Some(
+                "positions and scales of 10 and 11 bits within 256 neighbours, rotations of 10 bits, colours of 8",
+            ),
+            Self::Spz => Some(
+                "positions of 24 bits, scales in steps of 6 %, rotations of 10 bits, colours of 8",
+            ),
+            Self::Sog => Some(
+                "positions of 16 bits, rotations of 8, scales and colours of 256 values, 65536 higher SH",
+            ),
+            Self::Splat => Some("rotations and colours of 8 bits"),
+            Self::Ply | Self::Ksplat | Self::Gltf => None,
+        }
+    }
+}
+
+/// Writes a splat in a format that is written.
+pub(super) fn write(
+    format: SplatFormat,
+    splat: &Written<'_>,
+    out: &mut (impl Write + Seek),
+) -> std::io::Result<()> {
+    match format {
+        SplatFormat::Ply | SplatFormat::Ksplat => ply::write_made(splat, out),
+        SplatFormat::CompressedPly => ply::compressed::write(splat, out),
+        SplatFormat::Spz => spz::write(splat, out),
+        SplatFormat::Sog => sog::write(splat, out),
+        SplatFormat::Splat => splat::write(splat, out),
+        SplatFormat::Gltf => gltf::write(splat, out),
+    }
+}
+
+#[cfg(test)]
+mod tests;

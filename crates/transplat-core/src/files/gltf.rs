@@ -1,0 +1,431 @@
+//! Splats in glTF 2.0 (`.gltf`, `.glb`) by `KHR_gaussian_splatting`, ratified or as its drafts had it, and with SPZ inside.
+
+mod accessor;
+mod write;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::{Affine3A, Mat4, Quat, Vec3};
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::packed::{Fields, dc_of_color, logit};
+use super::rows::{AssetKind, Builder, Finished, StoredRow};
+use super::{folder_of, read, spz};
+use crate::color::{Encoding, STORED_OFFSET};
+use crate::error::{Error, Result};
+use crate::morton::neighborhood_order;
+use crate::sh::{SQRT_4PI, coefficient_count};
+use crate::surfels::{SurfelCloud, UpAxis};
+use accessor::{Accessor, BufferView, Column};
+
+pub(super) use write::write;
+
+/// What a binary glTF begins with.
+pub(super) const MAGIC: &[u8; 4] = b"glTF";
+
+/// The highest degree that the extension knows.
+pub(super) const MAX_DEGREE: usize = 3;
+
+const EXTENSION: &str = "KHR_gaussian_splatting";
+
+/// SPZ inside, by the names that its drafts had.
+const SPZ_EXTENSIONS: [&str; 3] = [
+    "KHR_gaussian_splatting_compression_spz_2",
+    "KHR_gaussian_splatting_compression_spz",
+    "KHR_spz_gaussian_splats_compression",
+];
+
+/// Types of the chunks of a binary glTF.
+const JSON_CHUNK: u32 = 0x4e4f_534a;
+const BINARY_CHUNK: u32 = 0x004e_4942;
+
+pub(super) const MAX_FILE_BYTES: u64 = 1 << 36;
+
+/// Nodes are nested no deeper.
+const MAX_DEPTH: usize = 64;
+
+/// Primitives of all nodes together, at most.
+const MAX_PLACED: usize = 1 << 12;
+
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct Document {
+    buffers: Vec<Buffer>,
+    buffer_views: Vec<BufferView>,
+    accessors: Vec<Accessor>,
+    meshes: Vec<Mesh>,
+    nodes: Vec<Node>,
+    scenes: Vec<Scene>,
+    scene: usize,
+}
+
+#[derive(Deserialize)]
+struct Buffer {
+    uri: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Mesh {
+    primitives: Vec<Primitive>,
+}
+
+#[derive(Deserialize)]
+struct Primitive {
+    #[serde(default)]
+    attributes: HashMap<String, usize>,
+    #[serde(default)]
+    extensions: Value,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Node {
+    mesh: Option<usize>,
+    children: Vec<usize>,
+    matrix: Option<[f32; 16]>,
+    translation: Option<[f32; 3]>,
+    rotation: Option<[f32; 4]>,
+    scale: Option<[f32; 3]>,
+}
+
+#[derive(Deserialize)]
+struct Scene {
+    #[serde(default)]
+    nodes: Vec<usize>,
+}
+
+impl Node {
+    fn parent_from_node(&self) -> Affine3A {
+        if let Some(matrix) = &self.matrix {
+            return Affine3A::from_mat4(Mat4::from_cols_array(matrix));
+        }
+        let turn = self.rotation.map_or(Quat::IDENTITY, Quat::from_array);
+        Affine3A::from_scale_rotation_translation(
+            self.scale.map_or(Vec3::ONE, Vec3::from_array),
+            turn.try_normalize_or_identity(),
+            self.translation.map_or(Vec3::ZERO, Vec3::from_array),
+        )
+    }
+}
+
+/// A quaternion of some length, if it has one.
+trait NormalizeOr {
+    fn try_normalize_or_identity(self) -> Self;
+}
+
+impl NormalizeOr for Quat {
+    fn try_normalize_or_identity(self) -> Self {
+        let normal = self.normalize();
+        if normal.is_finite() {
+            normal
+        } else {
+            Self::IDENTITY
+        }
+    }
+}
+
+impl Primitive {
+    fn is_splat(&self) -> bool {
+        let has = |name: &str| self.extensions.get(name).is_some();
+        has(EXTENSION) || SPZ_EXTENSIONS.iter().any(|name| has(name))
+    }
+
+    /// The buffer view that holds it as SPZ.
+    fn spz(&self) -> Option<usize> {
+        let within = |holder: &Value| {
+            let mut names = SPZ_EXTENSIONS.iter();
+            names.find_map(|name| holder.get(name)?.get("bufferView")?.as_u64())
+        };
+        let nested = self
+            .extensions
+            .get(EXTENSION)
+            .and_then(|e| e.get("extensions"));
+        let view = nested
+            .and_then(within)
+            .or_else(|| within(&self.extensions))?;
+        usize::try_from(view).ok()
+    }
+
+    fn is_linear(&self) -> bool {
+        let space = self
+            .extensions
+            .get(EXTENSION)
+            .and_then(|e| e.get("colorSpace"));
+        space.and_then(Value::as_str) == Some("lin_rec709_display")
+    }
+}
+
+/// Reads the splats of a file, each where its node is.
+pub(super) fn read(path: &Path) -> Result<Finished> {
+    let bytes = read::read_all(path, MAX_FILE_BYTES)?;
+    let (text, binary) = if bytes.starts_with(MAGIC) {
+        chunks(&bytes).ok_or_else(|| Error::invalid(path, "the binary glTF is truncated"))?
+    } else {
+        (&bytes[..], &[][..])
+    };
+    let document = serde_json::from_slice::<Document>(text)
+        .map_err(|e| Error::invalid(path, format!("not a glTF splat: {e}")))?;
+    let buffers = load_buffers(path, &document, binary)?;
+    read_document(path, &document, &buffers)
+}
+
+/// The JSON and the binary chunk of a binary glTF.
+fn chunks(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let total = Fields(bytes.get(8..12)?).u32() as usize;
+    let mut rest = bytes.get(12..total)?;
+    let (mut text, mut binary) = (None, &[][..]);
+    while rest.len() >= 8 {
+        let [length, kind] = Fields(rest).each(Fields::u32);
+        let end = 8usize.checked_add(length as usize)?;
+        let content = rest.get(8..end)?;
+        match kind {
+            JSON_CHUNK => text = text.or(Some(content)),
+            BINARY_CHUNK => binary = content,
+            _ => {}
+        }
+        rest = rest.get(end..)?;
+    }
+    Some((text?, binary))
+}
+
+fn load_buffers(path: &Path, document: &Document, binary: &[u8]) -> Result<Vec<Vec<u8>>> {
+    let invalid = |message: String| Error::invalid(path, message);
+    let buffers = document.buffers.iter().map(|buffer| {
+        let Some(uri) = &buffer.uri else {
+            return Ok(binary.to_vec());
+        };
+        if let Some(data) = uri.strip_prefix("data:") {
+            let (_, text) = data.split_once(";base64,").unwrap_or_default();
+            let decoded = STANDARD.decode(text);
+            return decoded.map_err(|e| invalid(format!("a buffer is no base64: {e}")));
+        }
+        // A name, not a way to somewhere else.
+        if Path::new(uri).file_name() != Some(uri.as_ref()) {
+            return Err(invalid(format!(
+                "names a buffer {uri:?} that is not beside it"
+            )));
+        }
+        read::read_all(&folder_of(path).join(uri), MAX_FILE_BYTES)
+    });
+    buffers.collect()
+}
+
+fn read_document(path: &Path, document: &Document, buffers: &[Vec<u8>]) -> Result<Finished> {
+    let invalid = |message: String| Error::invalid(path, message);
+    let mut placed = Vec::new();
+    let roots = match document.scenes.get(document.scene) {
+        Some(scene) => scene.nodes.clone(),
+        None => (0..document.nodes.len()).collect(),
+    };
+    for root in roots {
+        place(document, root, Affine3A::IDENTITY, 0, &mut placed).map_err(invalid)?;
+    }
+    if placed.is_empty() {
+        return Err(invalid(format!(
+            "holds no splat: no primitive of its scene has {EXTENSION}"
+        )));
+    }
+    let mut parts = Vec::with_capacity(placed.len());
+    for (primitive, world_from_node) in placed {
+        let part = match primitive.spz() {
+            Some(view) => {
+                let view = document
+                    .buffer_views
+                    .get(view)
+                    .and_then(|v| v.bytes(buffers));
+                let mut bytes =
+                    view.ok_or_else(|| invalid("names SPZ that is not there".into()))?;
+                let length = bytes.len() as u64;
+                spz::read(path, &mut bytes, length)?
+            }
+            None => read_attributes(document, buffers, primitive).map_err(invalid)?,
+        };
+        let stretch = uniform_scale(world_from_node);
+        if stretch.is_none() {
+            return Err(invalid(
+                "has a node that stretches, shears or mirrors its splat, which is not read".into(),
+            ));
+        }
+        parts.push((part, world_from_node));
+    }
+    Ok(together(parts))
+}
+
+/// The primitives with splats at or below a node, each with where it is.
+fn place<'a>(
+    document: &'a Document,
+    node: usize,
+    world_from_parent: Affine3A,
+    depth: usize,
+    placed: &mut Vec<(&'a Primitive, Affine3A)>,
+) -> std::result::Result<(), String> {
+    let node = document
+        .nodes
+        .get(node)
+        .ok_or("names a node that is not there")?;
+    if depth > MAX_DEPTH {
+        return Err("its nodes are nested without end".into());
+    }
+    let world_from_node = world_from_parent * node.parent_from_node();
+    if let Some(mesh) = node.mesh {
+        let mesh = document
+            .meshes
+            .get(mesh)
+            .ok_or("names a mesh that is not there")?;
+        let splats = mesh.primitives.iter().filter(|p| p.is_splat());
+        placed.extend(splats.map(|p| (p, world_from_node)));
+        if placed.len() > MAX_PLACED {
+            return Err(format!("holds more than {MAX_PLACED} splats"));
+        }
+    }
+    let mut children = node.children.iter();
+    children.try_for_each(|child| place(document, *child, world_from_node, depth + 1, placed))
+}
+
+/// What a map scales by, if it does nothing else than scale evenly, turn and move.
+fn uniform_scale(map: Affine3A) -> Option<f32> {
+    let axes = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
+    let [x, y, z] = axes.map(|a| a.length());
+    let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * x;
+    let square = (0..3).all(|i| axes[i].dot(axes[(i + 1) % 3]).abs() <= 1e-3 * x * x);
+    let good = x > 0.0 && x.is_finite() && close(x, y) && close(x, z) && square;
+    (good && map.matrix3.determinant() > 0.0).then_some(x)
+}
+
+/// Parts in one, as one file of theirs would have them.
+fn together(mut parts: Vec<(Finished, Affine3A)>) -> Finished {
+    if let [(_, place)] = &parts[..]
+        && *place == Affine3A::IDENTITY
+        && let Some((alone, _)) = parts.pop()
+    {
+        return alone;
+    }
+    let clouds: Vec<(&SurfelCloud, Affine3A)> = parts
+        .iter()
+        .map(|((cloud, ..), place)| (cloud, *place))
+        .collect();
+    let mut cloud = SurfelCloud::composed(&clouds);
+    let mut surfel_of_row = Vec::with_capacity(cloud.len());
+    let mut report = parts[0].0.1.clone();
+    report.left_out.clear();
+    for ((part, told, rows), _) in &parts {
+        let (first_row, first) = (surfel_of_row.len(), surfel_of_row.len() as u32);
+        debug_assert_eq!(part.len(), rows.len());
+        report
+            .left_out
+            .extend(told.left_out.iter().map(|row| first_row + row));
+        surfel_of_row.extend(rows.iter().map(|surfel| first + surfel));
+    }
+    report.vertices = cloud.len();
+    let order = neighborhood_order(&cloud.positions);
+    cloud.rearrange(&order);
+    let mut anew = vec![0; order.len()];
+    for (new, old) in order.into_iter().enumerate() {
+        anew[old as usize] = new as u32;
+    }
+    surfel_of_row
+        .iter_mut()
+        .for_each(|s| *s = anew[*s as usize]);
+    (cloud, report, surfel_of_row)
+}
+
+fn read_attributes(
+    document: &Document,
+    buffers: &[Vec<u8>],
+    primitive: &Primitive,
+) -> std::result::Result<Finished, String> {
+    let find = |names: &[String]| -> std::result::Result<Option<Column<'_>>, String> {
+        let mut found = names
+            .iter()
+            .filter_map(|name| Some((name, *primitive.attributes.get(name)?)));
+        let Some((name, index)) = found.next() else {
+            return Ok(None);
+        };
+        let accessor = document.accessors.get(index);
+        let accessor = accessor.ok_or_else(|| format!("{name} has no accessor"))?;
+        let column = accessor.column(&document.buffer_views, buffers);
+        column.map(Some).map_err(|e| format!("{name}: {e}"))
+    };
+    let named = |name: &str| [format!("{EXTENSION}:{name}"), format!("_{name}")];
+    let need = |names: &[String], width: usize| {
+        let column = find(names)?.ok_or_else(|| format!("the splat has no {}", names[0]))?;
+        if column.width < width {
+            return Err(format!("{} has too few numbers", names[0]));
+        }
+        Ok::<_, String>(column)
+    };
+    let positions = need(&["POSITION".into()], 3)?;
+    let rotations = need(&named("ROTATION"), 4)?;
+    let scales = need(&named("SCALE"), 3)?;
+    let opacities = find(&named("OPACITY"))?;
+    let colors = find(&["COLOR_0".into()])?;
+    let mut sh = Vec::new();
+    let mut degree = 0;
+    for l in 0..=MAX_DEGREE {
+        let of_degree = (0..2 * l + 1).map(|m| find(&named(&format!("SH_DEGREE_{l}_COEF_{m}"))));
+        let of_degree: Vec<_> = of_degree.collect::<std::result::Result<_, _>>()?;
+        let Some(of_degree) = of_degree.into_iter().collect::<Option<Vec<_>>>() else {
+            break;
+        };
+        degree = l;
+        sh.extend(of_degree);
+    }
+    if sh.iter().any(|c| c.width < 3) {
+        return Err("SH coefficients are not of three colours".into());
+    }
+    let n = positions.count;
+    let mut columns = [&rotations, &scales]
+        .into_iter()
+        .chain(&opacities)
+        .chain(&colors)
+        .chain(&sh);
+    if n == 0 || columns.any(|c| c.count != n) {
+        return Err("the splat's attributes are of different lengths, or empty".into());
+    }
+    if opacities.is_none() && !colors.as_ref().is_some_and(|c| c.width == 4) {
+        return Err(format!("the splat has no {EXTENSION}:OPACITY"));
+    }
+    if sh.is_empty() && colors.is_none() {
+        return Err(format!("the splat has no {EXTENSION}:SH_DEGREE_0_COEF_0"));
+    }
+    // Before it was ratified they were logarithms, some of which are below 0 in any scene.
+    let are_logs = (0..n).any(|i| scales.get::<3>(i).iter().any(|s| *s < 0.0));
+    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, n);
+    rows.push_rows(n, |i, _, out| {
+        for (f, column) in out.iter_mut().zip(&sh) {
+            *f = column.get(i);
+        }
+        let color = colors.as_ref().map(|c| c.get::<4>(i));
+        if let (true, Some([r, g, b, _])) = (sh.is_empty(), color) {
+            out[0] = [r, g, b].map(dc_of_color);
+        }
+        let opacity = opacities.as_ref().map(|o| o.get::<1>(i)[0]);
+        let [x, y, z, w] = rotations.get(i);
+        let scales: [f32; 3] = scales.get(i);
+        StoredRow {
+            position: positions.get(i),
+            rotation: [w, x, y, z],
+            log_scales: if are_logs {
+                scales
+            } else {
+                scales.map(f32::ln)
+            },
+            logit: logit(opacity.or(color.map(|c| c[3])).unwrap_or(1.0)),
+        }
+    });
+    let mut finished = rows.finish("glTF".into(), Some(UpAxis::PlusY))?;
+    if primitive.is_linear() {
+        let cloud = &mut finished.0;
+        cloud.encoding = Encoding::Linear;
+        // What is added to stored colour is a part of linear colour.
+        let k = coefficient_count(cloud.sh_degree);
+        for dc in cloud.sh.iter_mut().step_by(k).flatten() {
+            *dc += STORED_OFFSET * SQRT_4PI as f32;
+        }
+    }
+    Ok(finished)
+}

@@ -1,0 +1,388 @@
+//! Splats in SOG (PlayCanvas), versions 1 and 2: pictures without loss whose pixels are Gaussians, and `meta.json` that says what their values
+//! stand for; in a folder, or bundled in a zip archive.
+
+mod codebook;
+mod write;
+
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::{Path, PathBuf};
+
+use image::{ImageReader, Limits, RgbaImage};
+use rayon::prelude::*;
+use serde::Deserialize;
+use zip::ZipArchive;
+
+use super::packed::{component, logit, share, with_largest};
+use super::read;
+use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
+use crate::error::{Error, Result};
+use crate::sh::coefficient_count;
+
+pub(super) use write::{MAX_DEGREE, write};
+
+/// What a zip archive begins with.
+pub(super) const ZIP: &[u8; 4] = b"PK\x03\x04";
+
+/// Name of the file that says what is where.
+pub(super) const META: &str = "meta.json";
+
+/// `meta.json` holds two tables of 256 numbers and little else.
+const MAX_META_BYTES: u64 = 1 << 20;
+/// No picture of 16384 x 16384 pixels takes more.
+const MAX_IMAGE_BYTES: u64 = 1 << 31;
+
+/// Palette entries in a row of the picture of higher SH.
+const ENTRIES_IN_A_ROW: usize = 64;
+/// Edge of a picture that WebP can hold.
+const MAX_EDGE: u32 = 16384;
+/// The alpha of a rotation's pixel is this and the index of its largest component.
+const ROTATION_MODE: u8 = 252;
+/// Numbers in a codebook.
+const CODES: usize = 256;
+
+#[derive(Deserialize)]
+struct Meta {
+    version: Option<u32>,
+    count: Option<u64>,
+    #[serde(default)]
+    antialias: bool,
+    model: Option<String>,
+    means: Means,
+    scales: Values,
+    quats: Files,
+    sh0: Values,
+    #[serde(rename = "shN")]
+    higher: Option<Higher>,
+}
+
+#[derive(Deserialize)]
+struct Means {
+    shape: Option<Vec<u64>>,
+    mins: [f64; 3],
+    maxs: [f64; 3],
+    files: [String; 2],
+}
+
+#[derive(Deserialize)]
+struct Files {
+    files: Vec<String>,
+}
+
+/// By codes (version 2), or between least and greatest (version 1).
+#[derive(Deserialize)]
+struct Values {
+    codebook: Option<Codebook>,
+    mins: Option<Vec<f32>>,
+    maxs: Option<Vec<f32>>,
+    files: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct Higher {
+    bands: Option<usize>,
+    codebook: Option<Codebook>,
+    mins: Option<f32>,
+    maxs: Option<f32>,
+    files: [String; 2],
+}
+
+/// Numbers by their code; what is no number is `null`.
+#[derive(Deserialize)]
+#[serde(transparent)]
+struct Codebook(Vec<Option<f32>>);
+
+impl Codebook {
+    fn table(&self) -> std::result::Result<[f32; CODES], String> {
+        let codes = &self.0;
+        if codes.len() != CODES {
+            return Err(format!(
+                "a codebook has {} numbers, not {CODES}",
+                codes.len()
+            ));
+        }
+        let at = |i: usize| codes[i].unwrap_or(0.0);
+        let mut table = std::array::from_fn(at);
+        if codes[0].is_none() {
+            // As the engine that reads them takes it.
+            table[0] = at(1) + (at(1) - at(CODES - 1)) / (CODES - 1) as f32;
+        }
+        Ok(table)
+    }
+}
+
+impl Values {
+    /// What each byte of each channel stands for.
+    fn tables<const N: usize>(&self) -> std::result::Result<[[f32; CODES]; N], String> {
+        if let Some(codebook) = &self.codebook {
+            return Ok([codebook.table()?; N]);
+        }
+        let (Some(mins), Some(maxs)) = (&self.mins, &self.maxs) else {
+            return Err("has neither a codebook nor mins and maxs".into());
+        };
+        if mins.len() < N || maxs.len() < N {
+            return Err(format!("mins and maxs have fewer than {N} numbers"));
+        }
+        let between =
+            |c: usize| std::array::from_fn(|i| lerp(mins[c], maxs[c], share(i as u32, 8)));
+        Ok(std::array::from_fn(between))
+    }
+
+    fn file(&self) -> std::result::Result<&str, String> {
+        self.files
+            .first()
+            .map(String::as_str)
+            .ok_or_else(|| "names no file".into())
+    }
+}
+
+fn lerp(a: f32, b: f32, share: f32) -> f32 {
+    a + (b - a) * share
+}
+
+/// Where the files are.
+enum Source {
+    Folder(PathBuf),
+    Bundle(Box<ZipArchive<File>>),
+}
+
+impl Source {
+    fn open(path: &Path) -> Result<Self> {
+        let mut file = read::open(path)?;
+        let mut start = [0; 4];
+        let read = file.read(&mut start).map_err(Error::io(path))?;
+        if &start[..read] == ZIP {
+            let archive = ZipArchive::new(file);
+            let archive = archive
+                .map_err(|e| Error::invalid(path, format!("is no whole zip archive: {e}")))?;
+            return Ok(Self::Bundle(Box::new(archive)));
+        }
+        Ok(Self::Folder(super::folder_of(path).to_owned()))
+    }
+
+    /// One of its files, of at most so many bytes.
+    fn read(&mut self, name: &str, limit: u64) -> std::result::Result<Vec<u8>, String> {
+        let told = |what: String| format!("{name}: {what}");
+        match self {
+            Self::Folder(folder) => {
+                // A name, not a way to somewhere else.
+                if Path::new(name).file_name() != Some(name.as_ref()) {
+                    return Err(format!("names a file {name:?} that is not beside it"));
+                }
+                read::read_all(&folder.join(name), limit).map_err(|e| e.to_string())
+            }
+            Self::Bundle(archive) => {
+                let file = archive.by_name(name).map_err(|e| told(e.to_string()))?;
+                let mut bytes = Vec::new();
+                let read = file.take(limit + 1).read_to_end(&mut bytes);
+                read.map_err(|e| told(e.to_string()))?;
+                if bytes.len() as u64 > limit {
+                    return Err(told("is too large".into()));
+                }
+                Ok(bytes)
+            }
+        }
+    }
+}
+
+/// Whether a zip archive holds a splat of this kind.
+pub(super) fn is_bundle(path: &Path) -> bool {
+    matches!(Source::open(path), Ok(Source::Bundle(archive)) if archive.index_for_name(META).is_some())
+}
+
+/// Reads a splat from its `meta.json`, or from a bundle.
+pub(super) fn read(path: &Path) -> Result<Finished> {
+    let mut source = Source::open(path)?;
+    read_source(path, &mut source).map_err(|message| Error::invalid(path, message))
+}
+
+fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished, String> {
+    let text = match source {
+        Source::Folder(_) => read::read_all(path, MAX_META_BYTES).map_err(|e| e.to_string())?,
+        Source::Bundle(_) => source.read(META, MAX_META_BYTES)?,
+    };
+    let meta: Meta = serde_json::from_slice(&text).map_err(|e| format!("not a SOG splat: {e}"))?;
+    let version = meta.version.unwrap_or(1);
+    if !(1..=2).contains(&version) {
+        return Err(format!(
+            "is SOG of version {version}; versions 1 and 2 are read"
+        ));
+    }
+    let claimed = meta
+        .count
+        .or_else(|| meta.means.shape.as_ref()?.first().copied());
+    let count = claimed.ok_or("does not say how many splats there are")?;
+    let quats = meta
+        .quats
+        .files
+        .first()
+        .ok_or("names no file of rotations")?;
+    let mut names = vec![
+        meta.means.files[0].as_str(),
+        &meta.means.files[1],
+        meta.scales.file()?,
+        quats,
+        meta.sh0.file()?,
+    ];
+    if let Some(higher) = &meta.higher {
+        names.extend(higher.files.iter().map(String::as_str));
+    }
+    let files = names.iter().map(|name| source.read(name, MAX_IMAGE_BYTES));
+    let files: Vec<Vec<u8>> = files.collect::<std::result::Result<_, _>>()?;
+    check_count(count, files.iter().map(|f| f.len() as u64).sum())?;
+    let images = files.par_iter().zip(&names).enumerate();
+    let images: Vec<RgbaImage> = images
+        .map(|(i, (bytes, name))| {
+            // All but the palette have a pixel a splat.
+            let least = if i == 5 { 0 } else { count };
+            decode(bytes, least, count).map_err(|e| format!("{name}: {e}"))
+        })
+        .collect::<std::result::Result<_, _>>()?;
+    let [low, high, scales, quats, sh0, ..] = &images[..] else {
+        return Err("lacks a picture".into());
+    };
+    let palette = match (&meta.higher, &images[5..]) {
+        (Some(higher), [centroids, labels]) => Some(Palette::new(higher, centroids, labels)?),
+        _ => None,
+    };
+    let log_scales: [_; 3] = meta.scales.tables()?;
+    let colors: [_; 3] = meta.sh0.tables()?;
+    // Of version 1 the logit, by the fourth channel's own range.
+    let logits: [f32; CODES] = match (&meta.sh0.codebook, meta.sh0.tables::<4>()) {
+        (None, tables) => tables?[3],
+        _ => std::array::from_fn(|i| logit(share(i as u32, 8))),
+    };
+    let kind = match meta.model.as_deref() {
+        Some("2dgs") => AssetKind::Surfels2d,
+        _ => AssetKind::Gaussians3d,
+    };
+    let degree = palette.as_ref().map_or(0, |p| p.degree);
+    let mut rows = Builder::new(kind, degree, count as usize);
+    if meta.antialias || meta.model.as_deref() == Some("antialiased") {
+        rows.set_antialiased();
+    }
+    let pixel = |image: &RgbaImage, i: usize| -> [u8; 4] {
+        let bytes = image.as_raw();
+        [
+            bytes[4 * i],
+            bytes[4 * i + 1],
+            bytes[4 * i + 2],
+            bytes[4 * i + 3],
+        ]
+    };
+    rows.push_rows(count as usize, |i, _, sh| {
+        let (low, high) = (pixel(low, i), pixel(high, i));
+        let position = |a: usize| {
+            let code = u16::from_le_bytes([low[a], high[a]]);
+            let [least, most] = [meta.means.mins[a], meta.means.maxs[a]];
+            let log = least + (most - least) * f64::from(code) / f64::from(u16::MAX);
+            (log.signum() * log.abs().exp_m1()) as f32
+        };
+        let [r, g, b, opacity] = pixel(sh0, i);
+        sh[0] = std::array::from_fn(|c| colors[c][usize::from([r, g, b][c])]);
+        if let Some(palette) = &palette {
+            palette.put(i, &mut sh[1..]);
+        }
+        let scale = pixel(scales, i);
+        StoredRow {
+            position: std::array::from_fn(position),
+            rotation: rotation(pixel(quats, i)),
+            log_scales: std::array::from_fn(|a| log_scales[a][usize::from(scale[a])]),
+            logit: logits[usize::from(opacity)],
+        }
+    });
+    rows.finish(format!("SOG, version {version}"), None)
+}
+
+/// Quaternion w, x, y, z.
+fn rotation([a, b, c, mode]: [u8; 4]) -> [f32; 4] {
+    let Some(largest) = mode.checked_sub(ROTATION_MODE) else {
+        return [1.0, 0.0, 0.0, 0.0];
+    };
+    let others = [a, b, c].map(|v| component(share(v.into(), 8)));
+    with_largest(largest.into(), others)
+}
+
+/// A picture of at least so many pixels, and not of many more than there are splats.
+fn decode(bytes: &[u8], least: u64, count: u64) -> std::result::Result<RgbaImage, String> {
+    let reader = || {
+        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+        reader.map_err(|e| e.to_string())
+    };
+    let (width, height) = reader()?.into_dimensions().map_err(|e| e.to_string())?;
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels < least {
+        return Err(format!("has {width} x {height} pixels for {count} splats"));
+    }
+    // A palette has up to 15 pixels for each of at most 65536 entries.
+    if pixels > 4 * count + (1 << 20) || width.max(height) > MAX_EDGE {
+        return Err(format!(
+            "claims {width} x {height} pixels, which is too many for {count} splats"
+        ));
+    }
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(32 * pixels + (1 << 20));
+    let mut reader = reader()?;
+    reader.limits(limits);
+    let image = reader.decode().map_err(|e| e.to_string())?;
+    Ok(image.into_rgba8())
+}
+
+/// The SH of degree 1 and more that splats share.
+struct Palette<'a> {
+    degree: usize,
+    /// What each byte of a coefficient stands for.
+    values: [f32; CODES],
+    centroids: &'a RgbaImage,
+    /// Entry of each splat, low and high byte.
+    labels: &'a RgbaImage,
+}
+
+impl<'a> Palette<'a> {
+    fn new(
+        higher: &Higher,
+        centroids: &'a RgbaImage,
+        labels: &'a RgbaImage,
+    ) -> std::result::Result<Self, String> {
+        let in_a_row = centroids.width() as usize / ENTRIES_IN_A_ROW;
+        let fits = |l: &usize| coefficient_count(*l) - 1 == in_a_row;
+        let degree = (1..=3)
+            .find(fits)
+            .filter(|l| higher.bands.is_none_or(|b| b == *l));
+        let degree = degree.ok_or_else(|| {
+            format!(
+                "the palette is {} pixels wide, which fits no SH degree (192, 512 or 960)",
+                centroids.width()
+            )
+        })?;
+        let values = match (&higher.codebook, higher.mins, higher.maxs) {
+            (Some(codebook), ..) => codebook.table()?,
+            (None, Some(least), Some(most)) => {
+                std::array::from_fn(|i| lerp(least, most, share(i as u32, 8)))
+            }
+            _ => return Err("shN has neither a codebook nor mins and maxs".into()),
+        };
+        Ok(Self {
+            degree,
+            values,
+            centroids,
+            labels,
+        })
+    }
+
+    /// Writes the coefficients of a splat; those of an entry that is not there are no numbers.
+    fn put(&self, splat: usize, sh: &mut [[f32; 3]]) {
+        let label = &self.labels.as_raw()[4 * splat..];
+        let entry = usize::from(u16::from_le_bytes([label[0], label[1]]));
+        let row = entry / ENTRIES_IN_A_ROW * self.centroids.width() as usize;
+        let first = row + entry % ENTRIES_IN_A_ROW * sh.len();
+        let there = self.centroids.as_raw().get(4 * first..);
+        let mut pixels = there.unwrap_or_default().chunks_exact(4);
+        for f in sh {
+            *f = match pixels.next() {
+                Some(pixel) => std::array::from_fn(|c| self.values[usize::from(pixel[c])]),
+                None => [f32::NAN; 3],
+            };
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! A splat as formats write it: Gaussian by Gaussian, in the order that its file had.
+
+use std::io::Write;
+
+use glam::{Mat3, Quat};
+use rayon::prelude::*;
+
+use crate::sh::coefficient_count;
+use crate::surfels::SurfelCloud;
+
+/// Logarithm of the thickness of a surfel among 3D Gaussians: nothing that is drawn is as thin.
+const FLAT_LOG: f32 = -30.0;
+
+/// Gaussians that are encoded together.
+const BLOCK: usize = 1 << 12;
+
+/// A splat that is to be written.
+pub(super) struct Written<'a> {
+    pub cloud: &'a SurfelCloud,
+    /// Colour `[n][K][3]` as [`crate::color::Encoding::Stored`] has it.
+    pub stored: &'a [[f32; 3]],
+    /// Which surfels are written, in this order.
+    pub order: Vec<u32>,
+    /// Degree of the colour.
+    pub degree: usize,
+    /// Whether they are 3D Gaussians of which most were trained with their opacity compensated for the low-pass.
+    pub is_antialiased: bool,
+}
+
+/// A Gaussian that is to be written.
+pub(super) struct Gaussian<'a> {
+    pub position: [f32; 3],
+    /// Unit quaternion w, x, y, z.
+    pub rotation: [f32; 4],
+    /// Unit vector across it, to either side.
+    pub normal: [f32; 3],
+    /// The last one is along the normal.
+    pub log_scales: [f32; 3],
+    /// 0 to 1.
+    pub opacity: f32,
+    /// `[K]`
+    pub sh: &'a [[f32; 3]],
+}
+
+impl<'a> Written<'a> {
+    pub fn new(cloud: &'a SurfelCloud, stored: &'a [[f32; 3]], order: Vec<u32>) -> Self {
+        let is_antialiased = |i: &&u32| cloud.thicknesses[**i as usize].is_antialiased();
+        let antialiased = order.iter().filter(is_antialiased).count();
+        Self {
+            cloud,
+            stored,
+            degree: cloud.sh_degree,
+            is_antialiased: 2 * antialiased > order.len(),
+            order,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Whether any of it is a 3D Gaussian.
+    pub fn has_gaussians(&self) -> bool {
+        let mut thicknesses = self
+            .order
+            .iter()
+            .map(|i| self.cloud.thicknesses[*i as usize]);
+        thicknesses.any(|t| !t.is_flat())
+    }
+
+    /// The one that is written at that place.
+    pub fn gaussian(&self, place: usize) -> Gaussian<'a> {
+        let (cloud, i) = (self.cloud, self.order[place] as usize);
+        let ([u, v], normal) = (cloud.tangents[i], cloud.stored_normal(i));
+        let turn = Quat::from_mat3(&Mat3::from_cols(u, v, normal)).normalize();
+        let k = coefficient_count(self.degree);
+        let scales = cloud.scales[i].extend(cloud.thicknesses[i].sigma());
+        Gaussian {
+            position: cloud.positions[i].to_array(),
+            rotation: [turn.w, turn.x, turn.y, turn.z],
+            normal: normal.to_array(),
+            log_scales: scales.to_array().map(|s| s.ln().max(FLAT_LOG)),
+            opacity: cloud.opacities[i],
+            sh: &self.stored[i * k..][..k],
+        }
+    }
+
+    /// Greatest coordinate of any position.
+    pub fn farthest(&self) -> f32 {
+        let positions = self.order.iter().map(|i| self.cloud.positions[*i as usize]);
+        positions.fold(0f32, |most, p| most.max(p.abs().max_element()))
+    }
+
+    /// Writes what is to be said of each, one after the other.
+    pub fn write_each(
+        &self,
+        out: &mut impl Write,
+        put: impl Fn(&Gaussian<'_>, &mut Vec<u8>) + Sync,
+    ) -> std::io::Result<()> {
+        let starts: Vec<usize> = (0..self.len()).step_by(BLOCK).collect();
+        let blocks = starts.into_par_iter().map(|start| {
+            let mut bytes = Vec::new();
+            for place in start..(start + BLOCK).min(self.len()) {
+                put(&self.gaussian(place), &mut bytes);
+            }
+            bytes
+        });
+        let blocks: Vec<Vec<u8>> = blocks.collect();
+        blocks.iter().try_for_each(|bytes| out.write_all(bytes))
+    }
+}

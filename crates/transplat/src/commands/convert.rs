@@ -1,0 +1,49 @@
+//! `transplat convert`: a splat in another format, its colour as it is.
+
+use anyhow::{Result, bail};
+use transplat_core::files::{SplatFormat, check_output, load_asset, losses, write_relit};
+
+use crate::cli::ConvertArgs;
+use crate::commands::refuse_overwriting;
+use crate::pipeline::warnings::asset_warnings;
+use crate::summary::Summary;
+
+pub fn run(args: &ConvertArgs) -> Result<()> {
+    let mut summary = Summary::new("convert", &args.out);
+    refuse_overwriting([args.asset.as_path()], &[&args.output])?;
+    let Some(format) = SplatFormat::of_name(&args.output) else {
+        let endings = SplatFormat::WRITTEN.map(|(ending, _)| ending);
+        bail!(
+            "{}: the name says the format, and ends with {}",
+            args.output.display(),
+            endings.join(", ")
+        );
+    };
+    check_output(&args.output)?;
+    let (mut cloud, file) = summary.time("load", || load_asset(&args.asset))?;
+    for warning in asset_warnings(&args.asset, &file) {
+        summary.warn(warning);
+    }
+    cloud.up = args.up.unwrap_or(cloud.up);
+    if let Some(lost) = losses(&file, &cloud, &args.output) {
+        summary.warn(format!("{}: {lost}", args.output.display()));
+    }
+    summary.time("export", || {
+        write_relit(&file, &cloud, &cloud.sh, &args.output)
+    })?;
+    let bytes = |path| std::fs::metadata(path).map_or(0, |m| m.len());
+    let [before, after] = [&file.path, &args.output].map(bytes);
+    summary.set("format", format.name());
+    summary.set("splats", cloud.len());
+    summary.set("bytes", after);
+    summary.set("output", args.output.display().to_string());
+    summary.finish(&format!(
+        "wrote {}: {} splats, {} of {:.1} MB from {} of {:.1} MB",
+        args.output.display(),
+        cloud.len(),
+        format.name(),
+        after as f64 / 1e6,
+        file.report.format,
+        before as f64 / 1e6
+    ))
+}
