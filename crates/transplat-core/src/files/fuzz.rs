@@ -18,7 +18,7 @@ use crate::progress::no_progress;
 use crate::rasterize::Raster;
 use crate::scene::Scene;
 use crate::settings::{Method, TransferSettings};
-use crate::surfels::SurfelCloud;
+use crate::surfels::{SurfelCloud, Thickness};
 use crate::synthetic;
 use crate::transfer::{Part, PreparedTransfer};
 
@@ -118,9 +118,18 @@ impl Harm {
 
 /// Gives a loader the whole file, which it must take, and broken ones.
 fn fuzz<T>(whole: &[u8], load: impl Fn(&Path) -> Result<T>) {
+    fuzz_within(whole, <[u8]>::to_vec, load);
+}
+
+/// The same for what is packed into a file by `pack`: the harm is done before.
+fn fuzz_within<T>(
+    whole: &[u8],
+    pack: impl Fn(&[u8]) -> Vec<u8>,
+    load: impl Fn(&Path) -> Result<T>,
+) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("file");
-    std::fs::write(&path, whole).expect("room for it");
+    std::fs::write(&path, pack(whole)).expect("room for it");
     assert!(load(&path).is_ok(), "the whole file is refused");
     let mut runner = TestRunner::new(config("FUZZ_CASES", CASES));
     // Half of the harm is done to the head, which says what the rest is.
@@ -136,7 +145,7 @@ fn fuzz<T>(whole: &[u8], load: impl Fn(&Path) -> Result<T>) {
             harm.to(&mut bytes);
         }
         bytes.extend(rest);
-        std::fs::write(&path, &bytes).expect("room for it");
+        std::fs::write(&path, pack(&bytes)).expect("room for it");
         match load(&path) {
             Ok(_) => {}
             Err(error) => prop_assert!(error.to_string().contains("file"), "{error}"),
@@ -243,12 +252,89 @@ fn light_of(path: &Path) -> Result<()> {
 #[test]
 fn splats() {
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
-        fuzz(&ply(format), |path| {
-            let (cloud, _) = load_asset(path)?;
-            relit(&cloud);
-            Ok(())
-        });
+        fuzz(&ply(format), splat);
     }
+}
+
+/// Loads and relights a splat.
+fn splat(path: &Path) -> Result<()> {
+    let (cloud, _) = load_asset(path)?;
+    relit(&cloud);
+    Ok(())
+}
+
+/// A few 3D Gaussians with SH of degree 1.
+fn gaussians() -> SurfelCloud {
+    let mut cloud = synthetic::glossy_sphere_over_plate(8, 1);
+    let thick = |t: &mut Thickness| *t = Thickness::of_gaussian(0.01, true);
+    cloud.thicknesses.iter_mut().for_each(thick);
+    cloud
+}
+
+fn written_as(ending: &str) -> Vec<u8> {
+    let cloud = gaussians();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(format!("splat{ending}"));
+    write_splat(&cloud, &cloud.sh, &path).expect("room for it");
+    std::fs::read(&path).expect("it is there")
+}
+
+#[test]
+fn splats_in_every_format() {
+    for (ending, _) in SplatFormat::WRITTEN {
+        fuzz(&written_as(ending), splat);
+    }
+}
+
+#[test]
+fn splats_in_spz() {
+    fuzz(&spz::tests::frames(1, &[]), splat);
+    for version in 1..=3 {
+        fuzz_within(&spz::tests::plain(version, 1), spz::tests::gzip, splat);
+    }
+}
+
+#[test]
+fn splats_in_ksplat() {
+    for level in 0..=2 {
+        fuzz(&ksplat::tests::made(level, 1), splat);
+    }
+}
+
+#[test]
+fn splats_in_sog_by_what_is_said_of_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let bundle = folder.path().join("bundle");
+    std::fs::write(&bundle, written_as(".sog")).expect("room for it");
+    let file = std::fs::File::open(&bundle).expect("it is there");
+    let mut archive = zip::ZipArchive::new(file).expect("a bundle");
+    archive.extract(folder.path()).expect("room for it");
+    let meta = folder.path().join("meta.json");
+    let text = std::fs::read(&meta).expect("it is there");
+    fuzz(&text, |path| {
+        std::fs::copy(path, &meta).map_err(Error::io(path))?;
+        // The harmed one is what is loaded here.
+        splat(&meta).map_err(|e| Error::invalid(path, e.to_string()))
+    });
+}
+
+#[test]
+fn splats_in_gltf_of_text() {
+    let binary = written_as(".glb");
+    let length = |at: usize| u32::from_le_bytes(binary[at..at + 4].try_into().expect("4 bytes"));
+    let text = 12 + 8 + length(12) as usize;
+    let data = base64::Engine::encode(
+        &base64::engine::general_purpose::STANDARD,
+        &binary[text + 8..],
+    );
+    let json = String::from_utf8_lossy(&binary[20..text]).into_owned();
+    let uri = format!("{{\"uri\":\"data:application/octet-stream;base64,{data}\",\"byteLength\"");
+    let json = json.replacen(
+        "\"buffers\":[{\"byteLength\"",
+        &format!("\"buffers\":[{uri}"),
+        1,
+    );
+    fuzz(json.as_bytes(), splat);
 }
 
 #[test]

@@ -216,3 +216,6 @@ fn push_section(
     });
     Ok(())
 }
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -334,3 +334,6 @@ fn fractional_bits(splat: &Written<'_>) -> u8 {
     let farthest = splat.farthest().max(1e-30);
     (22.0 - farthest.log2().floor()).clamp(0.0, 23.0) as u8
 }
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -144,7 +144,7 @@ fn bad_files_are_refused_with_a_reason() {
     let with = |from: &str, to: &str| text.replacen(from, to, 1).into_bytes();
     let cases: Vec<(Vec<u8>, &str)> = vec![
         (Vec::new(), "empty"),
-        (b"not a ply\n".to_vec(), "begin"),
+        (b"not a ply\n".to_vec(), "of no kind"),
         (good[..good.len() - 10].to_vec(), "truncated"),
         (good[..good.len() - 1].to_vec(), "truncated"),
         (good[..100].to_vec(), "end_header"),
