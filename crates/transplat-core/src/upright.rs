@@ -1,7 +1,9 @@
-//! Which way up a capture stands, told by the ground in it.
+//! Which way up a capture stands: told by the ground in it, or else by how it stands, by the light on it, and by what its kind of file mostly has.
 
-use glam::Vec3;
+use glam::{DMat4, DVec4, Vec3};
 
+use crate::color::{decode_sh, luminance};
+use crate::sh::SQRT_4PI;
 use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 
 /// Surfels that are looked at, at most.
@@ -25,11 +27,125 @@ const LEAST_EVIDENCE: f64 = 0.08;
 /// How much more evident it is than any other: a room's walls are planes too.
 const LEAST_LEAD: f64 = 2.0;
 
-/// Which way is up in a capture whose file does not tell (`told`), where that is another than is assumed: by the ground in it.
-pub fn proposed_up(cloud: &SurfelCloud, told: Option<UpAxis>) -> Option<UpAxis> {
-    let is_untold = told.is_none();
-    let up = is_untold.then(|| up_from_ground(cloud)).flatten();
-    up.filter(|up| *up != cloud.up)
+/// Surfels that the light on a capture is read from, at most.
+const MOST_LIT: usize = 3000;
+
+/// What is in front of a surfel is what lies away from its surroundings, within this share of the radius.
+const SURROUNDINGS: f32 = 0.3;
+
+/// Darker colours say little of the light.
+const LEAST_COLOR: f32 = 0.02;
+
+/// How a capture is known to stand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpEvidence {
+    /// By the ground in it.
+    Ground,
+    /// By how tall it is, where its light comes from, and what files of its kind mostly have.
+    Stance,
+}
+
+/// Which way is up in a capture whose file does not tell (`told`), and how that is known. `habit`: the axis that files of its kind mostly have.
+pub fn proposed_up(
+    cloud: &SurfelCloud,
+    told: Option<UpAxis>,
+    habit: UpAxis,
+) -> Option<(UpAxis, UpEvidence)> {
+    if told.is_some() || cloud.is_empty() {
+        return None;
+    }
+    let by_ground = up_from_ground(cloud).map(|up| (up, UpEvidence::Ground));
+    by_ground.or_else(|| Some((up_from_stance(cloud, habit), UpEvidence::Stance)))
+}
+
+/// The likeliest axis, by sums of log-odds: of the habit of files, of its stance, of light from above.
+fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
+    // Of the axes that are not the usual one, those that tools use are likelier.
+    let usual = |up: UpAxis| match up {
+        _ if up == habit => 0.6f64,
+        UpAxis::PlusZ | UpAxis::PlusY | UpAxis::MinusY => 0.18,
+        _ => 0.02,
+    };
+    let extents = extents(cloud);
+    // What is tall stands, and what is flat lies.
+    let stance = |up: UpAxis| {
+        let along = up.direction().abs().dot(extents);
+        let across = (extents.element_product() / along).sqrt();
+        let log = f64::from((along / across).ln().clamp(-1.5, 1.5));
+        if log > 0.0 { 3.0 * log } else { -2.0 * log }
+    };
+    let light = light_on(cloud);
+    let from_above = |up: UpAxis| 6.0 * f64::from(light.dot(up.direction()));
+    let odds = |up: UpAxis| usual(up).ln() + stance(up) + from_above(up);
+    let ups = UpAxis::ALL.map(|(_, up)| up);
+    let likelier = |a: &UpAxis, b: &UpAxis| odds(*a).total_cmp(&odds(*b));
+    ups.into_iter().max_by(likelier).unwrap_or(habit)
+}
+
+/// How far most of it reaches along each axis; positive.
+fn extents(cloud: &SurfelCloud) -> Vec3 {
+    let step = cloud.len().div_ceil(MOST_SURFELS).max(1);
+    let each = |axis: usize| {
+        let seen = (0..cloud.len()).step_by(step);
+        let seen = seen.filter(|i| cloud.opacities[*i] > LEAST_OPACITY);
+        let mut values: Vec<f32> = seen.map(|i| cloud.positions[i][axis]).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        let tail = values.len() / 100;
+        match (values.get(tail), values.iter().nth_back(tail)) {
+            (Some(low), Some(high)) => high - low,
+            _ => 0.0,
+        }
+    };
+    let extents = Vec3::from_array(std::array::from_fn(each));
+    extents
+        .max(Vec3::splat(1e-3 * extents.max_element()))
+        .max(Vec3::splat(1e-12))
+}
+
+/// Where the light on a capture comes from, as long as it makes a difference: the slope of the logarithm of its colour over its normals.
+fn light_on(cloud: &SurfelCloud) -> Vec3 {
+    let step = cloud.len().div_ceil(MOST_LIT).max(1);
+    let seen = (0..cloud.len()).step_by(step);
+    let seen: Vec<usize> = seen
+        .filter(|i| cloud.opacities[*i] > LEAST_OPACITY)
+        .collect();
+    let places: Vec<Vec3> = seen.iter().map(|i| cloud.positions[*i]).collect();
+    let reach = SURROUNDINGS * Bounds::of(&places).radius;
+    let mut areas: Vec<f32> = (seen.iter())
+        .map(|i| cloud.opacities[*i] * cloud.scales[*i].element_product())
+        .collect();
+    // Not by a few large ones.
+    let mut sorted = areas.clone();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let most = sorted.get(sorted.len() * 9 / 10).copied().unwrap_or(1.0);
+    areas
+        .iter_mut()
+        .for_each(|a| *a = a.min(most) / most.max(f32::MIN_POSITIVE));
+    let outward = |(at, i): (usize, &usize)| {
+        let around = places.iter().filter(|p| p.distance(places[at]) < reach);
+        let (sum, count) = around.fold((Vec3::ZERO, 0.0), |(sum, n), p| (sum + *p, n + 1.0));
+        let normal = cloud.stored_normal(*i);
+        let is_outward = normal.dot(places[at] - sum / f32::max(count, 1.0)) >= 0.0;
+        if is_outward { normal } else { -normal }
+    };
+    let normals: Vec<Vec3> = seen.iter().enumerate().map(outward).collect();
+    let brightness = |i: usize| {
+        let f = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
+        let mean = f[0].map(|v| v / SQRT_4PI as f32);
+        luminance(mean).max(LEAST_COLOR).ln()
+    };
+    // Weighted least squares of a constant and a slope.
+    let (mut matrix, mut right) = (DMat4::ZERO, DVec4::ZERO);
+    for ((i, normal), area) in seen.iter().zip(normals).zip(areas) {
+        let row = normal.extend(1.0).as_dvec4();
+        let weight = f64::from(area);
+        matrix += DMat4::from_cols(row.x * row, row.y * row, row.z * row, row.w * row) * weight;
+        right += row * weight * f64::from(brightness(*i));
+    }
+    // What lies flat has one slope: none is made up for the others.
+    matrix += DMat4::from_diagonal(DVec4::splat(1e-3 * matrix.w_axis.w.max(1e-12)));
+    let slope = (matrix.inverse() * right).truncate().as_vec3();
+    if slope.is_finite() { slope } else { Vec3::ZERO }
 }
 
 /// The axis that points up from the ground, where a capture has one: a thin flat layer, much of its surface, with the rest on one side.
@@ -146,6 +262,38 @@ mod tests {
             *opacity = 0.01;
         }
         assert_eq!(up_from_ground(&scene), Some(UpAxis::PlusZ));
+    }
+
+    #[test]
+    fn a_tall_thing_in_light_from_above_stands_upright() {
+        // Longer than wide, and brighter where it faces up.
+        let mut thing = sphere(2000);
+        for p in &mut thing.positions {
+            p.z *= 2.5;
+        }
+        let mut lamp = sphere(2000);
+        for cloud in [&mut thing, &mut lamp] {
+            for i in 0..cloud.len() {
+                let up = cloud.stored_normal(i).z * cloud.positions[i].z.signum();
+                let up = if cloud.positions[i].z < 0.0 {
+                    -up.abs()
+                } else {
+                    up.abs()
+                };
+                cloud.sh[i] = [1.0 + 0.6 * up; 3];
+            }
+        }
+        for (name, up) in UpAxis::ALL {
+            for cloud in [&thing, &lamp] {
+                let turned = turned(cloud, onto(up));
+                let found = proposed_up(&turned, None, UpAxis::MinusY);
+                assert_eq!(found, Some((up, UpEvidence::Stance)), "{name}");
+            }
+            // What says nothing stands as files of its kind do.
+            let found = proposed_up(&sphere(2000), None, up);
+            assert_eq!(found, Some((up, UpEvidence::Stance)), "{name}");
+            assert_eq!(proposed_up(&thing, Some(up), UpAxis::PlusZ), None);
+        }
     }
 
     #[test]

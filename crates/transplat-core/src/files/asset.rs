@@ -10,7 +10,7 @@ use glam::{Affine3A, DQuat};
 
 use super::format::{self, SplatFormat};
 use super::kind::{FileKind, file_kind, file_of};
-use super::rows::{AssetReport, NOT_WRITTEN};
+use super::rows::{AssetKind, AssetReport, NOT_WRITTEN};
 use super::write::write_atomically;
 use super::written::Written;
 use super::{gltf, ksplat, ply, read, sog, splat, spz};
@@ -45,6 +45,16 @@ impl AssetFile {
         Self {
             surfel_of_row: rows.map(|new| new.unwrap_or(NOT_WRITTEN)).collect(),
             ..self.clone()
+        }
+    }
+
+    /// The axis that is up in most files of its kind.
+    pub fn usual_up(&self) -> UpAxis {
+        let is_surfels = self.report.kind == AssetKind::Surfels2d;
+        match self.format.up() {
+            Some(up) => up,
+            None if is_surfels => UpAxis::PlusZ,
+            None => UpAxis::MinusY,
         }
     }
 
@@ -103,7 +113,12 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
         SplatFormat::Gltf => gltf::read(path)?,
     };
     let (mut cloud, report, surfel_of_row) = finished;
-    cloud.up = report.up.or(format.up()).unwrap_or_default();
+    // A PLY is taken as it is promised, and the others as they mostly are.
+    let assumed = match format {
+        SplatFormat::Ply => UpAxis::PlusZ,
+        _ => format.up().unwrap_or(UpAxis::MinusY),
+    };
+    cloud.up = report.up.unwrap_or(assumed);
     let asset = AssetFile {
         path: path.to_owned(),
         report,

@@ -5,7 +5,7 @@ use std::path::Path;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::{AssetFile, AssetKind};
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::upright::proposed_up;
+use transplat_core::upright::{UpEvidence, proposed_up};
 
 /// A flatness above this makes normals, and so relighting, doubtful.
 const DOUBTFUL_FLATNESS: f32 = 0.1;
@@ -44,13 +44,17 @@ pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
     warnings
 }
 
-/// That an asset lies on its side, by the ground in it, where its file does not say which way is up.
+/// That an asset lies on its side, it seems, where its file does not say which way is up.
 pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &AssetFile) -> Option<String> {
-    let up = proposed_up(cloud, file.report.up)?;
-    let (path, up) = (path.display(), up.name());
-    Some(format!(
-        "{path}: lies on its side, it seems: the ground in it faces {up} (--up={up})"
-    ))
+    let (up, evidence) = proposed_up(cloud, file.report.up, file.usual_up())?;
+    let (path, name) = (path.display(), up.name());
+    let why = match evidence {
+        UpEvidence::Ground => format!("the ground in it faces {name}"),
+        UpEvidence::Stance => {
+            format!("by how it stands, the light on it and its kind of file, {name} is up")
+        }
+    };
+    (up != cloud.up).then(|| format!("{path}: lies on its side, it seems: {why} (--up={name})"))
 }
 
 /// What is odd about an environment.

@@ -13,7 +13,7 @@ use transplat_core::files::{AssetFile, SplatFormat, load_asset};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
-use transplat_core::upright::proposed_up;
+use transplat_core::upright::{UpEvidence, proposed_up};
 
 use super::capture::{Capture, Part};
 use crate::pipeline::object::part_of;
@@ -36,8 +36,8 @@ pub struct Asset {
     pub load_ms: f64,
     /// Up axis as the file says it.
     pub file_up: UpAxis,
-    /// What the ground in it says otherwise, where the file says nothing.
-    pub up_of_ground: Option<UpAxis>,
+    /// Which way it stands, it seems, where the file says nothing.
+    pub proposed_up: Option<(UpAxis, UpEvidence)>,
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
@@ -84,9 +84,10 @@ impl Asset {
         };
         let file_up = cloud.up;
         let whole = part.is_none().then_some(&cloud);
-        let up_of_ground = whole.and_then(|cloud| proposed_up(cloud, file.report.up));
+        let habit = file.usual_up();
+        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, file.report.up, habit));
         Ok(Self {
-            up_of_ground,
+            proposed_up: proposed_up.filter(|(up, _)| *up != file_up),
             cut: object.cut.clone(),
             part,
             bounds: cloud.bounds(),

@@ -9,6 +9,7 @@ use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, l
 use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
+use transplat_core::upright::UpEvidence;
 use transplat_gpu::live::LiveAsset;
 
 use super::asset::{Asset, OpenedWith, name_of, reading_of, told};
@@ -386,10 +387,13 @@ impl Session {
     /// the strength of the light that it is relit by.
     fn propose(&mut self, at: usize, asset: &Asset) {
         let object = &mut self.scene.objects[at];
-        if let (None, Some(up)) = (object.up, asset.up_of_ground) {
+        if let (None, Some((up, evidence))) = (object.up, asset.proposed_up) {
             object.up = Some(up);
             let name = up.name();
-            self.info(tr_format!("it was set upright: the ground in it faces {name}; the panel Asset has its up axis", name = name));
+            self.info(match evidence {
+                UpEvidence::Ground => tr_format!("it was set upright: the ground in it faces {name}; the panel Asset has its up axis", name = name),
+                UpEvidence::Stance => tr_format!("it was set upright as it seems to stand, {name} up; the panel Asset has its up axis", name = name),
+            });
         }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
