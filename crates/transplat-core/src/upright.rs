@@ -62,9 +62,9 @@ pub fn proposed_up(
 fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
     // Of the axes that are not the usual one, those that tools use are likelier.
     let usual = |up: UpAxis| match up {
-        _ if up == habit => 0.6f64,
-        UpAxis::PlusZ | UpAxis::PlusY | UpAxis::MinusY => 0.18,
-        _ => 0.02,
+        _ if up == habit => 0.5f64,
+        UpAxis::PlusZ | UpAxis::PlusY | UpAxis::MinusY => 0.2,
+        _ => 0.03,
     };
     let extents = extents(cloud);
     // What is tall stands, and what is flat lies.
