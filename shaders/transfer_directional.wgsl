@@ -61,7 +61,8 @@ struct DirectionalSurfel {
     back_mean: vec3f,
     rises: u32,
     reflectance: vec3f,
-    unused_a: u32,
+    // How much of the matte colour is its own light.
+    glow: f32,
     // Mean encoded colour that the model of the source has.
     encoded_mean: vec3f,
     unused_b: u32,
@@ -195,8 +196,9 @@ fn bounce(@builtin(global_invocation_id) id: vec3u) {
         front += max(cosine, 0.0) * met;
         back += max(-cosine, 0.0) * met;
     }
-    let tau_front = front / max(surfels[i].front_divisor, vec3f(LEAST_IRRADIANCE));
-    var tau_back = back / max(surfels[i].back_divisor, vec3f(LEAST_IRRADIANCE));
+    let glow = vec3f(surfels[i].glow);
+    let tau_front = mix(front / max(surfels[i].front_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), glow);
+    var tau_back = mix(back / max(surfels[i].back_divisor, vec3f(LEAST_IRRADIANCE)), vec3f(1.0), glow);
     if settings.two_sided == 0u {
         tau_back = tau_front;
     }

@@ -35,6 +35,8 @@ pub struct Terms {
     pub lobe: bool,
     /// The directional method: what no term explains of the capture is kept; off, it is left out.
     pub residual: bool,
+    /// The directional method: what shines by itself keeps doing so; off, it is taken for paint.
+    pub glow: bool,
 }
 
 impl Default for Terms {
@@ -50,6 +52,7 @@ impl Default for Terms {
             two_sided: true,
             lobe: true,
             residual: true,
+            glow: true,
         }
     }
 }
@@ -76,7 +79,7 @@ impl Term {
 
 impl Terms {
     /// All of them.
-    pub const ALL: [Term; 10] = {
+    pub const ALL: [Term; 11] = {
         const HARMONIC: &[Method] = &[Method::Harmonic];
         const DIRECTIONAL: &[Method] = &[Method::Directional];
         [
@@ -90,6 +93,7 @@ impl Terms {
             Term::new("two-sided", DIRECTIONAL, |t| &mut t.two_sided),
             Term::new("lobe", DIRECTIONAL, |t| &mut t.lobe),
             Term::new("residual", DIRECTIONAL, |t| &mut t.residual),
+            Term::new("glow", DIRECTIONAL, |t| &mut t.glow),
         ]
     };
 

@@ -4,6 +4,7 @@
 //! Once for an asset: [`DirectionalAsset`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
 
 mod asset;
+mod glow;
 mod incident;
 mod lobe;
 mod matte;
@@ -29,6 +30,7 @@ use crate::sh::coefficient_count;
 pub(crate) use asset::mean_radiance;
 use asset::rows_of;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
+use glow::find_glow;
 pub(super) use incident::{Incident, Others};
 pub use lobe::Gloss;
 pub use lobe::WIDTHS;
@@ -77,6 +79,8 @@ pub struct DirectionalTransfer {
     fill: [f32; 3],
     /// What each surfel mirrors. `[n]`
     pub gloss: Vec<Gloss>,
+    /// How much of each surfel's matte colour is its own light, which no other changes; empty where none is. `[n]`
+    glow: Vec<f32>,
     /// How many surfels show any gloss.
     pub glossy_surfels: usize,
     /// And how many so little that they are taken for matte.
@@ -258,8 +262,8 @@ impl DirectionalTransfer {
             })
             .collect();
         tell(progress, 0.35)?;
+        let white = whitest(asset, &divisor);
         let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
-            let white = whitest(asset, &divisor);
             let mut gloss = find_gloss(asset, (&light, &radiance), white);
             let faint = if settings.skips.has(Skip::Matte) {
                 Gloss::take_unseen(&mut gloss, white)
@@ -271,6 +275,10 @@ impl DirectionalTransfer {
             (vec![Gloss::default(); asset.bake.len()], 0)
         };
         tell(progress, 0.7)?;
+        let glow = match settings.terms.glow {
+            true => find_glow(asset, &divisor, &gloss, white),
+            false => Vec::new(),
+        };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let mut matte = asset.colors.clone();
         let mut residual = asset.sh.clone();
@@ -294,6 +302,7 @@ impl DirectionalTransfer {
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
             faintly_glossy,
             gloss,
+            glow,
             divisor,
             darkest: asset.darkest(&matte),
             matte,
@@ -315,6 +324,10 @@ impl DirectionalTransfer {
             settings: self.settings.clone(),
             glossy_surfels: gloss.iter().filter(|g| !g.is_matte()).count(),
             gloss,
+            glow: match self.glow[..] {
+                [] => Vec::new(),
+                _ => rows_of(&self.glow, 1, surfels),
+            },
             divisor: rows_of(&self.divisor, 1, surfels),
             matte: rows_of(&self.matte, q, surfels),
             darkest: rows_of(&self.darkest, 1, surfels),
@@ -453,8 +466,15 @@ impl DirectionalTransfer {
                 std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
             });
             let two_sided = self.settings.terms.two_sided;
-            *tau = [front, if two_sided { back } else { front }];
+            let sides = [front, if two_sided { back } else { front }];
+            let glow = self.glow_of(i);
+            *tau = sides.map(|side| side.map(|t| t + glow * (1.0 - t)));
         });
+    }
+
+    /// How much of a surfel's matte colour is its own light, 0 to 1.
+    pub fn glow_of(&self, i: usize) -> f32 {
+        self.glow.get(i).copied().unwrap_or(0.0)
     }
 
     /// Believes a change only as far as its source.

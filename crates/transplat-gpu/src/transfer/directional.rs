@@ -64,7 +64,7 @@ gpu_struct! {
         back_mean: [f32; 3],
         rises: u32,
         reflectance: [f32; 3],
-        unused_a: u32,
+        glow: f32,
         encoded_mean: [f32; 3],
         unused_b: u32,
         open: [u32; 2 * WORDS],
@@ -315,6 +315,7 @@ fn surfels_of(
                 (p.divisor[i], p.asset.means[i]);
             let gloss = &p.gloss[i];
             DirectionalSurfel {
+                glow: p.glow_of(i),
                 normal: bake.normals[i].to_array(),
                 two_sided: bake.two_sided[i],
                 position: surfel.position.to_array(),

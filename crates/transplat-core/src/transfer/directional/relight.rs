@@ -106,6 +106,7 @@ impl Relight for DirectionalTransfer {
             + size_of_val(&bake.sight.hits[..])
             + size_of_val(&self.asset.means[..])
             + size_of_val(&self.gloss[..])
+            + size_of_val(&self.glow[..])
             + size_of_val(&self.divisor[..])
             + size_of_val(&self.matte[..])
             + size_of_val(&self.residual[..])

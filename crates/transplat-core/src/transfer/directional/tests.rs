@@ -398,3 +398,63 @@ fn under_a_light_that_is_half_believed_half_of_the_change_is_made() {
         assert!((f[0] - expected).abs() < 0.02 * expected, "surfel {i}");
     }
 }
+
+/// A grey sphere with a lamp on it, a cap of some fifty surfels of that colour, and which they are.
+fn with_lamp(color: [f32; 3]) -> (SurfelCloud, Vec<usize>) {
+    let mut cloud = synthetic::sphere(1500);
+    let is_lamp = |i: &usize| cloud.positions[*i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.94;
+    let lamp: Vec<usize> = (0..cloud.len()).filter(is_lamp).collect();
+    let unit = crate::sh::SQRT_4PI as f32;
+    for f in &mut cloud.sh {
+        *f = [0.3 * unit; 3];
+    }
+    for i in &lamp {
+        cloud.sh[*i] = color.map(|c| c * unit);
+    }
+    (cloud, lamp)
+}
+
+#[test]
+fn a_lamp_keeps_shining_and_paint_does_not() {
+    let (even, red) = (Illumination::even(3), sky(DVec3::Z, [0.9, 0.1, 0.05]));
+    let relit = |color: [f32; 3], glow: bool| {
+        let (cloud, lamp) = with_lamp(color);
+        let mut settings = TransferSettings::default();
+        settings.terms.glow = glow;
+        let asset = asset_of(&cloud);
+        let transfer = DirectionalTransfer::new(&asset, &even, &settings).expect("with beams");
+        let relit = transfer.relight_by(&red);
+        // In its middle.
+        let middle = |i: &&usize| cloud.positions[**i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.985;
+        let ratios = lamp.iter().filter(middle).map(|i| {
+            std::array::from_fn::<f32, 3, _>(|c| relit.sh[*i][c] / cloud.sh[*i][c].max(1e-3))
+        });
+        let ratios: Vec<[f32; 3]> = ratios.collect();
+        assert!(ratios.len() > 4);
+        let grey: f32 = relit
+            .tau
+            .iter()
+            .map(|t| (t[0] - 1.0).abs())
+            .fold(0.0, f32::max);
+        assert!(grey > 0.2, "what does not shine follows the light");
+        ratios
+    };
+    // White beyond white, and a blue as pure as no paint.
+    for shines in [[2.0, 1.6, 1.2], [0.002, 0.5, 0.75]] {
+        for ratio in relit(shines, true) {
+            assert!(
+                (ratio[1] - 1.0).abs() < 0.05 && (ratio[2] - 1.0).abs() < 0.05,
+                "{ratio:?}"
+            );
+        }
+        for ratio in relit(shines, false) {
+            assert!(ratio[1] < 0.7 && ratio[2] < 0.7, "{ratio:?}");
+        }
+    }
+    // White paint, and blue paint.
+    for paint in [[0.6; 3], [0.06, 0.3, 0.6]] {
+        for ratio in relit(paint, true) {
+            assert!(ratio[1] < 0.7 && ratio[2] < 0.7, "{ratio:?}");
+        }
+    }
+}

@@ -80,6 +80,9 @@ fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
         .on_hover_text(tr(
             "Keeps what none of these explains of the capture. Off, it is left out.",
         ));
+    ui.checkbox(&mut terms.glow, tr("Glow")).on_hover_text(tr(
+        "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
+    ));
 }
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {

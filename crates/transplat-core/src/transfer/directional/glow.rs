@@ -1,0 +1,105 @@
+//! What shines by itself: surfels that are brighter than any light on them explains, from wherever they are seen.
+
+use std::f32::consts::PI;
+
+use rayon::prelude::*;
+
+use super::asset::{DirectionalAsset, FrontAndBack};
+use super::lobe::Gloss;
+use crate::color::srgb_encode;
+use crate::numeric::{smoothstep, weighted_quantile};
+
+/// Irradiance counts as at least this share of the source's mean: where hardly any light is known to come, a bright surfel says little.
+const LEAST_LIGHT: f32 = 0.25;
+
+/// Up to this many times the whitest albedo paint explains; from that many on a surfel glows wholly.
+const EXPLAINED: f32 = 1.2;
+const CERTAIN: f32 = 1.92;
+
+/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above.
+const BRIGHT: [f32; 2] = [0.75, 0.9];
+
+/// And from everywhere: by how much it may vary over the views, relative to its mean.
+const EVEN: [f32; 2] = [0.2, 0.45];
+
+/// Linear colour of white paint in good light, as pictures are exposed: a capture may hold nothing that is white.
+const WHITE: f32 = 0.6;
+
+/// Share of what is seen that is lit less well than good light is.
+const WELL_LIT: f64 = 0.9;
+
+/// A colour so pure is twice as little that of a paint, which reflects a few hundredths of all light at its surface.
+const PURE: [f32; 2] = [0.94, 0.99];
+
+/// Share of its neighbours, by what is seen of them, that glow with it: single ones are noise.
+const TOGETHER: [f32; 2] = [0.1, 0.4];
+
+/// Irradiance of what is lit well.
+fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
+    let seen = asset.bake.prominence.iter().map(|p| f64::from(*p));
+    let light = divisor
+        .iter()
+        .map(|[front, _]| front.iter().sum::<f32>() / 3.0);
+    let light = light
+        .map(f64::from)
+        .zip(seen)
+        .filter(|(e, _)| e.is_finite());
+    weighted_quantile(light.collect(), WELL_LIT).map_or(1.0, |e| e.max(1e-6) as f32)
+}
+
+/// How much of each surfel's colour is its own light, 0 to 1, `[n]`: where any channel of its albedo is higher than the
+/// whitest one of the asset explains, it is bright in the pictures and even over the views, and its neighbours are so, too.
+pub(super) fn find_glow(
+    asset: &DirectionalAsset,
+    divisor: &[FrontAndBack],
+    gloss: &[Gloss],
+    white: f32,
+) -> Vec<f32> {
+    let q = asset.nodes.count();
+    let white = white.max(PI * WHITE / well_lit(asset, divisor));
+    let each = asset
+        .means
+        .par_iter()
+        .zip(divisor)
+        .zip(gloss)
+        .zip(asset.colors.par_chunks_exact(q));
+    let alone = each.map(|((([mean, _], [light, _]), gloss), colors)| {
+        // What mirrors a lamp is as bright as one.
+        if !gloss.is_matte() {
+            return 0.0;
+        }
+        let albedo = |c: usize| PI * mean[c] / light[c].max(LEAST_LIGHT);
+        let brightest = mean.iter().copied().fold(0f32, f32::max);
+        let purity = 1.0 - mean.iter().copied().fold(brightest, f32::min) / brightest.max(1e-6);
+        let vivid = 1.0 + smoothstep(PURE[0], PURE[1], purity);
+        let most = vivid * (0..3).map(albedo).fold(0f32, f32::max) / white;
+        let encoded = srgb_encode(brightest);
+        let sum = |v: &[f32; 3]| v.iter().sum::<f32>();
+        let middle = sum(mean);
+        let spread = colors
+            .iter()
+            .map(|v| (sum(v) - middle).powi(2))
+            .sum::<f32>()
+            / q as f32;
+        let variation = spread.sqrt() / middle.max(1e-6);
+        smoothstep(EXPLAINED, CERTAIN, most)
+            * smoothstep(BRIGHT[0], BRIGHT[1], encoded)
+            * (1.0 - smoothstep(EVEN[0], EVEN[1], variation))
+    });
+    let alone: Vec<f32> = alone.collect();
+    let prominence = &asset.bake.prominence;
+    let width = asset.neighbors.len() / alone.len().max(1);
+    let together = alone.par_iter().enumerate().map(|(i, own)| {
+        if *own <= 0.0 {
+            return 0.0;
+        }
+        let around = &asset.neighbors[i * width..][..width];
+        let weighed = around.iter().map(|j| {
+            let weight = prominence[*j as usize];
+            (alone[*j as usize] * weight, weight)
+        });
+        let (glow, seen) = weighed.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        own * smoothstep(TOGETHER[0], TOGETHER[1], glow / seen.max(1e-12))
+    });
+    together.collect()
+}
