@@ -386,7 +386,7 @@ fn read_attributes(
     if n == 0 || columns.any(|c| c.count != n) {
         return Err("the splat's attributes are of different lengths, or empty".into());
     }
-    if opacities.is_none() && !colors.as_ref().is_some_and(|c| c.width == 4) {
+    if opacities.is_none() && colors.as_ref().is_none_or(|c| c.width != 4) {
         return Err(format!("the splat has no {EXTENSION}:OPACITY"));
     }
     if sh.is_empty() && colors.is_none() {
