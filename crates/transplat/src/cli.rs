@@ -643,7 +643,7 @@ mod tests {
         assert_eq!(
             names,
             [
-                "relight", "render", "bake", "estimate", "probe", "info", "report"
+                "relight", "render", "convert", "bake", "estimate", "probe", "info", "report"
             ]
         );
     }

@@ -1,6 +1,7 @@
 //! Splats in glTF 2.0 (`.gltf`, `.glb`) by `KHR_gaussian_splatting`, ratified or as its drafts had it, and with SPZ inside.
 
 mod accessor;
+mod names;
 mod write;
 
 use std::collections::HashMap;
@@ -14,7 +15,8 @@ use serde_json::Value;
 
 use super::packed::{Fields, dc_of_color, logit};
 use super::rows::{AssetKind, Builder, Finished, StoredRow};
-use super::{folder_of, read, spz};
+use super::write::folder_of;
+use super::{read, spz};
 use crate::color::{Encoding, STORED_OFFSET};
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
@@ -22,15 +24,9 @@ use crate::sh::{SQRT_4PI, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
 use accessor::{Accessor, BufferView, Column};
 
+use names::{BINARY_CHUNK, EXTENSION, JSON_CHUNK};
+pub(super) use names::{MAGIC, MAX_DEGREE};
 pub(super) use write::write;
-
-/// What a binary glTF begins with.
-pub(super) const MAGIC: &[u8; 4] = b"glTF";
-
-/// The highest degree that the extension knows.
-pub(super) const MAX_DEGREE: usize = 3;
-
-const EXTENSION: &str = "KHR_gaussian_splatting";
 
 /// SPZ inside, by the names that its drafts had.
 const SPZ_EXTENSIONS: [&str; 3] = [
@@ -38,10 +34,6 @@ const SPZ_EXTENSIONS: [&str; 3] = [
     "KHR_gaussian_splatting_compression_spz",
     "KHR_spz_gaussian_splats_compression",
 ];
-
-/// Types of the chunks of a binary glTF.
-const JSON_CHUNK: u32 = 0x4e4f_534a;
-const BINARY_CHUNK: u32 = 0x004e_4942;
 
 pub(super) const MAX_FILE_BYTES: u64 = 1 << 36;
 

@@ -1,5 +1,6 @@
 //! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order; and compressed, by [`compressed`].
 
+mod comments;
 pub(super) mod compressed;
 mod header;
 mod made;
@@ -11,8 +12,8 @@ use std::path::Path;
 use super::rows::{AssetKind, Builder, Finished, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
-use crate::surfels::UpAxis;
 
+use comments::{says_antialiased, up_of};
 pub(super) use header::Header;
 use header::{Format, ScalarType};
 pub(super) use made::write as write_made;
@@ -258,31 +259,6 @@ impl Layout {
         }
         row
     }
-}
-
-/// As Brush and Postshot write that the opacities were compensated for the low-pass in training.
-fn says_antialiased(comment: &str) -> bool {
-    let lower = comment.to_ascii_lowercase();
-    let mut words = lower.split_whitespace();
-    matches!(
-        (words.next(), words.next()),
-        (Some("splatrendermode:"), Some("mip")) | (Some("antialiased"), Some("1"))
-    )
-}
-
-/// What its comments say.
-fn up_of(header: &Header) -> Option<UpAxis> {
-    (header.comments.iter()).find_map(|comment| up_axis_of(comment))
-}
-
-/// `Vertical axis: y` in a comment, as several tools write it.
-fn up_axis_of(comment: &str) -> Option<UpAxis> {
-    let lower = comment.to_ascii_lowercase();
-    let axis = lower.strip_prefix("vertical axis:")?.trim();
-    // Without a sign it is the positive one.
-    let is_it = |name: &str| name == axis || name.strip_prefix('+') == Some(axis);
-    let found = UpAxis::ALL.into_iter().find(|(name, _)| is_it(name));
-    found.map(|(_, axis)| axis)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //! stand for; in a folder, or bundled in a zip archive.
 
 mod codebook;
+mod layout;
 mod write;
 
 use std::fs::File;
@@ -19,27 +20,20 @@ use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 
+pub(super) use layout::META;
+use layout::{CODES, ENTRIES_IN_A_ROW, ROTATION_MODE};
 pub(super) use write::{MAX_DEGREE, write};
 
 /// What a zip archive begins with.
 pub(super) const ZIP: &[u8; 4] = b"PK\x03\x04";
-
-/// Name of the file that says what is where.
-pub(super) const META: &str = "meta.json";
 
 /// `meta.json` holds two tables of 256 numbers and little else.
 const MAX_META_BYTES: u64 = 1 << 20;
 /// No picture of 16384 x 16384 pixels takes more.
 const MAX_IMAGE_BYTES: u64 = 1 << 31;
 
-/// Palette entries in a row of the picture of higher SH.
-const ENTRIES_IN_A_ROW: usize = 64;
 /// Edge of a picture that WebP can hold.
 const MAX_EDGE: u32 = 16384;
-/// The alpha of a rotation's pixel is this and the index of its largest component.
-const ROTATION_MODE: u8 = 252;
-/// Numbers in a codebook.
-const CODES: usize = 256;
 
 #[derive(Deserialize)]
 struct Meta {
@@ -157,7 +151,7 @@ impl Source {
                 .map_err(|e| Error::invalid(path, format!("is no whole zip archive: {e}")))?;
             return Ok(Self::Bundle(Box::new(archive)));
         }
-        Ok(Self::Folder(super::folder_of(path).to_owned()))
+        Ok(Self::Folder(super::write::folder_of(path).to_owned()))
     }
 
     /// One of its files, of at most so many bytes.

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::{Map, Value, json};
 
-use super::{BINARY_CHUNK, EXTENSION, JSON_CHUNK, MAGIC, MAX_DEGREE};
+use super::names::{BINARY_CHUNK, EXTENSION, JSON_CHUNK, MAGIC, MAX_DEGREE};
 use crate::color::{Encoding, STORED_OFFSET};
 use crate::files::packed::color_of_dc;
 use crate::files::written::{Gaussian, Written};

@@ -3,8 +3,9 @@
 use std::io::{BufRead, Seek, SeekFrom, Write};
 use std::path::Path;
 
+use super::comments::{says_antialiased, up_of};
 use super::header::{Element, Format, Header, ScalarType};
-use super::{says_antialiased, up_of};
+
 use crate::error::{Error, Result};
 use crate::files::packed::{
     Fields, color_of_dc, component, component_share, dc_of_color, logit, share, share_code,

@@ -3,7 +3,7 @@ use glam::Vec3;
 use super::*;
 use crate::error::Result;
 use crate::files::{AssetFile, load_asset};
-use crate::surfels::SurfelCloud;
+use crate::surfels::{SurfelCloud, UpAxis};
 use std::io::Write;
 
 /// A splat of `n` surfels as rows of (name, value).

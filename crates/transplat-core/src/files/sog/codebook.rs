@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::CODES;
+use super::layout::CODES;
 
 /// Turns of Lloyd's algorithm for a codebook of numbers.
 const TURNS: usize = 24;

@@ -9,7 +9,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::codebook::{codebook, nearest, palette};
-use super::{ENTRIES_IN_A_ROW, META, ROTATION_MODE};
+use super::layout::{ENTRIES_IN_A_ROW, META, ROTATION_MODE};
 use crate::files::packed::{component_share, share_code, without_largest};
 use crate::files::written::Written;
 use crate::sh::coefficient_count;
