@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec4, Vec3};
 
-use crate::color::{decode_sh, luminance};
+use crate::color::luminance;
 use crate::sh::SQRT_4PI;
 use crate::surfels::{Bounds, SurfelCloud, UpAxis};
 
@@ -45,17 +45,18 @@ pub enum UpEvidence {
     Stance,
 }
 
-/// Which way is up in a capture whose file does not tell (`told`), and how that is known. `habit`: the axis that files of its kind mostly have.
+/// Which way is up in a capture whose file does not tell (`told`), and how that is known. `habit`: the axis that files of its kind mostly have;
+/// where they have none, only the ground tells.
 pub fn proposed_up(
     cloud: &SurfelCloud,
     told: Option<UpAxis>,
-    habit: UpAxis,
+    habit: Option<UpAxis>,
 ) -> Option<(UpAxis, UpEvidence)> {
     if told.is_some() || cloud.is_empty() {
         return None;
     }
     let by_ground = up_from_ground(cloud).map(|up| (up, UpEvidence::Ground));
-    by_ground.or_else(|| Some((up_from_stance(cloud, habit), UpEvidence::Stance)))
+    by_ground.or_else(|| Some((up_from_stance(cloud, habit?), UpEvidence::Stance)))
 }
 
 /// The likeliest axis, by sums of log-odds: of the habit of files, of its stance, of light from above.
@@ -66,7 +67,7 @@ fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
         UpAxis::PlusZ | UpAxis::PlusY | UpAxis::MinusY => 0.2,
         _ => 0.03,
     };
-    let extents = extents(cloud);
+    let extents = extents(&Piece::of(cloud, MOST_SURFELS));
     // What is tall stands, and what is flat lies.
     let stance = |up: UpAxis| {
         let along = up.direction().abs().dot(extents);
@@ -83,12 +84,9 @@ fn up_from_stance(cloud: &SurfelCloud, habit: UpAxis) -> UpAxis {
 }
 
 /// How far most of it reaches along each axis; positive.
-fn extents(cloud: &SurfelCloud) -> Vec3 {
-    let step = cloud.len().div_ceil(MOST_SURFELS).max(1);
+fn extents(pieces: &[Piece]) -> Vec3 {
     let each = |axis: usize| {
-        let seen = (0..cloud.len()).step_by(step);
-        let seen = seen.filter(|i| cloud.opacities[*i] > LEAST_OPACITY);
-        let mut values: Vec<f32> = seen.map(|i| cloud.positions[i][axis]).collect();
+        let mut values: Vec<f32> = pieces.iter().map(|p| p.position[axis]).collect();
         values.sort_unstable_by(f32::total_cmp);
         let tail = values.len() / 100;
         match (values.get(tail), values.iter().nth_back(tail)) {
@@ -97,50 +95,42 @@ fn extents(cloud: &SurfelCloud) -> Vec3 {
         }
     };
     let extents = Vec3::from_array(std::array::from_fn(each));
-    extents
-        .max(Vec3::splat(1e-3 * extents.max_element()))
-        .max(Vec3::splat(1e-12))
+    let least = 1e-3 * extents.max_element();
+    extents.max(Vec3::splat(least.max(1e-12)))
 }
 
 /// Where the light on a capture comes from, as long as it makes a difference: the slope of the logarithm of its colour over its normals.
 fn light_on(cloud: &SurfelCloud) -> Vec3 {
-    let step = cloud.len().div_ceil(MOST_LIT).max(1);
-    let seen = (0..cloud.len()).step_by(step);
-    let seen: Vec<usize> = seen
-        .filter(|i| cloud.opacities[*i] > LEAST_OPACITY)
-        .collect();
-    let places: Vec<Vec3> = seen.iter().map(|i| cloud.positions[*i]).collect();
+    let pieces = Piece::of(cloud, MOST_LIT);
+    let places: Vec<Vec3> = pieces.iter().map(|p| p.position).collect();
     let reach = SURROUNDINGS * Bounds::of(&places).radius;
-    let mut areas: Vec<f32> = (seen.iter())
-        .map(|i| cloud.opacities[*i] * cloud.scales[*i].element_product())
-        .collect();
     // Not by a few large ones.
-    let mut sorted = areas.clone();
-    sorted.sort_unstable_by(f32::total_cmp);
-    let most = sorted.get(sorted.len() * 9 / 10).copied().unwrap_or(1.0);
-    areas
-        .iter_mut()
-        .for_each(|a| *a = a.min(most) / most.max(f32::MIN_POSITIVE));
-    let outward = |(at, i): (usize, &usize)| {
-        let around = places.iter().filter(|p| p.distance(places[at]) < reach);
+    let mut areas: Vec<f64> = pieces.iter().map(|p| p.area).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    let most = areas.get(areas.len() * 9 / 10).copied().unwrap_or(1.0);
+    let outward = |piece: &Piece| {
+        let around = places.iter().filter(|p| p.distance(piece.position) < reach);
         let (sum, count) = around.fold((Vec3::ZERO, 0.0), |(sum, n), p| (sum + *p, n + 1.0));
-        let normal = cloud.stored_normal(*i);
-        let is_outward = normal.dot(places[at] - sum / f32::max(count, 1.0)) >= 0.0;
-        if is_outward { normal } else { -normal }
+        let away = piece.position - sum / f32::max(count, 1.0);
+        let side = if piece.normal.dot(away) < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        side * piece.normal
     };
-    let normals: Vec<Vec3> = seen.iter().enumerate().map(outward).collect();
-    let brightness = |i: usize| {
-        let f = decode_sh(cloud.sh_of(i), cloud.sh_degree, cloud.encoding);
-        let mean = f[0].map(|v| v / SQRT_4PI as f32);
-        luminance(mean).max(LEAST_COLOR).ln()
+    let brightness = |piece: &Piece| {
+        let stored = cloud.sh_of(piece.surfel)[0].map(|v| v / SQRT_4PI as f32);
+        let color = stored.map(|v| cloud.encoding.decode(v));
+        luminance(color).max(LEAST_COLOR).ln()
     };
     // Weighted least squares of a constant and a slope.
     let (mut matrix, mut right) = (DMat4::ZERO, DVec4::ZERO);
-    for ((i, normal), area) in seen.iter().zip(normals).zip(areas) {
-        let row = normal.extend(1.0).as_dvec4();
-        let weight = f64::from(area);
+    for piece in &pieces {
+        let row = outward(piece).extend(1.0).as_dvec4();
+        let weight = piece.area.min(most) / most.max(f64::MIN_POSITIVE);
         matrix += DMat4::from_cols(row.x * row, row.y * row, row.z * row, row.w * row) * weight;
-        right += row * weight * f64::from(brightness(*i));
+        right += row * weight * f64::from(brightness(piece));
     }
     // What lies flat has one slope: none is made up for the others.
     matrix += DMat4::from_diagonal(DVec4::splat(1e-3 * matrix.w_axis.w.max(1e-12)));
@@ -151,7 +141,7 @@ fn light_on(cloud: &SurfelCloud) -> Vec3 {
 /// The axis that points up from the ground, where a capture has one: a thin flat layer, much of its surface, with the rest on one side.
 /// None for a thing alone, and where walls are as good.
 pub fn up_from_ground(cloud: &SurfelCloud) -> Option<UpAxis> {
-    let pieces = Piece::of(cloud);
+    let pieces = Piece::of(cloud, MOST_SURFELS);
     let places: Vec<Vec3> = pieces.iter().map(|p| p.position).collect();
     let radius = f64::from(Bounds::of(&places).radius);
     if radius <= 0.0 || !radius.is_finite() {
@@ -174,17 +164,20 @@ struct Piece {
     normal: Vec3,
     /// How much surface it is.
     area: f64,
+    surfel: usize,
 }
 
 impl Piece {
-    fn of(cloud: &SurfelCloud) -> Vec<Self> {
-        let step = cloud.len().div_ceil(MOST_SURFELS).max(1);
+    /// At most so many of a capture.
+    fn of(cloud: &SurfelCloud, most: usize) -> Vec<Self> {
+        let step = cloud.len().div_ceil(most).max(1);
         let seen = (0..cloud.len()).step_by(step);
         seen.filter(|i| cloud.opacities[*i] > LEAST_OPACITY)
             .map(|i| Self {
                 position: cloud.positions[i],
                 normal: cloud.stored_normal(i),
                 area: f64::from(cloud.opacities[i] * cloud.scales[i].element_product()),
+                surfel: i,
             })
             .filter(|piece| piece.area.is_finite())
             .collect()
@@ -286,13 +279,14 @@ mod tests {
         for (name, up) in UpAxis::ALL {
             for cloud in [&thing, &lamp] {
                 let turned = turned(cloud, onto(up));
-                let found = proposed_up(&turned, None, UpAxis::MinusY);
+                let found = proposed_up(&turned, None, Some(UpAxis::MinusY));
                 assert_eq!(found, Some((up, UpEvidence::Stance)), "{name}");
             }
             // What says nothing stands as files of its kind do.
-            let found = proposed_up(&sphere(2000), None, up);
+            let found = proposed_up(&sphere(2000), None, Some(up));
             assert_eq!(found, Some((up, UpEvidence::Stance)), "{name}");
-            assert_eq!(proposed_up(&thing, Some(up), UpAxis::PlusZ), None);
+            assert_eq!(proposed_up(&thing, Some(up), Some(UpAxis::PlusZ)), None);
+            assert_eq!(proposed_up(&thing, None, None), None);
         }
     }
 

@@ -48,14 +48,10 @@ impl AssetFile {
         }
     }
 
-    /// The axis that is up in most files of its kind.
-    pub fn usual_up(&self) -> UpAxis {
-        let is_surfels = self.report.kind == AssetKind::Surfels2d;
-        match self.format.up() {
-            Some(up) => up,
-            None if is_surfels => UpAxis::PlusZ,
-            None => UpAxis::MinusY,
-        }
+    /// The axis that is up in most files of its kind; a PLY of 2D surfels comes with any.
+    pub fn usual_up(&self) -> Option<UpAxis> {
+        let is_any = self.format == SplatFormat::Ply && self.report.kind == AssetKind::Surfels2d;
+        (!is_any).then(|| self.format.usual_up())
     }
 
     /// The surfel that a row of the file is, the first row is 0.
@@ -116,7 +112,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     // A PLY is taken as it is promised, and the others as they mostly are.
     let assumed = match format {
         SplatFormat::Ply => UpAxis::PlusZ,
-        _ => format.up().unwrap_or(UpAxis::MinusY),
+        _ => format.usual_up(),
     };
     cloud.up = report.up.unwrap_or(assumed);
     let asset = AssetFile {
@@ -161,7 +157,12 @@ fn instead_of_a_splat(kind: Result<FileKind>, length: u64) -> String {
 pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Result<()> {
     let format = SplatFormat::of_name(path).unwrap_or(SplatFormat::Ply);
     let order = (0..cloud.len() as u32).collect();
-    write_as(format, cloud, stored, order, path)
+    // Whatever the cloud's own colour is.
+    let splat = Written {
+        is_linear: false,
+        ..Written::new(cloud, stored, order)
+    };
+    write_atomically(path, |out| format::write(format, &splat, out))
 }
 
 /// Writes the asset again with other colour, in the format that the name tells, or else in its own: in that and for a PLY, nothing else that it
@@ -197,33 +198,27 @@ pub fn write_relit(
     let order = rows.map(|(_, surfel)| *surfel).collect();
     match turn(asset.format, format, cloud.up) {
         None => write_as(format, cloud, stored, order, path),
-        Some(turn) => {
-            let (there_from_here, up) = turn;
-            let mut turned = SurfelCloud {
+        Some((there_from_here, up)) => {
+            let colored = SurfelCloud {
                 sh: stored.to_vec(),
+                up,
                 ..cloud.clone()
             };
-            turned = turned.transformed(there_from_here);
-            turned.up = up;
+            let turned = colored.transformed(there_from_here);
             write_as(format, &turned, &turned.sh, order, path)
         }
     }
 }
 
-/// How a splat has to be turned that goes from one format to another of which each has an up axis of its own, and what is up then. What has none
-/// is taken to have -y up, as most of them have.
+/// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.
 fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Affine3A, UpAxis)> {
-    let up_there = match (from.up(), to.up()) {
-        (None, Some(there)) => there,
-        (Some(_), None) => UpAxis::MinusY,
-        _ => return None,
-    };
-    let there_from_world = up_there.asset_from_world();
-    let there_from_here = there_from_world * up.asset_from_world().transpose();
-    (up != up_there).then(|| {
-        let turn = DQuat::from_mat3(&there_from_here).as_quat();
-        (Affine3A::from_quat(turn), up_there)
-    })
+    let up_there = to.usual_up();
+    if from.usual_up() == up_there || up == up_there {
+        return None;
+    }
+    let there_from_here = up_there.asset_from_world() * up.asset_from_world().transpose();
+    let turn = DQuat::from_mat3(&there_from_here).as_quat();
+    Some((Affine3A::from_quat(turn), up_there))
 }
 
 fn write_as(

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::written::Written;
 use super::{gltf, ply, sog, splat, spz};
+use crate::color::Encoding;
 use crate::sh::MAX_DEGREE;
-use crate::surfels::{SurfelCloud, UpAxis};
+use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 
 /// A format of splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,8 +73,11 @@ impl SplatFormat {
     }
 
     /// The axis that its files have up by their specification; PLY and what was made of it has none, and mostly -y.
-    pub(super) fn up(self) -> Option<UpAxis> {
-        matches!(self, Self::Spz | Self::Gltf).then_some(UpAxis::PlusY)
+    pub(super) fn usual_up(self) -> UpAxis {
+        match self {
+            Self::Spz | Self::Gltf => UpAxis::PlusY,
+            _ => UpAxis::MinusY,
+        }
     }
 
     /// The highest SH degree that it holds.
@@ -97,12 +101,15 @@ impl SplatFormat {
             0 => losses.push("no colour that depends on the view".into()),
             most => losses.push(format!("SH of degree {most} at most, of {degree}")),
         }
-        let has = |test: fn(&crate::surfels::Thickness) -> bool| cloud.thicknesses.iter().any(test);
+        let has = |test: fn(&Thickness) -> bool| cloud.thicknesses.iter().any(test);
         if self != Self::Ply && has(|t| t.is_flat()) {
             losses.push("no 2D surfels, which become thin 3D Gaussians".into());
         }
         if matches!(self, Self::Splat | Self::Gltf) && has(|t| t.is_antialiased()) {
             losses.push("no mark that it was trained antialiased".into());
+        }
+        if self != Self::Gltf && cloud.encoding == Encoding::Linear {
+            losses.push("no mark that its colour is linear".into());
         }
         if let Some(quantum) = self.quantum() {
             losses.push(quantum.into());

@@ -4,22 +4,22 @@ mod accessor;
 mod names;
 mod write;
 
-use std::collections::HashMap;
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::{Affine3A, Mat4, Quat, Vec3};
+use glam::{Affine3A, Mat4, Quat, Vec3, Vec4};
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::packed::{Fields, dc_of_color, logit};
-use super::rows::{AssetKind, Builder, Finished, StoredRow};
+use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count, rearranged};
 use super::write::folder_of;
 use super::{read, spz};
 use crate::color::{Encoding, STORED_OFFSET};
 use crate::error::{Error, Result};
-use crate::morton::neighborhood_order;
 use crate::sh::{SQRT_4PI, coefficient_count};
 use crate::surfels::{SurfelCloud, UpAxis};
 use accessor::{Accessor, BufferView, Column};
@@ -37,11 +37,11 @@ const SPZ_EXTENSIONS: [&str; 3] = [
 
 pub(super) const MAX_FILE_BYTES: u64 = 1 << 36;
 
-/// Nodes are nested no deeper.
-const MAX_DEPTH: usize = 64;
+/// One is the rule.
+const MAX_BUFFERS: usize = 64;
 
-/// Primitives of all nodes together, at most.
-const MAX_PLACED: usize = 1 << 12;
+/// Nodes of a scene, each as often as it is placed.
+const MAX_PLACED: usize = 1 << 16;
 
 #[derive(Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
@@ -95,28 +95,14 @@ impl Node {
         if let Some(matrix) = &self.matrix {
             return Affine3A::from_mat4(Mat4::from_cols_array(matrix));
         }
-        let turn = self.rotation.map_or(Quat::IDENTITY, Quat::from_array);
+        let turn = self
+            .rotation
+            .and_then(|r| Vec4::from_array(r).try_normalize());
         Affine3A::from_scale_rotation_translation(
             self.scale.map_or(Vec3::ONE, Vec3::from_array),
-            turn.try_normalize_or_identity(),
+            turn.map_or(Quat::IDENTITY, Quat::from_vec4),
             self.translation.map_or(Vec3::ZERO, Vec3::from_array),
         )
-    }
-}
-
-/// A quaternion of some length, if it has one.
-trait NormalizeOr {
-    fn try_normalize_or_identity(self) -> Self;
-}
-
-impl NormalizeOr for Quat {
-    fn try_normalize_or_identity(self) -> Self {
-        let normal = self.normalize();
-        if normal.is_finite() {
-            normal
-        } else {
-            Self::IDENTITY
-        }
     }
 }
 
@@ -184,16 +170,24 @@ fn chunks(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     Some((text?, binary))
 }
 
-fn load_buffers(path: &Path, document: &Document, binary: &[u8]) -> Result<Vec<Vec<u8>>> {
+fn load_buffers<'a>(
+    path: &Path,
+    document: &Document,
+    binary: &'a [u8],
+) -> Result<Vec<Cow<'a, [u8]>>> {
     let invalid = |message: String| Error::invalid(path, message);
+    if document.buffers.len() > MAX_BUFFERS {
+        return Err(invalid(format!("has more than {MAX_BUFFERS} buffers")));
+    }
     let buffers = document.buffers.iter().map(|buffer| {
         let Some(uri) = &buffer.uri else {
-            return Ok(binary.to_vec());
+            return Ok(binary.into());
         };
         if let Some(data) = uri.strip_prefix("data:") {
             let (_, text) = data.split_once(";base64,").unwrap_or_default();
             let decoded = STANDARD.decode(text);
-            return decoded.map_err(|e| invalid(format!("a buffer is no base64: {e}")));
+            let decoded = decoded.map_err(|e| invalid(format!("a buffer is no base64: {e}")));
+            return Ok(decoded?.into());
         }
         // A name, not a way to somewhere else.
         if Path::new(uri).file_name() != Some(uri.as_ref()) {
@@ -201,34 +195,41 @@ fn load_buffers(path: &Path, document: &Document, binary: &[u8]) -> Result<Vec<V
                 "names a buffer {uri:?} that is not beside it"
             )));
         }
-        read::read_all(&folder_of(path).join(uri), MAX_FILE_BYTES)
+        Ok(read::read_all(&folder_of(path).join(uri), MAX_FILE_BYTES)?.into())
     });
     buffers.collect()
 }
 
-fn read_document(path: &Path, document: &Document, buffers: &[Vec<u8>]) -> Result<Finished> {
+fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) -> Result<Finished> {
     let invalid = |message: String| Error::invalid(path, message);
     let mut placed = Vec::new();
-    let roots = match document.scenes.get(document.scene) {
-        Some(scene) => scene.nodes.clone(),
-        None => (0..document.nodes.len()).collect(),
-    };
-    for root in roots {
-        place(document, root, Affine3A::IDENTITY, 0, &mut placed).map_err(invalid)?;
+    for (node, world_from_node) in placed_nodes(document).map_err(invalid)? {
+        let Some(mesh) = node.mesh else {
+            continue;
+        };
+        let mesh = document.meshes.get(mesh);
+        let mesh = mesh.ok_or_else(|| invalid("names a mesh that is not there".into()))?;
+        let splats = mesh.primitives.iter().filter(|p| p.is_splat());
+        placed.extend(splats.map(|p| (p, world_from_node)));
     }
     if placed.is_empty() {
         return Err(invalid(format!(
             "holds no splat: no primitive of its scene has {EXTENSION}"
         )));
     }
+    if !placed.iter().all(|(_, map)| scales_evenly(*map)) {
+        return Err(invalid(
+            "has a node that stretches, shears or mirrors its splat, which is not read".into(),
+        ));
+    }
+    let bytes = buffers.iter().map(|b| b.len() as u64).sum();
+    let mut total = 0;
     let mut parts = Vec::with_capacity(placed.len());
     for (primitive, world_from_node) in placed {
         let part = match primitive.spz() {
             Some(view) => {
-                let view = document
-                    .buffer_views
-                    .get(view)
-                    .and_then(|v| v.bytes(buffers));
+                let view = document.buffer_views.get(view);
+                let view = view.and_then(|v| v.bytes(buffers));
                 let mut bytes =
                     view.ok_or_else(|| invalid("names SPZ that is not there".into()))?;
                 let length = bytes.len() as u64;
@@ -236,56 +237,57 @@ fn read_document(path: &Path, document: &Document, buffers: &[Vec<u8>]) -> Resul
             }
             None => read_attributes(document, buffers, primitive).map_err(invalid)?,
         };
-        let stretch = uniform_scale(world_from_node);
-        if stretch.is_none() {
-            return Err(invalid(
-                "has a node that stretches, shears or mirrors its splat, which is not read".into(),
-            ));
-        }
+        // The same may be placed many times.
+        total += part.0.len() as u64;
+        check_count(total, bytes).map_err(invalid)?;
         parts.push((part, world_from_node));
     }
     Ok(together(parts))
 }
 
-/// The primitives with splats at or below a node, each with where it is.
-fn place<'a>(
-    document: &'a Document,
-    node: usize,
-    world_from_parent: Affine3A,
-    depth: usize,
-    placed: &mut Vec<(&'a Primitive, Affine3A)>,
-) -> std::result::Result<(), String> {
-    let node = document
-        .nodes
-        .get(node)
-        .ok_or("names a node that is not there")?;
-    if depth > MAX_DEPTH {
-        return Err("its nodes are nested without end".into());
-    }
-    let world_from_node = world_from_parent * node.parent_from_node();
-    if let Some(mesh) = node.mesh {
-        let mesh = document
-            .meshes
-            .get(mesh)
-            .ok_or("names a mesh that is not there")?;
-        let splats = mesh.primitives.iter().filter(|p| p.is_splat());
-        placed.extend(splats.map(|p| (p, world_from_node)));
-        if placed.len() > MAX_PLACED {
-            return Err(format!("holds more than {MAX_PLACED} splats"));
+/// The nodes of the scene, or all where there is none, each with where it is.
+fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, Affine3A)>, String> {
+    let inner: HashSet<usize> = (document.nodes.iter())
+        .flat_map(|n| n.children.iter().copied())
+        .collect();
+    let roots = match document.scenes.get(document.scene) {
+        Some(scene) => scene.nodes.clone(),
+        None => (0..document.nodes.len())
+            .filter(|n| !inner.contains(n))
+            .collect(),
+    };
+    let mut waiting: Vec<(usize, Affine3A)> = roots
+        .into_iter()
+        .map(|root| (root, Affine3A::IDENTITY))
+        .collect();
+    let mut placed = Vec::new();
+    while let Some((node, world_from_parent)) = waiting.pop() {
+        let node = document
+            .nodes
+            .get(node)
+            .ok_or("names a node that is not there")?;
+        let world_from_node = world_from_parent * node.parent_from_node();
+        placed.push((node, world_from_node));
+        let children = node.children.iter().map(|child| (*child, world_from_node));
+        waiting.extend(children);
+        // Rings come here, too.
+        if placed.len() + waiting.len() > MAX_PLACED {
+            return Err(format!(
+                "places more than {MAX_PLACED} nodes, or nests them without end"
+            ));
         }
     }
-    let mut children = node.children.iter();
-    children.try_for_each(|child| place(document, *child, world_from_node, depth + 1, placed))
+    Ok(placed)
 }
 
-/// What a map scales by, if it does nothing else than scale evenly, turn and move.
-fn uniform_scale(map: Affine3A) -> Option<f32> {
+/// Whether a map does nothing else than scale evenly, turn and move.
+fn scales_evenly(map: Affine3A) -> bool {
     let axes = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let [x, y, z] = axes.map(|a| a.length());
     let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * x;
     let square = (0..3).all(|i| axes[i].dot(axes[(i + 1) % 3]).abs() <= 1e-3 * x * x);
-    let good = x > 0.0 && x.is_finite() && close(x, y) && close(x, z) && square;
-    (good && map.matrix3.determinant() > 0.0).then_some(x)
+    let is_even = x > 0.0 && x.is_finite() && close(x, y) && close(x, z) && square;
+    is_even && map.matrix3.determinant() > 0.0
 }
 
 /// Parts in one, as one file of theirs would have them.
@@ -313,21 +315,16 @@ fn together(mut parts: Vec<(Finished, Affine3A)>) -> Finished {
         surfel_of_row.extend(rows.iter().map(|surfel| first + surfel));
     }
     report.vertices = cloud.len();
-    let order = neighborhood_order(&cloud.positions);
-    cloud.rearrange(&order);
-    let mut anew = vec![0; order.len()];
-    for (new, old) in order.into_iter().enumerate() {
-        anew[old as usize] = new as u32;
-    }
+    let places = rearranged(&mut cloud);
     surfel_of_row
         .iter_mut()
-        .for_each(|s| *s = anew[*s as usize]);
+        .for_each(|s| *s = places[*s as usize]);
     (cloud, report, surfel_of_row)
 }
 
 fn read_attributes(
     document: &Document,
-    buffers: &[Vec<u8>],
+    buffers: &[Cow<'_, [u8]>],
     primitive: &Primitive,
 ) -> std::result::Result<Finished, String> {
     let find = |names: &[String]| -> std::result::Result<Option<Column<'_>>, String> {
@@ -421,3 +418,6 @@ fn read_attributes(
     }
     Ok(finished)
 }
+
+#[cfg(test)]
+mod tests;

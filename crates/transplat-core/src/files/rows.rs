@@ -259,15 +259,20 @@ impl Builder {
             median_flatness,
             up,
         };
-        cloud.up = up.unwrap_or_default();
-        let order = neighborhood_order(&cloud.positions);
-        cloud.rearrange(&order);
-        let mut surfel_of_row = vec![0; order.len()];
-        for (surfel, row) in order.into_iter().enumerate() {
-            surfel_of_row[row as usize] = surfel as u32;
-        }
+        let surfel_of_row = rearranged(&mut cloud);
         Ok((cloud, report, surfel_of_row))
     }
+}
+
+/// Brings surfels into an order in which neighbours follow each other; where each one went.
+pub(super) fn rearranged(cloud: &mut SurfelCloud) -> Vec<u32> {
+    let order = neighborhood_order(&cloud.positions);
+    cloud.rearrange(&order);
+    let mut places = vec![0; order.len()];
+    for (place, before) in order.into_iter().enumerate() {
+        places[before as usize] = place as u32;
+    }
+    places
 }
 
 /// Median over 3D Gaussians of shortest over second axis; nothing where there are none.

@@ -380,3 +380,6 @@ impl<'a> Palette<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,6 +5,7 @@ use std::io::Write;
 use glam::{Mat3, Quat};
 use rayon::prelude::*;
 
+use crate::color::Encoding;
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 
@@ -21,6 +22,8 @@ pub(super) struct Written<'a> {
     pub stored: &'a [[f32; 3]],
     /// Which surfels are written, in this order.
     pub order: Vec<u32>,
+    /// Whether it is linear all the same.
+    pub is_linear: bool,
     /// Degree of the colour.
     pub degree: usize,
     /// Whether they are 3D Gaussians of which most were trained with their opacity compensated for the low-pass.
@@ -49,6 +52,7 @@ impl<'a> Written<'a> {
         Self {
             cloud,
             stored,
+            is_linear: cloud.encoding == Encoding::Linear,
             degree: cloud.sh_degree,
             is_antialiased: 2 * antialiased > order.len(),
             order,

@@ -201,7 +201,8 @@ impl Viewer {
 
     fn first_scene(&mut self, mut startup: Startup) {
         for file in &mut startup.files {
-            *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
+            let whole = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
+            *file = file_of(&whole).into_owned();
         }
         let lights = BUNDLED_LIGHTS.iter().filter_map(|name| bundled(name));
         let lights: Vec<PathBuf> = lights.collect();

@@ -1,5 +1,7 @@
 //! Numbers in the buffers of a glTF.
 
+use std::borrow::Cow;
+
 use serde::Deserialize;
 
 use crate::files::packed::Fields;
@@ -17,7 +19,7 @@ pub(super) struct BufferView {
 
 impl BufferView {
     /// Its bytes, if they are there.
-    pub fn bytes<'a>(&self, buffers: &'a [Vec<u8>]) -> Option<&'a [u8]> {
+    pub fn bytes<'a>(&self, buffers: &'a [Cow<'_, [u8]>]) -> Option<&'a [u8]> {
         let end = self.byte_offset.checked_add(self.byte_length)?;
         buffers.get(self.buffer)?.get(self.byte_offset..end)
     }
@@ -104,7 +106,7 @@ impl Accessor {
     pub fn column<'a>(
         &self,
         views: &[BufferView],
-        buffers: &'a [Vec<u8>],
+        buffers: &'a [Cow<'_, [u8]>],
     ) -> Result<Column<'a>, String> {
         if self.sparse.is_some() {
             return Err("sparse accessors are not read".into());

@@ -5,7 +5,7 @@ use std::io::Write;
 use serde_json::{Map, Value, json};
 
 use super::names::{BINARY_CHUNK, EXTENSION, JSON_CHUNK, MAGIC, MAX_DEGREE};
-use crate::color::{Encoding, STORED_OFFSET};
+use crate::color::STORED_OFFSET;
 use crate::files::packed::color_of_dc;
 use crate::files::written::{Gaussian, Written};
 use crate::sh::{SQRT_4PI, coefficient_count};
@@ -18,9 +18,8 @@ const ARRAY_BUFFER: u32 = 34962;
 /// Writes a splat.
 pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let n = splat.len();
-    let is_linear = splat.cloud.encoding == Encoding::Linear;
     // Linear colour has in it what is added to stored colour.
-    let offset = if is_linear {
+    let offset = if splat.is_linear {
         STORED_OFFSET * SQRT_4PI as f32
     } else {
         0.0
@@ -57,7 +56,7 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
         accessors.push(accessor);
         length += bytes;
     }
-    let space = if is_linear {
+    let space = if splat.is_linear {
         "lin_rec709_display"
     } else {
         "srgb_rec709_display"

@@ -298,3 +298,6 @@ fn chunk_of<'a>(gaussians: impl Iterator<Item = Gaussian<'a>>) -> Chunk {
     }
     chunk
 }
+
+#[cfg(test)]
+mod tests;

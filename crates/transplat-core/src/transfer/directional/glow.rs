@@ -47,7 +47,7 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
     weighted_quantile(light.collect(), WELL_LIT).map_or(1.0, |e| e.max(1e-6) as f32)
 }
 
-/// How much of each surfel's colour is its own light, 0 to 1, `[n]`: where any channel of its albedo is higher than the
+/// How much of each surfel's colour is its own light, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is higher than the
 /// whitest one of the asset explains, it is bright in the pictures and even over the views, and its neighbours are so, too.
 pub(super) fn find_glow(
     asset: &DirectionalAsset,
@@ -87,6 +87,9 @@ pub(super) fn find_glow(
             * (1.0 - smoothstep(EVEN[0], EVEN[1], variation))
     });
     let alone: Vec<f32> = alone.collect();
+    if alone.iter().all(|g| *g <= 0.0) {
+        return Vec::new();
+    }
     let prominence = &asset.bake.prominence;
     let width = asset.neighbors.len() / alone.len().max(1);
     let together = alone.par_iter().enumerate().map(|(i, own)| {
