@@ -36,8 +36,7 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let assets = assets_of(&asset, &scene)?;
     let names = object_names(&scene, &assets);
     let is_for_many = light.target.len() > 1 || light.target.iter().any(|t| t.is_dir());
-    let endings = endings(&scene, &assets);
-    let objects = names.into_iter().zip(endings).collect();
+    let objects = names.into_iter().zip(endings(&assets)).collect();
     let output = Output::new(&args.output, objects, is_for_many)?;
     let outputs: Vec<PathBuf> = named.iter().flat_map(|(t, _)| output.files(t)).collect();
     let inputs = light
@@ -128,16 +127,15 @@ fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
     told_apart(shown.map(|(object, asset)| as_file_name(&name_of(object, asset))))
 }
 
-/// The endings of the files of each: those of the formats that they came in.
-fn endings(scene: &Scene, assets: &[PathBuf]) -> Vec<&'static str> {
-    let shown = scene.objects.iter().zip(assets).filter(|(o, _)| o.shown);
+/// The ending of each asset's files: that of the format that it came in.
+fn endings(assets: &[PathBuf]) -> impl Iterator<Item = &'static str> {
     let ending = |asset: &PathBuf| match file_kind(asset) {
         Ok(FileKind::Splat(format)) => format.ending(),
         _ => None,
     };
-    shown
-        .map(|(_, asset)| ending(asset).unwrap_or(".ply"))
-        .collect()
+    assets
+        .iter()
+        .map(move |asset| ending(asset).unwrap_or(".ply"))
 }
 
 fn warn_of_losses(object: &LoadedObject, path: &Path, summary: &mut Summary) {
