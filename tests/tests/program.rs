@@ -631,3 +631,35 @@ fn a_report_measures_settings_and_extreme_cases() {
     // A splat of unknown light is asked for one.
     run_told(&["report", &splat, "-o", &out], 2, &["--source"]);
 }
+
+#[test]
+fn a_splat_of_another_format_is_relit_in_its_own() {
+    let folder = Folder::empty();
+    let (splat, sunset) = (asset("teapot.ply"), asset("sunset.hdr"));
+    let (packed, glb) = (folder.name("teapot.spz"), folder.name("teapot.glb"));
+    let told = run_json(&args("convert {} -o {}", &[&splat, &packed]));
+    let warned = told["warnings"].to_string();
+    assert!(
+        warned.contains("no 2D surfels") && warned.contains("24 bits"),
+        "{warned}"
+    );
+    // It had +z up, and has +y there.
+    let (before, _) = load_asset(splat.as_ref()).expect("the teapot");
+    let (after, _) = load_asset(packed.as_ref()).expect("what was written");
+    let (before, after) = (before.bounds(), after.bounds());
+    assert!((before.radius / after.radius - 1.0).abs() < 0.01);
+    assert!((before.center.z - after.center.y).abs() < 1e-3 * before.radius);
+    let out = folder.name("relit/");
+    let line = "relight {} --source even --target {} --preset paper --device cpu -o {}";
+    run_json(&args(line, &[&packed, &sunset, &out]));
+    run_json(&args(line, &[&packed, &sunset, &glb]));
+    for name in ["relit/sunset.spz", "teapot.glb"] {
+        let (relit, _) = load_asset(folder.path(name).as_ref()).expect("a relit splat");
+        assert!(relit.bounds().center.distance(after.center) < 1e-3 * after.radius);
+    }
+    run_told(
+        &["convert", &packed, "-o", &folder.name("a.obj")],
+        1,
+        &[".compressed.ply"],
+    );
+}
