@@ -24,7 +24,7 @@ use crate::sh::{MAX_DEGREE, SQRT_4PI, evaluate_sh};
 use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::directional::mean_radiance;
 use clusters::Clusters;
-pub use fit::{DEGREE, WHITEST_ALBEDO};
+pub use fit::DEGREE;
 use fit::{Explained, Fit, Fitted, FittedLight};
 
 /// From this confidence on, the estimate is taken. A metal whose highlights were trained into layers beside it reaches 0.47, and would be

@@ -31,7 +31,7 @@ use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::plate::Plate;
 
-pub use asset::{AssetFile, load_asset, losses, write_relit, write_splat};
+pub use asset::{AssetFile, load_asset, losses, write_delit, write_relit, write_splat};
 pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, is_camera_file, load_cameras};
 pub use estimate::{load_estimate, save_estimate};

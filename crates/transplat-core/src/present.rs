@@ -36,6 +36,10 @@ pub enum View {
     Depth,
     /// Cosine-weighted open share of each surfel's front side.
     Visibility,
+    /// What the surfels are made of: the share of light that they scatter, or mirror where they are metal, each channel.
+    Albedo,
+    /// How much of each surfel's colour is its own light.
+    Glow,
     /// The transfer ratio in stops: blue is -3 and less, white 0, red +3 and more.
     Tau,
     /// Surfels that were relit with less than all that the method knows, by the colours of [`Doubt`].
@@ -44,7 +48,7 @@ pub enum View {
 
 impl View {
     /// All of them, as they are listed.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::After,
         Self::Before,
         Self::Split,
@@ -55,6 +59,8 @@ impl View {
         Self::Normals,
         Self::Depth,
         Self::Visibility,
+        Self::Albedo,
+        Self::Glow,
         Self::Tau,
         Self::Doubts,
     ];
@@ -66,6 +72,12 @@ impl View {
                 self,
                 Self::After | Self::Diffuse | Self::Specular | Self::Tau | Self::Doubts
             )
+            || self.is_of_materials()
+    }
+
+    /// Whether it shows what surfels are made of: no target changes that.
+    pub fn is_of_materials(self) -> bool {
+        matches!(self, Self::Albedo | Self::Glow)
     }
 
     /// What of the relit colour it shows.
@@ -113,6 +125,21 @@ impl View {
                 Self::After | Self::Before | Self::Diffuse | Self::Specular
             )
     }
+}
+
+/// Surfel colours of a view of [`View::is_of_materials`], display-encoded. `[n]`
+pub fn material_colors(view: View, prepared: &PreparedTransfer) -> Vec<[f32; 3]> {
+    let materials = prepared.materials(None);
+    match view {
+        View::Glow => materials.each.iter().map(|m| glow_color(m.glow)).collect(),
+        _ => materials.colors(),
+    }
+}
+
+/// The display colour of a surfel in [`View::Glow`] of whose colour so much is its own light, 0 to 1.
+pub fn glow_color(glow: f32) -> [f32; 3] {
+    let [none, whole] = [[0.12, 0.12, 0.14], [1.0, 0.85, 0.35]];
+    std::array::from_fn(|c| none[c] + glow * (whole[c] - none[c]))
 }
 
 /// What makes the relit colour of a surfel doubtful; the first that applies is shown.

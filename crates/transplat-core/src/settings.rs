@@ -107,6 +107,12 @@ impl Terms {
 /// Range of epsilon: below a millionth, f32 irradiance is rounding.
 pub const EPSILON: std::ops::RangeInclusive<f32> = 1e-6..=1e3;
 
+/// What paint explains, as times the whitest surface.
+pub const GLOW_ABOVE: f32 = 1.2;
+
+/// What that limit may be set to, from all that is bright to hardly anything.
+pub const GLOW_RANGE: std::ops::RangeInclusive<f32> = 0.05..=100.0;
+
 /// Settings of the transfer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -120,6 +126,8 @@ pub struct TransferSettings {
     pub epsilon: Option<f32>,
     /// Terms that take part.
     pub terms: Terms,
+    /// How many times brighter than its whitest surface in the same light anything has to be to shine by itself (the directional method).
+    pub glow_above: f32,
     /// What may be left out where a scene does not need it; no file keeps that.
     #[serde(skip)]
     pub skips: Skips,
@@ -132,6 +140,7 @@ impl Default for TransferSettings {
             sh_degree: 3,
             epsilon: None,
             terms: Terms::default(),
+            glow_above: GLOW_ABOVE,
             skips: Skips::default(),
         }
     }
@@ -180,6 +189,12 @@ impl TransferSettings {
         ensure(EPSILON.contains(&epsilon), || {
             format!(
                 "epsilon {epsilon} is out of range 1e-6 to 1000 (relative to the source's mean irradiance)"
+            )
+        })?;
+        ensure(GLOW_RANGE.contains(&self.glow_above), || {
+            let limit = self.glow_above;
+            format!(
+                "a limit of glow of {limit} is out of range 0.05 to 100 (times the whitest surface)"
             )
         })
     }

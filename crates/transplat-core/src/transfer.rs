@@ -6,6 +6,7 @@
 pub mod directional;
 pub mod harmonic;
 mod lanes;
+pub mod materials;
 mod relit;
 pub mod scene;
 

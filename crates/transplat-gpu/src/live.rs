@@ -146,7 +146,7 @@ impl Live {
             asset,
             relit: Versioned::default(),
             pinned: Versioned::default(),
-            visibility: Versioned::default(),
+            channel: Versioned::default(),
             doubts: Versioned::default(),
             scene_from_object: Affine3A::IDENTITY,
             projected: Derived::default(),
@@ -225,10 +225,10 @@ impl Live {
         }
     }
 
-    /// Sets the surfel colours of the channel *visibility*.
-    pub fn set_visibility(&mut self, object: usize, colors: Vec<[f32; 3]>) {
+    /// Sets the surfel colours of a channel that no light changes, in the place of another one's.
+    pub fn set_channel(&mut self, object: usize, view: View, colors: Vec<[f32; 3]>) {
         if let Some(object) = self.object_mut(object) {
-            object.visibility.set(colors);
+            object.channel.set(Some((view, colors)));
         }
     }
 

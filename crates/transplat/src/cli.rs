@@ -12,10 +12,11 @@ use transplat_core::color::ToneMap;
 use transplat_core::present::{Background, View};
 use transplat_core::probe::DEFAULT_ROWS;
 use transplat_core::scene::Scene;
-use transplat_core::settings::{EPSILON, Method, Terms};
+use transplat_core::settings::{EPSILON, GLOW_RANGE, Method, Terms};
 use transplat_core::surfels::UpAxis;
 
 use crate::film::FRAME_RATE;
+use crate::pipeline::delight::DelitAs;
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
@@ -62,6 +63,11 @@ pub enum Command {
         after_help = "Example:\n  transplat convert playbot.ply -o playbot.spz\n\nWhat the format cannot hold is said. SPZ and glTF have +y up: what goes there from another format, or from there to another, is turned to stand upright there."
     )]
     Convert(ConvertArgs),
+    /// Write the asset without its light: its albedo as its colour, for programs that light a splat themselves.
+    #[command(
+        after_help = "Examples:\n  transplat delight knot.ply --source city.hdr -o flat.ply\n  transplat delight knot.ply --source estimate --materials -o flat.glb\n\nThe colour is degree 0, encoded as the capture's. With --materials a PLY has the properties nx ny nz, base_color_0 to _2, metallic, roughness, reflectance_0 to _2 and emission_0 to _2, and a GLB the attributes NORMAL, _BASE_COLOR, _METALLIC, _ROUGHNESS, _REFLECTANCE and _EMISSION; colours are linear there."
+    )]
+    Delight(DelightArgs),
     /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
     #[command(after_help = "Example:\n  transplat bake knot.ply -o knot.bake")]
     Bake(BakeArgs),
@@ -132,14 +138,15 @@ pub enum DeviceChoice {
     Cpu,
 }
 
+/// The light that an asset was captured under, and how that is told from its colour.
 #[derive(Clone, Debug, Default, Args)]
-pub struct LightArgs {
+pub struct CaptureArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
     #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
-    /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
-    #[arg(long, value_name = "ENV|even|estimate")]
-    pub target: Vec<PathBuf>,
+    /// Turn the source light about the up axis
+    #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
+    pub rotate_source: Option<f64>,
     /// Which mathematics: best sums over directions (the directional method), paper takes products of spherical harmonics (the harmonic
     /// method) [default: best]
     #[arg(long, value_name = "best|paper", value_parser = parse_named::<Method>)]
@@ -150,7 +157,11 @@ pub struct LightArgs {
     /// Added to the source's irradiance, relative to its mean [default: 0.006; preset paper: 0.05]
     #[arg(long, value_name = "X", value_parser = parse_epsilon, allow_hyphen_values = true)]
     pub epsilon: Option<f64>,
-    /// Switch terms off: shadow; of preset best sums, suns, bounce, two-sided, lobe, residual; of preset paper specular, reflection,
+    /// From how many times brighter than the asset's whitest surface in the same light on it shines by itself; less finds more lamps, much more
+    /// none (preset best) [default: 1.2]
+    #[arg(long, value_name = "0.05..100", value_parser = parse_glow)]
+    pub glow_above: Option<f64>,
+    /// Switch terms off: shadow; of preset best sums, suns, bounce, two-sided, lobe, residual, glow; of preset paper specular, reflection,
     /// attenuation
     #[arg(long, value_delimiter = ',', value_name = "TERM,...", hide_possible_values = true,
         value_parser = PossibleValuesParser::new(Terms::ALL.iter().map(|t| t.name)))]
@@ -158,9 +169,21 @@ pub struct LightArgs {
     /// Compute also what this scene does not need, which is slower and hardly shows; a bake that is there already is taken as it is
     #[arg(long)]
     pub compute_all: bool,
-    /// Turn the source light about the up axis
-    #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
-    pub rotate_source: Option<f64>,
+    /// Use a saved bake
+    #[arg(long, value_name = "FILE")]
+    pub bake: Option<PathBuf>,
+    /// All settings from a saved look (JSON); options given beside it win
+    #[arg(long, value_name = "FILE")]
+    pub look: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, Default, Args)]
+pub struct LightArgs {
+    #[command(flatten)]
+    pub capture: CaptureArgs,
+    /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
+    #[arg(long, value_name = "ENV|even|estimate")]
+    pub target: Vec<PathBuf>,
     /// Turn the target light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_target: Option<f64>,
@@ -170,12 +193,6 @@ pub struct LightArgs {
     /// Bring the target's mean irradiance to the source's first
     #[arg(long)]
     pub match_strength: bool,
-    /// Use a saved bake
-    #[arg(long, value_name = "FILE")]
-    pub bake: Option<PathBuf>,
-    /// All settings from a saved look (JSON); options given beside it win
-    #[arg(long, value_name = "FILE")]
-    pub look: Option<PathBuf>,
 }
 
 impl LightArgs {
@@ -188,7 +205,7 @@ impl LightArgs {
         let of_objects = scene.objects.iter();
         of_objects
             .flat_map(|o| [&o.source.file, &o.asset])
-            .chain([&self.bake, &self.look])
+            .chain([&self.capture.bake, &self.capture.look])
             .flatten()
             .chain(targets.iter().map(|(_, path)| path))
             .map(PathBuf::as_path)
@@ -236,7 +253,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "PHOTO|DIR", conflicts_with = "background")]
     pub plate: Option<PathBuf>,
     /// What to show [default: after]
-    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|tau|doubts")]
+    #[arg(long, value_parser = parse_named::<View>, value_name = "after|before|split|side-by-side|difference|diffuse|specular|normals|depth|visibility|albedo|glow|tau|doubts")]
     pub view: Option<View>,
     /// Tone curve [default: srgb]
     #[arg(long, value_parser = parse_named::<ToneMap>, value_name = "srgb|neutral|agx|aces|none")]
@@ -313,6 +330,28 @@ pub struct ConvertArgs {
     /// Its up axis, where the file does not say it
     #[arg(long, value_name = "+x|-x|+y|-y|+z|-z", value_parser = parse_up, allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
+pub struct DelightArgs {
+    #[command(flatten)]
+    pub asset: AssetArgs,
+    #[command(flatten)]
+    pub capture: CaptureArgs,
+    /// What the splat's colour becomes: its albedo, or what it looks like under light from everywhere, hollows darker
+    #[arg(long = "as", value_enum, default_value_t = DelitAs::Albedo)]
+    pub delit_as: DelitAs,
+    /// Albedo of the whitest surface [default: as light and pictures tell it, or 0.65 where that is not plausible]
+    #[arg(long, value_name = "0.02..1", value_parser = parse_albedo)]
+    pub whitest: Option<f64>,
+    /// Write with each splat what it is made of: normal, base_color, metallic, roughness, reflectance, emission (.ply, .glb)
+    #[arg(long)]
+    pub materials: bool,
+    /// The splat without its light, in the format that its name says
+    #[arg(short, long, value_name = "FLAT.ply|spz|sog|...")]
+    pub output: PathBuf,
     #[command(flatten)]
     pub out: OutputArgs,
 }
@@ -526,6 +565,16 @@ fn parse_epsilon(text: &str) -> Result<f64, String> {
     parsed(text, is_good, "a number from 1e-6 to 1000")
 }
 
+fn parse_albedo(text: &str) -> Result<f64, String> {
+    let is_good = |v: &f64| (0.02..=1.0).contains(v);
+    parsed(text, is_good, "a number from 0.02 to 1")
+}
+
+fn parse_glow(text: &str) -> Result<f64, String> {
+    let is_good = |v: &f64| GLOW_RANGE.contains(&(*v as f32));
+    parsed(text, is_good, "a number from 0.05 to 100")
+}
+
 fn parse_fov(text: &str) -> Result<f64, String> {
     let is_good = |v: &f64| (1.0..=170.0).contains(v);
     parsed(text, is_good, "an angle from 1 to 170 degrees")
@@ -643,7 +692,8 @@ mod tests {
         assert_eq!(
             names,
             [
-                "relight", "render", "convert", "bake", "estimate", "probe", "info", "report"
+                "relight", "render", "convert", "delight", "bake", "estimate", "probe", "info",
+                "report"
             ]
         );
     }

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use transplat_core::files::SplatFormat;
 
 pub mod bake;
 pub mod batch;
 pub mod convert;
+pub mod delight;
 pub mod estimate;
 pub mod info;
 pub mod probe;
@@ -33,6 +35,18 @@ pub fn refuse_overwriting<'a>(
         }
     }
     Ok(())
+}
+
+/// The format that a splat's name says; refuses one that says none.
+pub fn called_as_a_splat(path: &Path) -> Result<SplatFormat> {
+    let endings = || SplatFormat::WRITTEN.map(|(ending, _)| ending).join(", ");
+    SplatFormat::of_name(path).with_context(|| {
+        format!(
+            "{}: the name says the format, and ends with {}",
+            path.display(),
+            endings()
+        )
+    })
 }
 
 /// Refuses a file where a folder is to be made.

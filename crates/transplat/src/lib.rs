@@ -52,6 +52,7 @@ pub fn main() -> ExitCode {
             None => commands::render::run(args),
         },
         Some(Command::Convert(args)) => commands::convert::run(args),
+        Some(Command::Delight(args)) => commands::delight::run(args),
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Estimate(args)) => commands::estimate::run(args),
         Some(Command::Probe(args)) => commands::probe::run(args),

@@ -111,6 +111,7 @@ impl Lit {
         let mut lit = Self::default();
         match view {
             View::Tau => lit.colors = present::tau_colors(&relit.tau),
+            View::Albedo | View::Glow => lit.colors = present::material_colors(view, prepared),
             View::Doubts => {
                 let doubts = present::doubts(cloud, bake, prepared, &relit.tau);
                 lit.colors = present::doubt_colors(&doubts);
@@ -401,7 +402,7 @@ impl Studio {
             }
             View::Normals => colors(&present::normal_colors(cloud, camera.eye, self.space)),
             View::Visibility => colors(&self.openness),
-            View::Tau | View::Doubts => colors(&lit.colors),
+            View::Albedo | View::Glow | View::Tau | View::Doubts => colors(&lit.colors),
             _ => {
                 let relit = lit.relit.as_ref().context("nothing is relit")?;
                 self.paint(shot, Paint::relit(relit), self.space)

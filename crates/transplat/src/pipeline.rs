@@ -1,6 +1,7 @@
 //! A scene between lights: the stages up to the transfer, as the commands share them.
 
 pub mod bake;
+pub mod delight;
 pub mod estimate;
 pub mod object;
 pub mod settings;
@@ -231,12 +232,12 @@ impl Pipeline {
 
     /// Loads and projects source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
     pub fn lights(&self, args: &LightArgs, summary: &mut Summary) -> Result<Lights> {
-        if let Some(path) = &args.bake {
+        if let Some(path) = &args.capture.bake {
             inspect_bake(path)?
                 .of_method(self.scene.transfer.method)
                 .with_context(|| path.display().to_string())?;
         }
-        let saved = args.bake.as_deref();
+        let saved = args.capture.bake.as_deref();
         let mut light = |o: &LoadedObject, path: &Path| self.light_of(o, path, saved, summary);
         let source_of = |o: &LoadedObject| {
             let file = o.settings.source.file.clone();

@@ -40,6 +40,9 @@ const CHANCE: f32 = 0.1;
 /// Classes of how much less the colour varies on one side than on the other.
 const CLASSES: usize = 8;
 
+/// Log odds that the variation tells at most: less than what is seen of one side alone, since where no camera was it may tell anything.
+const MOST_VARIATION: f32 = 2.0;
+
 /// Surfels that are taken to say nothing, in each class, before any is counted.
 const PRIOR: f32 = 10.0;
 
@@ -300,7 +303,7 @@ fn log_odds(seen: &[[f32; 2]], variation: &[[f32; 2]]) -> Vec<f32> {
         // As much as may be chance: a sheet stays as it was stored.
         let of_seen = of_seen - of_seen.clamp(-CHANCE, CHANCE);
         let p = agree[class(*v)] / all[class(*v)];
-        let of_variation = (p / (1.0 - p)).ln();
+        let of_variation = (p / (1.0 - p)).ln().clamp(-MOST_VARIATION, MOST_VARIATION);
         of_seen
             + match v[0].partial_cmp(&v[1]) {
                 Some(std::cmp::Ordering::Greater) => of_variation,

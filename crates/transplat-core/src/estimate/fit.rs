@@ -13,13 +13,10 @@ use crate::numeric::weighted_quantile;
 use crate::progress::{Progress, tell};
 use crate::settings::Method;
 use crate::sh::{SQRT_4PI, band_of, coefficient_count, evaluate_basis};
-use crate::transfer::directional::WHITEST;
+use crate::transfer::materials::{WHITEST, WHITEST_ALBEDO};
 
 /// SH degree of the logarithm of the light.
 pub const DEGREE: usize = 6;
-
-/// The albedo that the whitest twentieth of the object is taken to have.
-pub const WHITEST_ALBEDO: f64 = 0.65;
 
 /// Unknowns of the sky in a channel: its mean is fixed, since no object tells how strong the light is.
 pub(super) const SKY: usize = coefficient_count(DEGREE) - 1;

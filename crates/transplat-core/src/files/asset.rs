@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use glam::{Affine3A, DQuat};
+use glam::{Affine3A, DQuat, Quat};
 
 use super::format::{self, SplatFormat};
 use super::kind::{FileKind, file_kind, file_of};
@@ -16,6 +16,7 @@ use super::written::Written;
 use super::{gltf, ksplat, ply, read, sog, splat, spz};
 use crate::error::{Error, Result};
 use crate::surfels::{SurfelCloud, UpAxis};
+use crate::transfer::materials::{Material, Materials};
 
 /// The file behind an asset: what [`write_relit`] needs to write it again with other colour.
 #[derive(Clone, Debug)]
@@ -52,6 +53,20 @@ impl AssetFile {
     pub fn usual_up(&self) -> Option<UpAxis> {
         let is_any = self.format == SplatFormat::Ply && self.report.kind == AssetKind::Surfels2d;
         (!is_any).then(|| self.format.usual_up())
+    }
+
+    /// The format that a file of that name is written in.
+    fn written_format(&self, path: &Path) -> SplatFormat {
+        SplatFormat::of_name(path).unwrap_or(self.format)
+    }
+
+    /// Its surfels as the file has them, without what was left out.
+    fn order(&self) -> Vec<u32> {
+        let left_out = &self.report.left_out;
+        let rows = self.surfel_of_row.iter().enumerate();
+        let kept =
+            |(row, s): &(usize, &u32)| **s != NOT_WRITTEN && left_out.binary_search(row).is_err();
+        rows.filter(kept).map(|(_, surfel)| *surfel).collect()
     }
 
     /// The surfel that a row of the file is, the first row is 0.
@@ -186,48 +201,79 @@ pub fn write_relit(
             "has changed since it was loaded; load it again",
         ));
     }
-    let format = SplatFormat::of_name(path).unwrap_or(asset.format);
+    let format = asset.written_format(path);
     if let (SplatFormat::Ply, Some(header)) = (format, &asset.header) {
         let mut reader = BufReader::with_capacity(1 << 18, source);
         let columns = ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
         return write_atomically(path, |out| columns.write(&mut reader, out));
     }
-    let left_out = &asset.report.left_out;
-    let rows = asset.surfel_of_row.iter().enumerate();
-    let rows = rows.filter(|(row, s)| **s != NOT_WRITTEN && left_out.binary_search(row).is_err());
-    let order = rows.map(|(_, surfel)| *surfel).collect();
     match turn(asset.format, format, cloud.up) {
-        None => write_as(format, cloud, stored, order, path),
-        Some((there_from_here, up)) => {
+        None => write_as(format, (cloud, stored), None, asset.order(), path),
+        Some((turn, up)) => {
             let colored = SurfelCloud {
                 sh: stored.to_vec(),
                 up,
                 ..cloud.clone()
             };
-            let turned = colored.transformed(there_from_here);
-            write_as(format, &turned, &turned.sh, order, path)
+            let turned = colored.transformed(Affine3A::from_quat(turn));
+            write_as(format, (&turned, &turned.sh), None, asset.order(), path)
         }
     }
 }
 
+/// Writes the asset anew with other colour, of any SH degree, `[n][K][3]` as [`crate::color::Encoding::Stored`] has it, and where that is wanted with what its
+/// surfels are made of, in the format that the name tells, or else in its own. Nothing but the splat is written.
+///
+/// # Errors
+/// The format holds no materials, or the output cannot be written.
+pub fn write_delit(
+    asset: &AssetFile,
+    cloud: &SurfelCloud,
+    (stored, sh_degree): (Vec<[f32; 3]>, usize),
+    materials: Option<&Materials>,
+    path: &Path,
+) -> Result<()> {
+    let format = asset.written_format(path);
+    if materials.is_some() && !format.holds_materials() {
+        let what = format!("{} holds no materials; .ply and .glb do", format.name());
+        return Err(Error::invalid(path, what));
+    }
+    let turn = turn(asset.format, format, cloud.up);
+    let mut cloud = SurfelCloud {
+        sh: stored,
+        sh_degree,
+        ..cloud.clone()
+    };
+    let mut turned = None;
+    if let Some((turn, up)) = turn {
+        cloud = SurfelCloud { up, ..cloud }.transformed(Affine3A::from_quat(turn));
+        turned = materials.map(|m| m.clone().turned(turn));
+    }
+    let materials = turned.as_ref().or(materials).map(|m| &m.each[..]);
+    write_as(format, (&cloud, &cloud.sh), materials, asset.order(), path)
+}
+
 /// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.
-fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Affine3A, UpAxis)> {
+fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Quat, UpAxis)> {
     let up_there = to.usual_up();
     if from.usual_up() == up_there || up == up_there {
         return None;
     }
     let there_from_here = up_there.asset_from_world() * up.asset_from_world().transpose();
     let turn = DQuat::from_mat3(&there_from_here).as_quat();
-    Some((Affine3A::from_quat(turn), up_there))
+    Some((turn, up_there))
 }
 
 fn write_as(
     format: SplatFormat,
-    cloud: &SurfelCloud,
-    stored: &[[f32; 3]],
+    (cloud, stored): (&SurfelCloud, &[[f32; 3]]),
+    materials: Option<&[Material]>,
     order: Vec<u32>,
     path: &Path,
 ) -> Result<()> {
-    let splat = Written::new(cloud, stored, order);
+    let splat = Written {
+        materials,
+        ..Written::new(cloud, stored, order)
+    };
     write_atomically(path, |out| format::write(format, &splat, out))
 }

@@ -80,6 +80,11 @@ impl SplatFormat {
         }
     }
 
+    /// Whether it may hold what surfels are made of.
+    pub fn holds_materials(self) -> bool {
+        matches!(self, Self::Ply | Self::Gltf)
+    }
+
     /// The highest SH degree that it holds.
     fn max_degree(self) -> usize {
         match self {

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::color::Encoding;
 use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
+use crate::transfer::materials::Material;
 
 /// Logarithm of the thickness of a surfel among 3D Gaussians: nothing that is drawn is as thin.
 const FLAT_LOG: f32 = -30.0;
@@ -24,6 +25,8 @@ pub(super) struct Written<'a> {
     pub order: Vec<u32>,
     /// Whether it is linear all the same.
     pub is_linear: bool,
+    /// What they are made of, `[n]`, where that is written, too.
+    pub materials: Option<&'a [Material]>,
     /// Degree of the colour.
     pub degree: usize,
     /// Whether they are 3D Gaussians of which most were trained with their opacity compensated for the low-pass.
@@ -43,7 +46,35 @@ pub(super) struct Gaussian<'a> {
     pub opacity: f32,
     /// `[K]`
     pub sh: &'a [[f32; 3]],
+    /// What it is made of, where that is known; its normal is then the surface's.
+    pub material: Option<&'a Material>,
 }
+
+/// What is written of a material besides its normal.
+pub(super) struct MaterialProperty {
+    pub name: &'static str,
+    pub width: usize,
+    /// Its first `width` values.
+    pub of: fn(&Material) -> [f32; 3],
+}
+
+/// All of them, as the formats that hold any call them.
+pub(super) const MATERIAL: [MaterialProperty; 5] = {
+    const fn property(
+        name: &'static str,
+        width: usize,
+        of: fn(&Material) -> [f32; 3],
+    ) -> MaterialProperty {
+        MaterialProperty { name, width, of }
+    }
+    [
+        property("base_color", 3, |m| m.base_color),
+        property("metallic", 1, |m| [m.metallic, 0.0, 0.0]),
+        property("roughness", 1, |m| [m.roughness, 0.0, 0.0]),
+        property("reflectance", 3, |m| m.reflectance),
+        property("emission", 3, |m| m.emission),
+    ]
+};
 
 impl<'a> Written<'a> {
     pub fn new(cloud: &'a SurfelCloud, stored: &'a [[f32; 3]], order: Vec<u32>) -> Self {
@@ -54,6 +85,7 @@ impl<'a> Written<'a> {
             stored,
             is_linear: cloud.encoding == Encoding::Linear,
             degree: cloud.sh_degree,
+            materials: None,
             is_antialiased: 2 * antialiased > order.len(),
             order,
         }
@@ -76,16 +108,18 @@ impl<'a> Written<'a> {
     pub fn gaussian(&self, place: usize) -> Gaussian<'a> {
         let (cloud, i) = (self.cloud, self.order[place] as usize);
         let ([u, v], normal) = (cloud.tangents[i], cloud.stored_normal(i));
+        let material = self.materials.map(|m| &m[i]);
         let turn = Quat::from_mat3(&Mat3::from_cols(u, v, normal)).normalize();
         let k = coefficient_count(self.degree);
         let scales = cloud.scales[i].extend(cloud.thicknesses[i].sigma());
         Gaussian {
             position: cloud.positions[i].to_array(),
             rotation: [turn.w, turn.x, turn.y, turn.z],
-            normal: normal.to_array(),
+            normal: material.map_or(normal, |m| m.normal).to_array(),
             log_scales: scales.to_array().map(|s| s.ln().max(FLAT_LOG)),
             opacity: cloud.opacities[i],
             sh: &self.stored[i * k..][..k],
+            material,
         }
     }
 

@@ -17,8 +17,9 @@ use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis, gauss_legen
 use crate::surfels::SurfelCloud;
 use crate::transfer::directional::{
     FIT_FLOOR, FIT_RIDGE, METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, NEIGHBORS,
-    NORMAL_OVER_GRAZING, RIDGE, TRUSTED_CORRELATION, TURNS, WHITEST, WIDTHS,
+    NORMAL_OVER_GRAZING, RIDGE, TRUSTED_CORRELATION, TURNS, WIDTHS,
 };
+use crate::transfer::materials::WHITEST;
 
 type Rgb = [f64; 3];
 /// Front and back.

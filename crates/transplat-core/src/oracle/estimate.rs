@@ -4,8 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::estimate::WHITEST_ALBEDO;
-use crate::transfer::directional::WHITEST;
+use crate::transfer::materials::{WHITEST, WHITEST_ALBEDO};
 
 /// Means over clusters, and which of them are compared.
 pub struct EstimateProblem<'a> {

@@ -7,6 +7,7 @@ mod asset;
 mod glow;
 mod incident;
 mod lobe;
+mod materials;
 mod matte;
 mod neighbors;
 mod nodes;
@@ -17,6 +18,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::materials::WHITEST;
 use super::relit::{Part, Relit, round_to_half};
 use crate::bake::directional::DirectionalBake;
 use crate::environment::{Beams, Illumination, IncidentRadiance};
@@ -96,9 +98,6 @@ pub struct DirectionalTransfer {
     /// Mean encoded colour that the model of the source has. `[n]`
     pub encoded_mean: Vec<[f32; 3]>,
 }
-
-/// Share of what is seen whose albedo is below the whitest one, so that a little that is odd does not count.
-pub(crate) const WHITEST: f32 = 0.95;
 
 /// The asset's whitest albedo as it appears: exitance over irradiance, the mean of the channels, around each surfel.
 fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
@@ -276,7 +275,7 @@ impl DirectionalTransfer {
         };
         tell(progress, 0.7)?;
         let glow = match settings.terms.glow {
-            true => find_glow(asset, &divisor, &gloss, white),
+            true => find_glow(asset, &divisor, &gloss, (white, settings.glow_above, trust)),
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));

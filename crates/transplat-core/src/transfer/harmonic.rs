@@ -5,6 +5,7 @@
 
 mod block;
 
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -12,6 +13,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::lanes::LANES;
+use super::materials::{Material, Materials};
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
@@ -21,8 +23,8 @@ use crate::numeric::over;
 use crate::settings::TransferSettings;
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::sh::{
-    LightOperator, MAX_COEFFICIENTS, band, coefficient_count, cosine_kernel, evaluate_basis,
-    light_operator,
+    LightOperator, MAX_COEFFICIENTS, SQRT_4PI, band, coefficient_count, cosine_kernel,
+    evaluate_basis, light_operator,
 };
 use crate::surfels::SurfelCloud;
 
@@ -33,7 +35,7 @@ use block::{Block, Extent, Rows, relight_block};
 const MAX_RELATIVE_LIGHT: f32 = 1e12;
 
 /// The attenuation when that term is off: a mirror under a source of mean radiance 1, in units of its mean irradiance.
-pub const UNATTENUATED: f32 = std::f32::consts::PI;
+pub const UNATTENUATED: f32 = PI;
 
 /// What the GPU pass and the CPU kernel share: everything of asset and source light that a change of target does not touch.
 #[derive(Clone, Debug)]
@@ -351,6 +353,22 @@ impl Relight for HarmonicTransfer {
         Ok(self.relight_seen(target, Part::Whole, &[])?.tau)
     }
 
+    /// Of the matte part; gloss is not told apart.
+    fn materials(&self, whitest: Option<f32>) -> Materials {
+        let per_dc = PI * self.light_gain / SQRT_4PI as f32;
+        let each = self.dc_over_irradiance.iter().zip(&self.normals);
+        let each = each.map(|(dc, normal)| Material {
+            normal: *normal,
+            base_color: dc.map(|v| per_dc * v),
+            metallic: 0.0,
+            roughness: 1.0,
+            reflectance: [0.0; 3],
+            glow: 0.0,
+            emission: [0.0; 3],
+        });
+        Materials::of(each.collect(), std::iter::repeat(1.0), whitest)
+    }
+
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {
         let mut out = switched_off(&self.settings);
         let degree = self.specular_degree;
@@ -462,7 +480,7 @@ fn shadowed_light(operator: &LightOperator, visibility: &[f32], i: usize) -> Vec
     for (c, matrix) in operator.matrices.iter().enumerate() {
         for (row, out) in matrix.chunks_exact(k).zip(&mut out) {
             out[c] = if visibility.is_empty() {
-                row[0] * crate::sh::SQRT_4PI as f32
+                row[0] * SQRT_4PI as f32
             } else {
                 row.iter()
                     .zip(&visibility[i * k..])

@@ -3,6 +3,7 @@
 use glam::{DMat3, Quat};
 use half::f16;
 
+use super::materials::Materials;
 use crate::color::{Encoding, decode_sh, encode_sh};
 use crate::environment::Illumination;
 use crate::error::Result;
@@ -54,6 +55,10 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
     /// # Errors
     /// The light was not read for the method.
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>>;
+
+    /// What the surfels are made of, as the light of the capture and its pictures tell; `whitest` is the albedo that the whitest of them has, if
+    /// that is known.
+    fn materials(&self, whitest: Option<f32>) -> Materials;
 
     /// What target lights are multiplied by: 1 over the source's mean irradiance.
     fn light_gain(&self) -> f32;

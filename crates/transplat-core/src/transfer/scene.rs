@@ -8,6 +8,7 @@ use glam::DMat3;
 use rayon::prelude::*;
 
 use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Others, Radiance, TURNS};
+use super::materials::Materials;
 use super::relit::{Part, Relight, Relit};
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
@@ -214,6 +215,11 @@ impl Relight for SceneTransfer {
 
     fn computed_part(&self, shown: Part) -> Part {
         shown
+    }
+
+    fn materials(&self, whitest: Option<f32>) -> Materials {
+        let each = self.objects.iter().zip(&self.bake.objects);
+        Materials::together(each.map(|(o, placed)| o.materials(whitest).turned(placed.turn())))
     }
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {

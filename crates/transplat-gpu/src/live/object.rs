@@ -83,7 +83,8 @@ pub(super) enum SidePaint {
     Pinned,
     Normals,
     Tau,
-    Visibility,
+    /// A channel whose colours no light changes.
+    Channel(View),
     Doubts,
     /// Depth shows no colour.
     White,
@@ -130,7 +131,8 @@ pub(super) struct LiveObject {
     /// Its version is 0 until there is something relit.
     pub relit: Versioned<Option<Relit>>,
     pub pinned: Versioned<Option<(ResidentSh, Display)>>,
-    pub visibility: Versioned<Vec<[f32; 3]>>,
+    /// Surfel colours of the channel that was made last.
+    pub channel: Versioned<Option<(View, Vec<[f32; 3]>)>>,
     pub doubts: Versioned<Option<Doubts>>,
     pub scene_from_object: Affine3A,
     pub projected: Derived<Camera, ()>,
@@ -163,14 +165,21 @@ impl LiveObject {
         match view {
             View::Normals => SidePaint::Normals,
             View::Depth => SidePaint::White,
-            View::Visibility if !self.visibility.value.is_empty() => SidePaint::Visibility,
+            _ if self.channel_of(view).is_some() => SidePaint::Channel(view),
             View::Doubts if self.doubts.value.is_some() => SidePaint::Doubts,
-            View::Visibility | View::Doubts => SidePaint::White,
+            View::Visibility | View::Albedo | View::Glow | View::Doubts => SidePaint::White,
             // Until something is relit, the capture is what there is.
             _ if !self.has_relit() => SidePaint::Stored,
             View::Tau => SidePaint::Tau,
             _ => SidePaint::Relit(view.part()),
         }
+    }
+
+    /// Surfel colours of a channel, if it is the one that was made last.
+    fn channel_of(&self, view: View) -> Option<&[[f32; 3]]> {
+        let channel = self.channel.value.as_ref();
+        let channel = channel.filter(|(of, _)| *of == view);
+        channel.map(|(_, colors)| &colors[..])
     }
 
     pub fn key(&self, paint: SidePaint, frame: &Frame) -> ShadeKey {
@@ -188,7 +197,7 @@ impl LiveObject {
             version: match paint {
                 SidePaint::Relit(_) | SidePaint::Tau => self.relit.version,
                 SidePaint::Pinned => self.pinned.version,
-                SidePaint::Visibility => self.visibility.version,
+                SidePaint::Channel(_) => self.channel.version,
                 SidePaint::Doubts => self.doubts.version,
                 _ => 0,
             },
@@ -212,7 +221,9 @@ impl LiveObject {
         let doubts = &self.doubts.value;
         match (resident, key.paint, &self.relit.value, doubts) {
             (Some(resident), ..) => rasterizer.shade(camera, resident, key.space),
-            (None, SidePaint::Visibility, ..) => rasterizer.set_colors(&self.visibility.value),
+            (None, SidePaint::Channel(view), ..) => {
+                rasterizer.set_colors(self.channel_of(view).unwrap_or_default());
+            }
             (None, SidePaint::Doubts, _, Some(doubts)) => rasterizer.set_colors(&doubts.colors),
             (None, SidePaint::Tau, Some(Relit::Uploaded(_, tau)), _) => rasterizer.set_colors(tau),
             (None, ..) => rasterizer.fill_colors([1.0; 3]),

@@ -18,7 +18,8 @@ use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
 
 use crate::cli::{
-    AssetArgs, AssetOptions, BakeArgs, CameraArgs, LightArgs, OutputArgs, RenderArgs, VIEWS,
+    AssetArgs, AssetOptions, BakeArgs, CameraArgs, CaptureArgs, LightArgs, OutputArgs, RenderArgs,
+    VIEWS,
 };
 use crate::commands::bake::bake;
 use crate::commands::make_folder;
@@ -297,7 +298,7 @@ impl Batch {
 
     /// The look of splats that are none themselves.
     fn look<'a>(&'a self, args: &'a RenderArgs) -> Option<&'a PathBuf> {
-        args.light.look.as_ref().or(self.look.as_ref())
+        args.light.capture.look.as_ref().or(self.look.as_ref())
     }
 
     /// Whether a look tells where it is seen from.
@@ -317,16 +318,25 @@ impl Batch {
         let is_look = splat.is_look();
         // The objects of a scene tell theirs, and as captured nothing needs to be told.
         let of_batch = self.source.as_ref().filter(|_| !is_look);
-        let source = args.light.source.as_ref().or(splat.source()).or(of_batch);
+        let source = args
+            .light
+            .capture
+            .source
+            .as_ref()
+            .or(splat.source())
+            .or(of_batch);
         let args = RenderArgs {
             asset: AssetArgs {
                 asset: Some(splat.asset().to_owned()),
                 options: args.asset.options.clone(),
             },
             light: LightArgs {
-                source: source.filter(|_| !lit.is_empty()).cloned(),
+                capture: CaptureArgs {
+                    source: source.filter(|_| !lit.is_empty()).cloned(),
+                    look: self.look(args).filter(|_| !is_look).cloned(),
+                    ..args.light.capture.clone()
+                },
                 target: lit,
-                look: self.look(args).filter(|_| !is_look).cloned(),
                 ..args.light.clone()
             },
             camera: self.camera(args),
@@ -351,7 +361,7 @@ impl Batch {
         summary: &mut Summary,
     ) -> Result<usize> {
         let mut args = self.arguments(&self.splats[splat], lit, args)?;
-        args.light.bake = kept_bake(&args, name, summary)?;
+        args.light.capture.bake = kept_bake(&args, name, summary)?;
         args.output = args.output.join(name);
         make_folder(&args.output)?;
         let drawn = draw(&args, Some(wanted), summary)?;
@@ -365,7 +375,10 @@ impl Batch {
     fn keep_settings(&self, args: &RenderArgs, is_begun: impl Fn() -> bool) -> Result<()> {
         let mut look = settings(&RenderArgs {
             light: LightArgs {
-                look: self.look(args).cloned(),
+                capture: CaptureArgs {
+                    look: self.look(args).cloned(),
+                    ..args.light.capture.clone()
+                },
                 ..args.light.clone()
             },
             ..args.clone()

@@ -1,24 +1,17 @@
 //! `transplat convert`: a splat in another format, its colour as it is.
 
-use anyhow::{Result, bail};
-use transplat_core::files::{SplatFormat, check_output, load_asset, losses, write_relit};
+use anyhow::Result;
+use transplat_core::files::{check_output, load_asset, losses, write_relit};
 
 use crate::cli::ConvertArgs;
-use crate::commands::refuse_overwriting;
+use crate::commands::{called_as_a_splat, refuse_overwriting};
 use crate::pipeline::warnings::asset_warnings;
 use crate::summary::Summary;
 
 pub fn run(args: &ConvertArgs) -> Result<()> {
     let mut summary = Summary::new("convert", &args.out);
     refuse_overwriting([args.asset.as_path()], &[&args.output])?;
-    let Some(format) = SplatFormat::of_name(&args.output) else {
-        let endings = SplatFormat::WRITTEN.map(|(ending, _)| ending);
-        bail!(
-            "{}: the name says the format, and ends with {}",
-            args.output.display(),
-            endings.join(", ")
-        );
-    };
+    let format = called_as_a_splat(&args.output)?;
     check_output(&args.output)?;
     let (mut cloud, file) = summary.time("load", || load_asset(&args.asset))?;
     for warning in asset_warnings(&args.asset, &file) {

@@ -134,7 +134,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
     let bake = if needs_bake {
-        Some(pipeline.bake(args.light.bake.as_deref(), summary)?)
+        Some(pipeline.bake(args.light.capture.bake.as_deref(), summary)?)
     } else {
         summary.skip("bake", "this view needs no visibility");
         None
@@ -441,7 +441,7 @@ impl Shots<'_> {
             let Some(path) = path.filter(|_| shown) else {
                 continue;
             };
-            let saved = self.args.light.bake.as_deref();
+            let saved = self.args.light.capture.bake.as_deref();
             let map = self.pipeline.load_light(first, path, saved, summary)?;
             let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
             let map = Arc::new(map.blurred(scene.background_blur));

@@ -22,14 +22,15 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         found.with_context(|| file.display().to_string())?;
     }
     let (options, light) = (args.options.clone(), args.light.clone());
-    let are_set = look_of(&options, Some(&light))? != Scene::default() || light.preset.is_some();
+    let are_set =
+        look_of(&options, Some(&light))? != Scene::default() || light.capture.preset.is_some();
     if light.target.len() > 1 {
         return usage("the viewer takes one --target; give more lights as files, for the shelf");
     }
-    let bake = light.bake.clone();
+    let bake = light.capture.bake.clone();
     let settings = move |mut kept: Scene| {
         // Terms that are switched off are the default method's, unless another is named.
-        if light.preset.is_none() && !light.without.is_empty() {
+        if light.capture.preset.is_none() && !light.capture.without.is_empty() {
             kept.transfer = TransferSettings::default();
         }
         // It was right a moment ago; a look that has gone meanwhile leaves the kept settings.

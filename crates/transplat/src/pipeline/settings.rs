@@ -67,8 +67,8 @@ pub fn is_look(path: &Path) -> bool {
 /// A scene that is given where a splat could be is what `--look` asks for.
 pub fn with_scene_as_look(asset: &AssetArgs, light: &LightArgs) -> (AssetArgs, LightArgs) {
     let (mut asset, mut light) = (asset.clone(), light.clone());
-    if light.look.is_none() {
-        light.look = asset.asset.take_if(|path| is_look(path));
+    if light.capture.look.is_none() {
+        light.capture.look = asset.asset.take_if(|path| is_look(path));
     }
     (asset, light)
 }
@@ -80,7 +80,7 @@ pub fn look_of(asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene>
 
 /// The same over other settings than the defaults; a saved look replaces them.
 pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -> Result<Scene> {
-    let mut scene = match light.and_then(|l| l.look.as_deref()) {
+    let mut scene = match light.and_then(|l| l.capture.look.as_deref()) {
         Some(path) => load_look(path)?,
         None => base,
     };
@@ -96,23 +96,33 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         return Ok(scene);
     };
     let transfer = &mut scene.transfer;
-    put(&mut transfer.method, light.preset);
-    put(&mut transfer.sh_degree, light.sh_degree.map(usize::from));
-    transfer.epsilon = light.epsilon.map(|e| e as f32).or(transfer.epsilon);
-    if light.compute_all {
+    put(&mut transfer.method, light.capture.preset);
+    put(
+        &mut transfer.sh_degree,
+        light.capture.sh_degree.map(usize::from),
+    );
+    transfer.epsilon = light.capture.epsilon.map(|e| e as f32).or(transfer.epsilon);
+    put(
+        &mut transfer.glow_above,
+        light.capture.glow_above.map(|g| g as f32),
+    );
+    if light.capture.compute_all {
         transfer.skips = Skips::NONE;
     }
-    for name in &light.without {
+    for name in &light.capture.without {
         let without = transfer.clone().without(name);
         *transfer = without.with_context(|| format!("--without {name}"))?;
     }
-    if let Some(source) = &light.source {
+    if let Some(source) = &light.capture.source {
         scene.objects[0].source.set_file(source.clone());
     }
     if let [target] = &light.target[..] {
         scene.environment.set_file(target.clone());
     }
-    put(&mut scene.objects[0].source.rotation, light.rotate_source);
+    put(
+        &mut scene.objects[0].source.rotation,
+        light.capture.rotate_source,
+    );
     put(&mut scene.environment.rotation, light.rotate_target);
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);

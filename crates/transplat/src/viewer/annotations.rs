@@ -3,7 +3,7 @@
 use eframe::egui::{self, Align2, Color32, Painter, Pos2, Rect, Stroke, Ui};
 use glam::Vec3;
 use transplat_core::camera::Camera;
-use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, tau_colors};
+use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, glow_color, tau_colors};
 
 use super::language::{tr, tr_format};
 use super::session::Session;
@@ -94,6 +94,15 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
             )
         };
         return stops.into_iter().zip(colors).map(entry).collect();
+    }
+    if view == View::Glow {
+        let entry = |(share, text): (f32, &str)| (encoded(glow_color(share)), text.into());
+        let entries = [
+            (1.0, tr("shines by itself")),
+            (0.5, tr("half")),
+            (0.0, tr("is lit")),
+        ];
+        return entries.map(entry).into();
     }
     if view == View::Doubts || session.overlays.marks {
         let doubts = session.state().doubts.get();

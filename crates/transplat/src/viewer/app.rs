@@ -27,6 +27,7 @@ use super::style;
 use super::viewport::Viewport;
 use super::widgets::Grab;
 use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::pipeline::delight::DelitAs;
 use crate::pipeline::settings::environments_in;
 use crate::savings::Saved;
 
@@ -432,7 +433,9 @@ impl Viewer {
         // A picture's name may say another format.
         let (wanted, may_differ) = match kind {
             SaveKind::Look => ("json", false),
-            SaveKind::Splat => (self.splat_ending(), SplatFormat::of_name(path).is_some()),
+            SaveKind::Splat | SaveKind::Delit => {
+                (self.splat_ending(), SplatFormat::of_name(path).is_some())
+            }
             _ => (self.preferences.export.format.extension(), true),
         };
         let asked = path;
@@ -456,6 +459,7 @@ impl Viewer {
             match kind {
                 SaveKind::Look => self.save_look(&path),
                 SaveKind::Splat => self.export(Task::Splat(path)),
+                SaveKind::Delit => self.export(Task::Delit(path)),
                 _ => self.export(Task::Screenshot(Some(path))),
             }
         }
@@ -478,8 +482,13 @@ impl Viewer {
 
     /// Asks where a look or a splat is to be saved.
     pub(super) fn ask_where(&mut self, kind: SaveKind, extension: &str) {
-        let (asset, light) = (self.asset_name(), self.session.light(TARGET).name());
-        let name = format!("{asset}_{light}.{extension}");
+        let asset = self.asset_name();
+        let of = match (kind, self.preferences.export.delit_as) {
+            (SaveKind::Delit, DelitAs::Albedo) => "albedo".into(),
+            (SaveKind::Delit, DelitAs::Even) => "even".into(),
+            _ => self.session.light(TARGET).name(),
+        };
+        let name = format!("{asset}_{of}.{extension}");
         ask(&mut self.session, Dialog::Save(kind, name));
     }
 
@@ -519,7 +528,7 @@ impl Viewer {
             Event::Light(path) => self.shelf.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
                 let folder = match dialog {
-                    Dialog::Save(SaveKind::Look | SaveKind::Splat, _) => {
+                    Dialog::Save(SaveKind::Look | SaveKind::Splat | SaveKind::Delit, _) => {
                         self.session.asset().and_then(|a| a.path.parent())
                     }
                     _ => None,

@@ -31,6 +31,7 @@ use super::language::{tr, tr_format, tr_later};
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET, Whole};
 use crate::device::Transfer;
 use crate::film::{FRAME_RATE, FilmFormat};
+use crate::pipeline::delight::DelitAs;
 use crate::pipeline::object::name_of;
 
 /// Format of saved pictures.
@@ -107,6 +108,10 @@ pub struct ExportSettings {
     pub frame_rate: u32,
     /// What a relit splat is written as; nothing is as it came.
     pub splat: Option<SplatFormat>,
+    /// What the colour of a splat without its light is.
+    pub delit_as: DelitAs,
+    /// Whether it comes with what its surfels are made of.
+    pub materials: bool,
 }
 
 impl Default for ExportSettings {
@@ -126,6 +131,8 @@ impl Default for ExportSettings {
             film: None,
             frame_rate: FRAME_RATE,
             splat: None,
+            delit_as: DelitAs::default(),
+            materials: false,
         }
     }
 }
@@ -150,6 +157,8 @@ pub enum Task {
     Turntable,
     /// The relit splat.
     Splat(PathBuf),
+    /// The selected object's splat without its light.
+    Delit(PathBuf),
 }
 
 impl Task {
@@ -227,6 +236,7 @@ impl Task {
                 )
             }
             Self::Splat(path) => tr_format!("relit splat {}", file(path)),
+            Self::Delit(path) => tr_format!("delit splat {}", file(path)),
         }
     }
 }
@@ -416,7 +426,8 @@ struct Composed {
 
 /// What of a scene is to be saved where it is more than an object as it was captured.
 fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
-    if !session.is_composed() {
+    // What one is made of is the same among others.
+    if !session.is_composed() || matches!(task, Task::Delit(_)) {
         return Ok(None);
     }
     if session.shown().next().is_none() {

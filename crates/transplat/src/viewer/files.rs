@@ -50,11 +50,15 @@ impl PathField {
                 (tr("Save look"), Some(SaveKind::Look)),
                 (tr("Save picture"), Some(SaveKind::Screenshot)),
                 (tr("Export splat"), Some(SaveKind::Splat)),
+                (tr("Export delit"), Some(SaveKind::Delit)),
             ],
             Some(Dialog::Open | Dialog::OpenFolder) => vec![(tr("Open"), None)],
             Some(Dialog::Save(SaveKind::Look, _)) => vec![(tr("Save look"), Some(SaveKind::Look))],
             Some(Dialog::Save(SaveKind::Splat, _)) => {
                 vec![(tr("Export splat"), Some(SaveKind::Splat))]
+            }
+            Some(Dialog::Save(SaveKind::Delit, _)) => {
+                vec![(tr("Export delit"), Some(SaveKind::Delit))]
             }
             Some(Dialog::Save(SaveKind::Screenshot, _)) => {
                 vec![(tr("Save picture"), Some(SaveKind::Screenshot))]

@@ -315,7 +315,7 @@ pub(super) const COMPARE: [(&str, View, &str); 5] = [
 ];
 
 /// Channels: name, view, what it shows.
-const CHANNELS: [(&str, View, &str); 7] = [
+const CHANNELS: [(&str, View, &str); 9] = [
     (
         tr_later("Diffuse"),
         View::Diffuse,
@@ -344,6 +344,20 @@ const CHANNELS: [(&str, View, &str); 7] = [
         tr_later("Visibility"),
         View::Visibility,
         tr_later("How open each surfel is: black is in a hollow."),
+    ),
+    (
+        tr_later("Albedo"),
+        View::Albedo,
+        tr_later(
+            "What it is made of, without light: the share that each surfel scatters, or mirrors where it is metal.",
+        ),
+    ),
+    (
+        tr_later("Glow"),
+        View::Glow,
+        tr_later(
+            "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Transfer.",
+        ),
     ),
     (
         tr_later("Ratio tau"),

@@ -13,7 +13,7 @@ use transplat_core::bake::surroundings::Detail;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
-use transplat_core::present::Doubt;
+use transplat_core::present::{Doubt, View};
 use transplat_core::scene::{EnvironmentLight, Light, Transform};
 use transplat_core::settings::skips::{Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
@@ -28,6 +28,15 @@ use crate::sweep::Point;
 
 /// Number of the next state.
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);
+
+/// What a channel's colours are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ChannelKey {
+    /// An object's bake, and that of the whole scene beside it.
+    Visibility(Method, u64, Option<u64>),
+    /// Of what surfels are made of: an object's preparation.
+    Materials(View, u64),
+}
 
 /// What is made of an object, stage by stage. Another splat begins with another one: nothing of the last is left.
 #[derive(Default)]
@@ -63,8 +72,8 @@ pub struct ObjectState {
     pub doubts: Derived<ShownKey, Doubts>,
     /// What was relit last for a readout.
     pub(super) readout: Derived<ShownKey, Arc<Relit>>,
-    /// The bake that the channel *visibility* shows, and that of the whole scene beside it.
-    pub(super) visibility: Derived<(Method, u64, Option<u64>), ()>,
+    /// What the channel that was made last was made of.
+    pub(super) channel: Derived<ChannelKey, ()>,
     pub measured: Measured,
 }
 

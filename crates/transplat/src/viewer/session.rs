@@ -69,6 +69,8 @@ pub enum Event {
 pub enum SaveKind {
     Look,
     Splat,
+    /// A splat without its light.
+    Delit,
     Screenshot,
     Folder,
     /// A photograph to be shown behind the objects.
@@ -554,7 +556,7 @@ impl Session {
             if !self.together.contains(&self.states[at].id) {
                 self.relight(at);
             }
-            self.update_visibility(at);
+            self.update_channel(at);
             self.start_doubts(at);
         }
         self.start_backdrops();

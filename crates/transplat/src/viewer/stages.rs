@@ -4,6 +4,7 @@
 mod asset;
 mod backdrop;
 mod bake;
+mod channel;
 mod doubts;
 mod estimate;
 mod ground;
@@ -13,6 +14,5 @@ mod lights;
 mod prepare;
 mod relight;
 mod together;
-mod visibility;
 
 pub use estimate::DROP_IT;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::names::{BINARY_CHUNK, EXTENSION, JSON_CHUNK, MAGIC, MAX_DEGREE};
 use crate::color::STORED_OFFSET;
 use crate::files::packed::color_of_dc;
-use crate::files::written::{Gaussian, Written};
+use crate::files::written::{Gaussian, MATERIAL, MaterialProperty, Written};
 use crate::sh::{SQRT_4PI, coefficient_count};
 
 const F32: u32 = 5126;
@@ -35,6 +35,12 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
     let degree = splat.degree.min(MAX_DEGREE);
     for l in 0..=degree {
         parts.extend((0..2 * l + 1).map(|m| (format!("{EXTENSION}:SH_DEGREE_{l}_COEF_{m}"), 3)));
+    }
+    if splat.materials.is_some() {
+        parts.push(("NORMAL".into(), 3));
+        // What is an application's own begins so.
+        let own = |p: &MaterialProperty| (format!("_{}", p.name.to_uppercase()), p.width);
+        parts.extend(MATERIAL.iter().map(own));
     }
     let mut attributes = Map::new();
     let (mut views, mut accessors) = (Vec::new(), Vec::new());
@@ -116,6 +122,15 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
     each(&|g, v| v.extend(dc(g)))?;
     for k in 1..coefficient_count(degree) {
         each(&|g, v| v.extend(g.sh[k]))?;
+    }
+    if splat.materials.is_some() {
+        each(&|g, v| v.extend(g.normal))?;
+        for property in &MATERIAL {
+            each(&|g, v| {
+                let values = g.material.map(property.of).unwrap_or_default();
+                v.extend(&values[..property.width]);
+            })?;
+        }
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use crate::files::packed::logit;
-use crate::files::written::Written;
+use crate::files::written::{MATERIAL, Written};
 use crate::sh::coefficient_count;
 
 /// Logit of an opacity that rounds to 1: what a logistic function of f32 can still tell from it.
@@ -30,7 +30,15 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
     let scales = ["opacity", "scale_0", "scale_1"].into_iter().chain(third);
     let shape = scales.chain(["rot_0", "rot_1", "rot_2", "rot_3"]);
     let names = names.map(String::from).into_iter().chain(rest);
-    for name in names.chain(shape.map(String::from)) {
+    let of_material = MATERIAL.iter().filter(|_| splat.materials.is_some());
+    let of_material = of_material.flat_map(|property| match property.width {
+        1 => vec![property.name.to_owned()],
+        width => (0..width)
+            .map(|i| format!("{}_{i}", property.name))
+            .collect(),
+    });
+    let names = names.chain(shape.map(String::from));
+    for name in names.chain(of_material) {
         writeln!(out, "property float {name}")?;
     }
     writeln!(out, "end_header")?;
@@ -46,5 +54,12 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
         let scales = if has_gaussians { 3 } else { 2 };
         g.log_scales[..scales].iter().for_each(|v| put(*v));
         g.rotation.into_iter().for_each(&mut put);
+        if let Some(material) = g.material {
+            for property in &MATERIAL {
+                (property.of)(material)[..property.width]
+                    .iter()
+                    .for_each(|v| put(*v));
+            }
+        }
     })
 }

@@ -6,17 +6,18 @@ use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, FrontAndBack};
 use super::lobe::Gloss;
-use crate::color::srgb_encode;
+use crate::color::{srgb_decode, srgb_encode};
 use crate::numeric::{smoothstep, weighted_quantile};
+use crate::settings::GLOW_ABOVE;
 
 /// Irradiance counts as at least this share of the source's mean: where hardly any light is known to come, a bright surfel says little.
 const LEAST_LIGHT: f32 = 0.25;
 
-/// Up to this many times the whitest albedo paint explains; from that many on a surfel glows wholly.
-const EXPLAINED: f32 = 1.2;
-const CERTAIN: f32 = 1.92;
+/// From this many times on what paint explains a surfel glows wholly.
+const CERTAIN: f32 = 1.6;
 
-/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above.
+/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above, with the limit of glow that is
+/// usual. Light that is this share of it with another.
 const BRIGHT: [f32; 2] = [0.75, 0.9];
 
 /// And from everywhere: by how much it may vary over the views, relative to its mean.
@@ -30,6 +31,10 @@ const WELL_LIT: f64 = 0.9;
 
 /// A colour so pure is twice as little that of a paint, which reflects a few hundredths of all light at its surface.
 const PURE: [f32; 2] = [0.94, 0.99];
+
+/// Where nobody knows how strong the light was, only colours so pure speak of a lamp, and of what is as bright beside them: bright skin and wood in
+/// the sun look no less bright.
+const LAMPS: [f32; 2] = [0.8, 0.95];
 
 /// Share of its neighbours, by what is seen of them, that glow with it: single ones are noise.
 const TOGETHER: [f32; 2] = [0.1, 0.4];
@@ -47,16 +52,18 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
     weighted_quantile(light.collect(), WELL_LIT).map_or(1.0, |e| e.max(1e-6) as f32)
 }
 
-/// How much of each surfel's colour is its own light, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is higher than the
-/// whitest one of the asset explains, it is bright in the pictures and even over the views, and its neighbours are so, too.
+/// How much of each surfel's colour is its own light, 0 to 1, `[n]`, or empty where none is: where any channel of its albedo is `above` times the
+/// whitest one of the asset, it is bright in the pictures and even over the views, and its neighbours are so, too. `trust` is how far the light is
+/// known, 0 to 1.
 pub(super) fn find_glow(
     asset: &DirectionalAsset,
     divisor: &[FrontAndBack],
     gloss: &[Gloss],
-    white: f32,
+    (white, above, trust): (f32, f32, f32),
 ) -> Vec<f32> {
     let q = asset.nodes.count();
     let white = white.max(PI * WHITE / well_lit(asset, divisor));
+    let bright = BRIGHT.map(|v| srgb_encode(srgb_decode(v) * (above / GLOW_ABOVE).min(1.0)));
     let each = asset
         .means
         .par_iter()
@@ -66,7 +73,7 @@ pub(super) fn find_glow(
     let alone = each.map(|((([mean, _], [light, _]), gloss), colors)| {
         // What mirrors a lamp is as bright as one.
         if !gloss.is_matte() {
-            return 0.0;
+            return [0.0; 2];
         }
         let albedo = |c: usize| PI * mean[c] / light[c].max(LEAST_LIGHT);
         let brightest = mean.iter().copied().fold(0f32, f32::max);
@@ -82,24 +89,27 @@ pub(super) fn find_glow(
             .sum::<f32>()
             / q as f32;
         let variation = spread.sqrt() / middle.max(1e-6);
-        smoothstep(EXPLAINED, CERTAIN, most)
-            * smoothstep(BRIGHT[0], BRIGHT[1], encoded)
-            * (1.0 - smoothstep(EVEN[0], EVEN[1], variation))
+        let glow = smoothstep(above, CERTAIN * above, most)
+            * smoothstep(bright[0], bright[1], encoded)
+            * (1.0 - smoothstep(EVEN[0], EVEN[1], variation));
+        let is_lamp = smoothstep(LAMPS[0], LAMPS[1], purity);
+        [glow, glow * if trust < 1.0 { is_lamp } else { 1.0 }]
     });
-    let alone: Vec<f32> = alone.collect();
-    if alone.iter().all(|g| *g <= 0.0) {
+    // Whether it may glow, and whether it speaks of that itself.
+    let alone: Vec<[f32; 2]> = alone.collect();
+    if alone.iter().all(|[_, g]| *g <= 0.0) {
         return Vec::new();
     }
     let prominence = &asset.bake.prominence;
     let width = asset.neighbors.len() / alone.len().max(1);
-    let together = alone.par_iter().enumerate().map(|(i, own)| {
+    let together = alone.par_iter().enumerate().map(|(i, [own, _])| {
         if *own <= 0.0 {
             return 0.0;
         }
         let around = &asset.neighbors[i * width..][..width];
         let weighed = around.iter().map(|j| {
             let weight = prominence[*j as usize];
-            (alone[*j as usize] * weight, weight)
+            (alone[*j as usize][1] * weight, weight)
         });
         let (glow, seen) = weighed.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
         own * smoothstep(TOGETHER[0], TOGETHER[1], glow / seen.max(1e-12))

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::settings::Terms;
 use crate::settings::skips::{Skip, Skipped, Stage};
 use crate::surfels::SurfelCloud;
+use crate::transfer::materials::Materials;
 use crate::transfer::relit::{Part, Relight, Relit, empty_bytes, switched_off};
 
 impl Relight for DirectionalTransfer {
@@ -23,6 +24,10 @@ impl Relight for DirectionalTransfer {
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
         Ok(self.ratio(self.light(target.for_directional()?)))
+    }
+
+    fn materials(&self, whitest: Option<f32>) -> Materials {
+        self.materials_of(whitest)
     }
 
     fn computed_part(&self, shown: Part) -> Part {

@@ -220,9 +220,9 @@ fn a_lambertian_sphere_takes_its_analytic_irradiance() {
     let even = IncidentRadiance::even(2);
     let prepared = prepare(&cloud, &open, &even, &no_shadow);
     let mut target = IncidentRadiance::even(2);
-    target.coefficients[2] = [(4.0 * std::f32::consts::PI / 3.0).sqrt(); 3];
+    target.coefficients[2] = [(4.0 * PI / 3.0).sqrt(); 3];
     for (relit, p) in prepared.relight(&target).iter().zip(&cloud.positions) {
-        let y0 = 1.0 / crate::sh::SQRT_4PI as f32;
+        let y0 = 1.0 / SQRT_4PI as f32;
         let expected = 0.5 * (1.0 + 2.0 / 3.0 * p.z);
         assert!(
             (relit[0] * y0 - expected).abs() < 2e-6,

@@ -20,6 +20,7 @@ use crate::settings::skips::Skipped;
 use crate::sh::{coefficient_count, evaluate_sh};
 use crate::surfels::SurfelCloud;
 use crate::transfer::harmonic::HarmonicTransfer;
+use crate::transfer::materials::Materials;
 use crate::transfer::relit::{Part, Relight, Relit};
 
 /// Rows of the map in which the light at an object is taken: far more than SH series hold.
@@ -182,6 +183,11 @@ impl Relight for HarmonicScene {
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
         Ok(self.relight_seen(target, Part::Whole, &[])?.tau)
+    }
+
+    fn materials(&self, whitest: Option<f32>) -> Materials {
+        // They are prepared where they stand.
+        Materials::together(self.objects.iter().map(|o| o.materials(whitest)))
     }
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {

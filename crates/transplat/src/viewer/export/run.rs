@@ -11,8 +11,8 @@ use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, folder_of, is_same_file, load_lut, look_text, save_look, write_exr,
-    write_layers, write_png, write_relit, write_splat,
+    ExrFloats, PngBits, SplatFormat, folder_of, is_same_file, load_lut, look_text, save_look,
+    write_exr, write_layers, write_png, write_relit, write_splat,
 };
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
@@ -28,6 +28,7 @@ use crate::layers::Layers;
 use crate::picture::MAX_SAMPLES;
 use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
+use crate::pipeline::delight::{Delit, check_materials};
 use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::jobs::Handle;
 use crate::viewer::language::{tr, tr_format};
@@ -39,8 +40,10 @@ impl Snapshot {
         if let Some(whole) = self.whole.take() {
             self.cloud = whole.cloud().context(tr("no object is shown"))?;
         }
-        if let Task::Splat(path) = task {
-            return self.write_splat(path, handle);
+        match task {
+            Task::Splat(path) => return self.write_splat(path, handle),
+            Task::Delit(path) => return self.write_delit(path, handle),
+            _ => {}
         }
         let [width, height] = self.settings.size;
         let factor = self.settings.supersample;
@@ -104,7 +107,7 @@ impl Snapshot {
             }
             Task::ContactSheet => self.contact_sheet(handle),
             Task::Turntable => self.turntable(handle),
-            Task::Splat(_) => bail!("not a picture"),
+            Task::Splat(_) | Task::Delit(_) => bail!("not a picture"),
         }
     }
 
@@ -231,14 +234,22 @@ impl Snapshot {
         let Some(alone) = self.scene_alone.get().and_then(Option::as_ref) else {
             return Ok(None);
         };
-        let light = self.target_light(scene, target);
+        let [_, light] = self.lights_on(scene, target);
         Ok(Some(alone.relight(&light, Part::Whole)?))
     }
 
-    fn target_light(&self, scene: &Scene, target: &Environment) -> Illumination {
+    /// The light of the capture and a target as the object sees them.
+    fn lights_on(&self, scene: &Scene, target: &Environment) -> [Illumination; 2] {
         let maps = [&self.lights[SOURCE].illumination, &target.illumination];
-        let [_, target] = scene.lights_on(&scene.objects[self.object], maps, self.up);
-        target
+        scene.lights_on(&scene.objects[self.object], maps, self.up)
+    }
+
+    /// The transfer from the source, prepared once.
+    fn prepared(&self, scene: &Scene, source: &Illumination) -> Result<&PreparedTransfer> {
+        if self.prepared.get().is_none() {
+            let _ = self.prepared.set(self.prepare(scene, source)?);
+        }
+        self.prepared.get().context("a transfer is prepared")
     }
 
     fn take(
@@ -273,13 +284,8 @@ impl Snapshot {
         target: &Environment,
         part: Part,
     ) -> Result<(&PreparedTransfer, Relit)> {
-        let maps = [&self.lights[SOURCE].illumination, &target.illumination];
-        let [source, target] = scene.lights_on(&scene.objects[self.object], maps, self.up);
-        if self.prepared.get().is_none() {
-            let prepared = self.prepare(scene, &source)?;
-            let _ = self.prepared.set(prepared);
-        }
-        let prepared = self.prepared.get().context("a transfer is prepared")?;
+        let [source, target] = self.lights_on(scene, target);
+        let prepared = self.prepared(scene, &source)?;
         // A turntable of the light has many targets and one source.
         let mut transfer = self.transfer.borrow_mut();
         let transfer = match &mut *transfer {
@@ -500,7 +506,8 @@ impl Snapshot {
         Ok(Made::Files(written))
     }
 
-    fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
+    /// Refuses to write over what is shown.
+    fn spare_captures(&self, path: &Path) -> Result<()> {
         let is_it = |capture: &PathBuf| is_same_file(capture, path);
         if path.exists() && self.captures.iter().any(is_it) {
             bail!(tr_format!(
@@ -508,6 +515,26 @@ impl Snapshot {
                 path.display()
             ));
         }
+        Ok(())
+    }
+
+    fn write_delit(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
+        self.spare_captures(path)?;
+        let settings = &self.settings;
+        if settings.materials {
+            let format = SplatFormat::of_name(path).unwrap_or(self.file.format);
+            check_materials(format, path)?;
+        }
+        let [source, _] = self.lights_on(&self.scene, &self.lights[TARGET]);
+        let prepared = self.prepared(&self.scene, &source)?;
+        let delit = Delit::of(prepared, &self.cloud, settings.delit_as, None)?;
+        handle_step(handle, 0, 1)?;
+        delit.write((&self.file, &self.cloud), settings.materials, path)?;
+        Ok(Made::Files(vec![path.to_owned()]))
+    }
+
+    fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {
+        self.spare_captures(path)?;
         let target = &self.lights[TARGET];
         let (_, relit) = self.relit(&self.scene, target, Part::Whole)?;
         handle_step(handle, 0, 1)?;

@@ -4,6 +4,7 @@ use eframe::egui::{self, RichText, Ui};
 use transplat_core::files::SplatFormat;
 
 use crate::film::FilmFormat;
+use crate::pipeline::delight::DelitAs;
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
@@ -24,8 +25,32 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     if button(ui, tr("Export relit splat…"), tip) {
         viewer.ask_where(SaveKind::Splat, viewer.splat_ending());
     }
+    delit(ui, viewer);
     if let Some(task) = task {
         viewer.export(task);
+    }
+}
+
+/// The splat without its light.
+fn delit(ui: &mut Ui, viewer: &mut Viewer) {
+    let settings = &mut viewer.preferences.export;
+    choice(
+        ui,
+        tr("Delit as"),
+        tr(
+            "The albedo, for programs that light a splat themselves; or what it looks like under light from everywhere, hollows darker.",
+        ),
+        &mut settings.delit_as,
+        &[
+            (tr("albedo"), DelitAs::Albedo),
+            (tr("under even light"), DelitAs::Even),
+        ],
+    );
+    ui.checkbox(&mut settings.materials, tr("With materials"))
+        .on_hover_text(tr("Each splat comes with its normal, base colour, metallic, roughness, reflectance and emission: in a PLY as properties, in a GLB as attributes."));
+    let tip = tr("The selected object without the light of its capture.");
+    if button(ui, tr("Export delit…"), tip) {
+        viewer.ask_where(SaveKind::Delit, viewer.splat_ending());
     }
 }
 

@@ -2,7 +2,7 @@
 
 use eframe::egui::Ui;
 use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
-use transplat_core::settings::{EPSILON, Method, Terms, TransferSettings};
+use transplat_core::settings::{EPSILON, GLOW_ABOVE, GLOW_RANGE, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
 use crate::viewer::app::Viewer;
@@ -54,7 +54,7 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.checkbox(&mut transfer.terms.shadow, tr("Self-shadow")).on_hover_text(tr("The object's own shadows take part in both lights. Off, every surfel sees all of the light."));
     match method {
-        Method::Directional => directional_terms(ui, &mut transfer.terms),
+        Method::Directional => directional_terms(ui, transfer),
         Method::Harmonic => {
             harmonic_terms(ui, &mut transfer.terms);
             directions(ui, viewer);
@@ -62,7 +62,8 @@ fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
+fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
+    let terms = &mut transfer.terms;
     ui.checkbox(&mut terms.sums, tr("Sums over directions"))
         .on_hover_text(tr(
             "Light is summed over directions. Off, it is an SH series first, as in preset paper.",
@@ -83,6 +84,16 @@ fn directional_terms(ui: &mut Ui, terms: &mut Terms) {
     ui.checkbox(&mut terms.glow, tr("Glow")).on_hover_text(tr(
         "Lamps, eyes and screens, which no light explains, keep shining as captured. Off, they are taken for paint.",
     ));
+    ui.add_enabled_ui(terms.glow, |ui| {
+        Control {
+            label: tr("Glows above"),
+            tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; View > Channel > Glow shows what does."),
+            decimals: 2,
+            logarithmic: true,
+            ..Control::of(GLOW_RANGE, GLOW_ABOVE)
+        }
+        .show(ui, &mut transfer.glow_above);
+    });
 }
 
 fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {

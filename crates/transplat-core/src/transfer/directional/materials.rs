@@ -1,0 +1,64 @@
+//! What surfels are made of, from what explains their colour under the source.
+
+use std::f32::consts::PI;
+
+use rayon::prelude::*;
+
+use super::nodes::weighted_mean;
+use super::{DirectionalTransfer, LEAST_IRRADIANCE};
+use crate::transfer::materials::{Material, Materials};
+
+impl DirectionalTransfer {
+    /// The material of each surfel: its matte exitance over what shone on it, and its lobe.
+    pub(super) fn materials_of(&self, whitest: Option<f32>) -> Materials {
+        let each = (0..self.asset.bake.len()).into_par_iter();
+        let each = each.map(|i| self.material(i)).collect();
+        Materials::of(each, self.asset.bake.prominence.iter().copied(), whitest)
+    }
+
+    /// As light and pictures tell it, albedos of any size.
+    fn material(&self, i: usize) -> Material {
+        let (asset, q) = (&*self.asset, self.asset.nodes.count());
+        let front = weighted_mean(&asset.nodes.weights, &self.matte[i * q..][..q]);
+        let back = if self.settings.terms.two_sided {
+            asset.bake.two_sided[i]
+        } else {
+            0.0
+        };
+        // Under light of radiance 1 from everywhere it would radiate its albedo.
+        let albedo: [f32; 3] = std::array::from_fn(|c| {
+            let radiance = (front[c] + back * asset.means[i][1][c]) / (1.0 + back);
+            let [d0, d1] = self.divisor[i];
+            let divisor = ((d0[c] + back * d1[c]) / (1.0 + back)).max(LEAST_IRRADIANCE);
+            radiance * (PI * self.light_gain / divisor).powf(self.trust)
+        });
+        let (gloss, glow) = (&self.gloss[i], self.glow_of(i));
+        let reflectance = gloss.reflectance.map(|k| k * self.light_gain);
+        let is_metal = !gloss.is_matte() && !gloss.rises;
+        let mirrored = if is_metal { reflectance } else { [0.0; 3] };
+        let base = sum(albedo, mirrored);
+        let total = |v: [f32; 3]| v.iter().sum::<f32>();
+        Material {
+            normal: asset.bake.normals[i],
+            base_color: base,
+            metallic: if is_metal {
+                total(mirrored) / total(base).max(1e-12)
+            } else {
+                0.0
+            },
+            // GGX's alpha is about the root of one over the lobe's exponent.
+            roughness: if gloss.is_matte() {
+                1.0
+            } else {
+                ((1u32 << gloss.width) as f32).powf(-0.25)
+            },
+            reflectance,
+            glow,
+            emission: front.map(|v| glow * v),
+        }
+    }
+}
+
+fn sum(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] + b[c])
+}

@@ -1,0 +1,82 @@
+//! `transplat delight`: an asset without its light.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use transplat_core::files::{check_output, losses};
+use transplat_core::scene::EVEN;
+
+use crate::cli::{DelightArgs, LightArgs, usage};
+use crate::commands::{called_as_a_splat, refuse_overwriting};
+use crate::pipeline::Pipeline;
+use crate::pipeline::delight::{Delit, check_materials};
+use crate::pipeline::settings::{assets_of, check_objects, look_of, with_scene_as_look};
+use crate::summary::Summary;
+
+pub fn run(args: &DelightArgs) -> Result<()> {
+    let mut summary = Summary::new("delight", &args.out);
+    let light = LightArgs {
+        capture: args.capture.clone(),
+        target: vec![PathBuf::from(EVEN)],
+        ..LightArgs::default()
+    };
+    let (asset, light) = with_scene_as_look(&args.asset, &light);
+    let mut scene = look_of(&asset.options, Some(&light))?;
+    check_objects(&asset, &scene, true)?;
+    let shown = scene.objects.iter().filter(|o| o.shown).count();
+    if shown != 1 {
+        return usage("delight takes one object; the look shows several");
+    }
+    // What it is made of is the same wherever it stands.
+    scene.objects.retain(|o| o.shown);
+    if scene.objects[0].source.file.is_none() {
+        return usage(
+            "delight needs --source, the light of the capture (an environment; estimate for one that nobody knows)",
+        );
+    }
+    let format = called_as_a_splat(&args.output)?;
+    if args.materials {
+        check_materials(format, &args.output)?;
+    }
+    let assets = assets_of(&asset, &scene)?;
+    let inputs = light.inputs(&scene, &[]).map(|p| p.to_owned());
+    let inputs: Vec<PathBuf> = inputs.chain(assets).collect();
+    refuse_overwriting(inputs.iter().map(|p| &**p), &[&args.output])?;
+    check_output(&args.output)?;
+    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
+    let lights = pipeline.lights(&light, &mut summary)?;
+    let bake = pipeline.bake(light.capture.bake.as_deref(), &mut summary)?;
+    let (prepared, _) = pipeline.prepare(&bake, &lights, &mut summary)?;
+    let object = pipeline.first();
+    let whitest = args.whitest.map(|w| w as f32);
+    let delit = summary.time("delight", || {
+        Delit::of(&prepared, &object.cloud, args.delit_as, whitest)
+    })?;
+    if let Some(warning) = delit.warning(whitest) {
+        summary.warn(warning);
+    }
+    let share = |is: &dyn Fn(usize) -> bool| {
+        let count = (0..delit.materials.each.len()).filter(|i| is(*i)).count();
+        count as f32 / delit.materials.each.len().max(1) as f32
+    };
+    let glowing = share(&|i| delit.materials.each[i].glow > 0.5);
+    let metallic = share(&|i| delit.materials.each[i].metallic > 0.5);
+    let (whitest, gain) = (delit.materials.whitest, delit.materials.gain);
+    if let Some(lost) = losses(&object.file, &object.cloud, &args.output) {
+        summary.warn(format!("{}: {lost}", args.output.display()));
+    }
+    summary.time("export", || {
+        delit.write((&object.file, &object.cloud), args.materials, &args.output)
+    })?;
+    summary.set("whitest_albedo", whitest * gain);
+    summary.set("glowing_share", glowing);
+    summary.set("metallic_share", metallic);
+    summary.set("output", args.output.display().to_string());
+    summary.finish(&format!(
+        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves",
+        args.output.display(),
+        whitest * gain,
+        100.0 * metallic,
+        100.0 * glowing
+    ))
+}

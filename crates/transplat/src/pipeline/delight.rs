@@ -1,0 +1,87 @@
+//! An asset without its light.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+use transplat_core::environment::Illumination;
+use transplat_core::files::{AssetFile, SplatFormat, write_delit};
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::materials::{Materials, PLAUSIBLE_WHITEST};
+use transplat_core::transfer::{Part, PreparedTransfer};
+
+/// What a splat's colour becomes without its light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum DelitAs {
+    /// Its albedo.
+    #[default]
+    Albedo,
+    /// What it looks like under light from everywhere.
+    Even,
+}
+
+/// An asset without its light.
+pub struct Delit {
+    /// Colour as a splat stores it `[n][K][3]`, and its SH degree.
+    pub stored: (Vec<[f32; 3]>, usize),
+    pub materials: Materials,
+}
+
+impl Delit {
+    /// Takes an asset that is prepared under the light of its capture, and the albedo of the whitest surface where that is known.
+    pub fn of(
+        prepared: &PreparedTransfer,
+        cloud: &SurfelCloud,
+        delit_as: DelitAs,
+        whitest: Option<f32>,
+    ) -> Result<Self> {
+        let materials = prepared.materials(whitest);
+        let stored = match delit_as {
+            DelitAs::Albedo => (materials.stored(cloud.encoding), 0),
+            DelitAs::Even => {
+                let even = Illumination::even(MAX_DEGREE).scaled(materials.gain);
+                let relit = prepared.relight(&even, Part::Whole)?;
+                (relit.stored(cloud), cloud.sh_degree)
+            }
+        };
+        Ok(Self { stored, materials })
+    }
+
+    /// What the user should know of how bright it is.
+    pub fn warning(&self, whitest: Option<f32>) -> Option<String> {
+        let found = self.materials.whitest;
+        let is_told = whitest.is_some() || PLAUSIBLE_WHITEST.contains(&found);
+        (!is_told).then(|| {
+            format!(
+                "light and pictures are not exposed alike: the whitest surface would have an albedo of {found:.3}; it is taken to be {:.2} (--whitest)",
+                found * self.materials.gain
+            )
+        })
+    }
+
+    /// Writes it in the format that the name says.
+    pub fn write(
+        self,
+        (file, cloud): (&AssetFile, &SurfelCloud),
+        with_materials: bool,
+        path: &Path,
+    ) -> Result<()> {
+        let materials = with_materials.then_some(&self.materials);
+        Ok(write_delit(file, cloud, self.stored, materials, path)?)
+    }
+}
+
+/// Refuses materials where the format of an output has no room for them.
+pub fn check_materials(format: SplatFormat, path: &Path) -> Result<()> {
+    if !format.holds_materials() {
+        bail!(
+            "{}: {} holds no materials; .ply and .glb do",
+            path.display(),
+            format.name()
+        );
+    }
+    Ok(())
+}
