@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use glam::Vec3;
 use transplat_core::color::luminance;
+use transplat_core::crop::proposed_crop;
 use transplat_core::environment::project_environment;
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
@@ -185,6 +186,13 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         bounds.center.to_array(),
         bounds.radius
     ));
+    if let Some(corners) = proposed_crop(cloud, &bounds) {
+        let [low, high] = corners.map(|c| (bounds.center + c * bounds.radius).to_array());
+        lines.push(format!(
+            "holds surroundings, it seems: the object lies between {low:.3?} and {high:.3?}"
+        ));
+        summary.set("object_between", [low, high]);
+    }
     let mut sizes: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
     let [small, middle, large] = [0.05, 0.5, 0.95].map(|share| quantile(&mut sizes, share));
     lines.push(format!(

@@ -9,6 +9,7 @@ use anyhow::Result;
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
+use transplat_core::crop::proposed_crop;
 use transplat_core::files::{AssetFile, SplatFormat, load_asset};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene, splat_name};
@@ -38,6 +39,8 @@ pub struct Asset {
     pub file_up: UpAxis,
     /// Which way it stands, it seems, where the file says nothing.
     pub proposed_up: Option<(UpAxis, UpEvidence)>,
+    /// Corners of a box around the object, as its settings have them, where it seems to lie in surroundings.
+    pub proposed_crop: Option<[Vec3; 2]>,
     /// Up axis that the ground is made for.
     pub up: UpAxis,
     pub ground: (Vec3, [Vec3; 2]),
@@ -86,11 +89,14 @@ impl Asset {
         let whole = part.is_none().then_some(&cloud);
         let habit = file.usual_up();
         let proposed_up = whole.and_then(|cloud| proposed_up(cloud, file.report.up, habit));
+        let bounds = cloud.bounds();
+        let whole = part.is_none().then_some(&cloud);
         Ok(Self {
+            proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &bounds)),
             proposed_up: proposed_up.filter(|(up, _)| *up != file_up),
             cut: object.cut.clone(),
             part,
-            bounds: cloud.bounds(),
+            bounds,
             ground: ground_plane(&cloud, file_up),
             up: file_up,
             losses: SplatFormat::WRITTEN

@@ -395,6 +395,11 @@ impl Session {
                 UpEvidence::Stance => tr_format!("it was set upright as it seems to stand, {name} up; the panel Asset has its up axis", name = name),
             });
         }
+        if asset.proposed_crop.is_some() && self.scene.objects[at].hide.is_off() {
+            self.info(
+                tr("the object seems to lie in a capture of its surroundings; \"Crop to the object\" in the panel Asset hides them"),
+            );
+        }
         let is_unknown = self.scene.objects[at].source.is_estimate();
         if is_unknown && self.scene.objects.len() == 1 && !self.scene.match_strength {
             self.scene.match_strength = true;

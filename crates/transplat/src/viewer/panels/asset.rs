@@ -89,7 +89,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             navigation::wrap(session.scene.environment.rotation - turned);
     }
     ui.separator();
-    hide(ui, &mut viewer.session.object_mut().hide);
+    let proposed = viewer.session.asset().and_then(|a| a.proposed_crop);
+    hide(ui, &mut viewer.session.object_mut().hide, proposed);
     cut(ui, &mut viewer.session);
     ui.separator();
     inspected(ui, viewer);
@@ -131,7 +132,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
     }
 }
 
-fn hide(ui: &mut Ui, hide: &mut Hide) {
+fn hide(ui: &mut Ui, hide: &mut Hide, proposed: Option<[Vec3; 2]>) {
     ui.label(tr("Hide (nothing is edited)"));
     Control {
         label: tr("Faint"),
@@ -153,6 +154,15 @@ fn hide(ui: &mut Ui, hide: &mut Hide) {
         .on_hover_text(tr(
             "What lies outside of a box around the object is not drawn.",
         ));
+    if let Some([low, high]) = proposed {
+        let is_it = hide.crop && (hide.crop_min, hide.crop_max) == (low, high);
+        let tip = tr(
+            "A box around what was photographed from all around: what lies far from it is not drawn.",
+        );
+        if !is_it && button(ui, tr("Crop to the object"), tip) {
+            (hide.crop, hide.crop_min, hide.crop_max) = (true, low, high);
+        }
+    }
     if hide.crop {
         for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
             ui.horizontal(|ui| {
