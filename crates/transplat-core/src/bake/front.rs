@@ -41,7 +41,7 @@ const CHANCE: f32 = 0.1;
 const CLASSES: usize = 8;
 
 /// Log odds that the variation tells at most: less than what is seen of one side alone, since where no camera was it may tell anything.
-const MOST_VARIATION: f32 = 1.0;
+const MOST_VARIATION: f32 = 1.5;
 
 /// Surfels that are taken to say nothing, in each class, before any is counted.
 const PRIOR: f32 = 10.0;

@@ -1,10 +1,13 @@
 //! OpenEXR pictures and environments: any channel type and every compression that the `exr` crate reads; other layers are ignored.
 
+mod primaries;
+
 use std::path::Path;
 
 use exr::meta::MetaData;
 use exr::prelude::{AnyChannels, FlatSamples, ReadChannels, ReadLayers, read};
 
+use self::primaries::rec_709_from;
 use super::read::check_map_size;
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
@@ -113,6 +116,19 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
         }
         for (pixel, value) in pixels.iter_mut().zip(samples.values_as_f32()) {
             pixel[c] = value;
+        }
+    }
+    if let Some(matrix) = image
+        .attributes
+        .chromaticities
+        .as_ref()
+        .and_then(rec_709_from)
+    {
+        for pixel in &mut pixels {
+            let [r, g, b, a] = *pixel;
+            // No light of ours has a colour outside of Rec. 709.
+            let rgb = matrix.map(|[x, y, z]| (x * r + y * g + z * b).max(0.0));
+            *pixel = [rgb[0], rgb[1], rgb[2], a];
         }
     }
     Ok(Raster {
@@ -244,6 +260,43 @@ mod tests {
             refused += usize::from(load(file.path()).is_err());
         }
         assert!(refused > 50, "{refused}");
+    }
+
+    #[test]
+    fn colours_of_other_primaries_become_ours() {
+        let channel =
+            |name: &str, values: [f32; 2]| AnyChannel::new(name, FlatSamples::F32(values.to_vec()));
+        let list = [
+            channel("R", [1.0, 1.0]),
+            channel("G", [1.0, 0.0]),
+            channel("B", [1.0, 0.0]),
+        ];
+        let list = AnyChannels::sort(list.into_iter().collect());
+        let layer = Layer::new(
+            (2, 1),
+            LayerAttributes::default(),
+            Encoding::default(),
+            list,
+        );
+        let mut image = Image::from_layer(layer);
+        // Those of ITU-R BT.2020.
+        image.attributes.chromaticities = Some(exr::meta::attribute::Chromaticities {
+            red: Vec2(0.708, 0.292),
+            green: Vec2(0.170, 0.797),
+            blue: Vec2(0.131, 0.046),
+            white: Vec2(0.3127, 0.3290),
+        });
+        let file = tempfile::NamedTempFile::new().expect("a temporary file");
+        image.write().to_file(file.path()).expect("room for it");
+        let map = load(file.path()).expect("a good file");
+        let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3);
+        assert!(near(map.pixels()[0], [1.0; 3]), "{:?}", map.pixels()[0]);
+        // ITU-R BT.2407: green and blue would be less than none.
+        assert!(
+            near(map.pixels()[1], [1.6605, 0.0, 0.0]),
+            "{:?}",
+            map.pixels()[1]
+        );
     }
 
     #[test]

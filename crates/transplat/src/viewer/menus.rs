@@ -250,6 +250,7 @@ impl Viewer {
         egui::ComboBox::from_id_salt("channel")
             .selected_text(tr(current.map_or(tr_later("Channel"), |(name, ..)| name)))
             .width(96.0)
+            .height(400.0)
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut session.scene.view, View::After, tr("Final"));
                 for (name, view, tip) in CHANNELS {
@@ -356,7 +357,7 @@ const CHANNELS: [(&str, View, &str); 9] = [
         tr_later("Glow"),
         View::Glow,
         tr_later(
-            "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Transfer.",
+            "What shines by itself and keeps its colour in every light. How bright that has to be is set in the panel Look.",
         ),
     ),
     (

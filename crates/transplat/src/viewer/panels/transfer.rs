@@ -87,7 +87,7 @@ fn directional_terms(ui: &mut Ui, transfer: &mut TransferSettings) {
     ui.add_enabled_ui(terms.glow, |ui| {
         Control {
             label: tr("Glows above"),
-            tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; View > Channel > Glow shows what does."),
+            tip: tr("How many times brighter than the whitest surface in the same light a thing has to be to shine by itself. Less makes more of it glow, more makes less; the channel Glow shows what does."),
             decimals: 2,
             logarithmic: true,
             ..Control::of(GLOW_RANGE, GLOW_ABOVE)
