@@ -280,7 +280,7 @@ mod tests {
         );
         let mut image = Image::from_layer(layer);
         // Those of ITU-R BT.2020.
-        image.attributes.chromaticities = Some(exr::meta::attribute::Chromaticities {
+        image.attributes.chromaticities = Some(attribute::Chromaticities {
             red: Vec2(0.708, 0.292),
             green: Vec2(0.170, 0.797),
             blue: Vec2(0.131, 0.046),
