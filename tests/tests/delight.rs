@@ -151,6 +151,14 @@ fn materials_are_written_where_there_is_room_for_them() {
     run_told(&args(line, &[&splat, &spz]), 1, &["SPZ", ".ply and .glb"]);
     let plain = "delight {} --source even --device cpu -o {}";
     run_json(&args(plain, &[&splat, &spz]));
+    // The channels need no light to relight by.
+    for view in ["albedo", "glow"] {
+        let (line, out) = (
+            "render {} --source even --view {} --turntable 1 --size 32x32 --device cpu -o {}",
+            folder.name(view),
+        );
+        run_json(&args(line, &[&splat, view, &out]));
+    }
     run_told(&["delight", &splat, "-o", &spz], 2, &["--source"]);
     run_told(&args(plain, &[&splat, &splat]), 1, &["is an input too"]);
 }

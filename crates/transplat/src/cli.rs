@@ -16,7 +16,7 @@ use transplat_core::settings::{EPSILON, GLOW_RANGE, Method, Terms};
 use transplat_core::surfels::UpAxis;
 
 use crate::film::FRAME_RATE;
-use crate::pipeline::delight::DelitAs;
+use crate::pipeline::delight::{ALBEDOS, DelitAs};
 
 /// Relight a captured object: a trained 2D Gaussian splat, the light it was captured in, any other light.
 #[derive(Debug, Parser)]
@@ -65,7 +65,7 @@ pub enum Command {
     Convert(ConvertArgs),
     /// Write the asset without its light: its albedo as its colour, for programs that light a splat themselves.
     #[command(
-        after_help = "Examples:\n  transplat delight knot.ply --source city.hdr -o flat.ply\n  transplat delight knot.ply --source estimate --materials -o flat.glb\n\nThe colour is degree 0, encoded as the capture's. With --materials a PLY has the properties nx ny nz, base_color_0 to _2, metallic, roughness, reflectance_0 to _2 and emission_0 to _2, and a GLB the attributes NORMAL, _BASE_COLOR, _METALLIC, _ROUGHNESS, _REFLECTANCE and _EMISSION; colours are linear there."
+        after_help = "Examples:\n  transplat delight knot.ply --source city.hdr -o flat.ply\n  transplat delight knot.ply --source estimate --materials -o flat.glb\n\nAn albedo is of SH degree 0, encoded as the capture's colour; other properties of a PLY are not written. With --materials a PLY has the properties nx ny nz, base_color_0 to _2, metallic, roughness, reflectance_0 to _2 and emission_0 to _2, and a GLB the attributes NORMAL, _BASE_COLOR, _METALLIC, _ROUGHNESS, _REFLECTANCE and _EMISSION; colours are linear there, emission in the unit of the capture's pictures."
     )]
     Delight(DelightArgs),
     /// Bake an asset's visibility into a file, to be given to the other commands with --bake.
@@ -566,7 +566,7 @@ fn parse_epsilon(text: &str) -> Result<f64, String> {
 }
 
 fn parse_albedo(text: &str) -> Result<f64, String> {
-    let is_good = |v: &f64| (0.02..=1.0).contains(v);
+    let is_good = |v: &f64| ALBEDOS.contains(&(*v as f32));
     parsed(text, is_good, "a number from 0.02 to 1")
 }
 

@@ -56,7 +56,7 @@ impl AssetFile {
     }
 
     /// The format that a file of that name is written in.
-    fn written_format(&self, path: &Path) -> SplatFormat {
+    pub fn written_format(&self, path: &Path) -> SplatFormat {
         SplatFormat::of_name(path).unwrap_or(self.format)
     }
 
@@ -221,35 +221,34 @@ pub fn write_relit(
     }
 }
 
-/// Writes the asset anew with other colour, of any SH degree, `[n][K][3]` as [`crate::color::Encoding::Stored`] has it, and where that is wanted with what its
-/// surfels are made of, in the format that the name tells, or else in its own. Nothing but the splat is written.
+/// Writes the asset anew with the colour of another cloud, which has its surfels, and where that is wanted with what they are made of, in the
+/// format that the name tells, or else in its own. Nothing but the splat is written: other properties, comments and elements of a PLY are not.
 ///
 /// # Errors
 /// The format holds no materials, or the output cannot be written.
 pub fn write_delit(
     asset: &AssetFile,
     cloud: &SurfelCloud,
-    (stored, sh_degree): (Vec<[f32; 3]>, usize),
     materials: Option<&Materials>,
     path: &Path,
 ) -> Result<()> {
     let format = asset.written_format(path);
-    if materials.is_some() && !format.holds_materials() {
-        let what = format!("{} holds no materials; .ply and .glb do", format.name());
-        return Err(Error::invalid(path, what));
+    if materials.is_some() {
+        format.check_materials(path)?;
     }
-    let turn = turn(asset.format, format, cloud.up);
-    let mut cloud = SurfelCloud {
-        sh: stored,
-        sh_degree,
-        ..cloud.clone()
+    let turned = turn(asset.format, format, cloud.up).map(|(turn, up)| {
+        let cloud = SurfelCloud {
+            up,
+            ..cloud.clone()
+        };
+        let cloud = cloud.transformed(Affine3A::from_quat(turn));
+        (cloud, materials.map(|m| m.clone().turned(turn)))
+    });
+    let (cloud, materials) = match &turned {
+        Some((cloud, materials)) => (cloud, materials.as_ref()),
+        None => (cloud, materials),
     };
-    let mut turned = None;
-    if let Some((turn, up)) = turn {
-        cloud = SurfelCloud { up, ..cloud }.transformed(Affine3A::from_quat(turn));
-        turned = materials.map(|m| m.clone().turned(turn));
-    }
-    let materials = turned.as_ref().or(materials).map(|m| &m.each[..]);
+    let materials = materials.map(|m| &m.each[..]);
     write_as(format, (&cloud, &cloud.sh), materials, asset.order(), path)
 }
 

@@ -126,6 +126,10 @@ pub fn load_picture(path: &Path) -> Result<Raster> {
     {
         for pixel in &mut pixels {
             let [r, g, b, a] = *pixel;
+            // What is no number is told of where the map is made.
+            if ![r, g, b].iter().all(|v| v.is_finite()) {
+                continue;
+            }
             // No light of ours has a colour outside of Rec. 709.
             let rgb = matrix.map(|[x, y, z]| (x * r + y * g + z * b).max(0.0));
             *pixel = [rgb[0], rgb[1], rgb[2], a];

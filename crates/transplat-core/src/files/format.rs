@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::written::Written;
 use super::{gltf, ply, sog, splat, spz};
 use crate::color::Encoding;
+use crate::error::{Error, Result};
 use crate::sh::MAX_DEGREE;
 use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 
@@ -80,9 +81,16 @@ impl SplatFormat {
         }
     }
 
-    /// Whether it may hold what surfels are made of.
-    pub fn holds_materials(self) -> bool {
-        matches!(self, Self::Ply | Self::Gltf)
+    /// Refuses to write what surfels are made of in a format that has no room for it.
+    ///
+    /// # Errors
+    /// It has none; says which have.
+    pub fn check_materials(self, path: &Path) -> Result<()> {
+        if matches!(self, Self::Ply | Self::Gltf) {
+            return Ok(());
+        }
+        let what = format!("{} holds no materials; .ply and .glb do", self.name());
+        Err(Error::invalid(path, what))
     }
 
     /// The highest SH degree that it holds.

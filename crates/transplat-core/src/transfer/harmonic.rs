@@ -366,7 +366,9 @@ impl Relight for HarmonicTransfer {
             glow: 0.0,
             emission: [0.0; 3],
         });
-        Materials::of(each.collect(), std::iter::repeat(1.0), whitest)
+        // What hardly any light reaches says nothing of how white it is.
+        let lit = self.dark.iter().map(|dark| f32::from(u8::from(!dark)));
+        Materials::of(each.collect(), lit, whitest)
     }
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {

@@ -2,7 +2,7 @@
 
 use glam::{Quat, Vec3};
 
-use crate::color::Encoding;
+use crate::color::{Encoding, srgb_encode};
 use crate::numeric::weighted_quantile;
 use crate::sh::SQRT_4PI;
 
@@ -21,7 +21,7 @@ pub(crate) const WHITEST: f32 = 0.95;
 pub struct Material {
     /// Unit normal of the surface, out of its front.
     pub normal: Vec3,
-    /// Linear, 0 to 1. Of what shines by itself the colour that it has.
+    /// Linear, 0 to 1; none of what shines by itself.
     pub base_color: [f32; 3],
     /// 0 to 1.
     pub metallic: f32,
@@ -44,6 +44,8 @@ pub struct Materials {
     pub whitest: f32,
     /// What all albedos and reflectances were multiplied by.
     pub gain: f32,
+    /// Radiance of the even light under which the open surface radiates its albedo.
+    pub even_radiance: f32,
 }
 
 impl Materials {
@@ -61,6 +63,8 @@ impl Materials {
         });
         let albedos = albedos.filter(|(albedo, _)| albedo.is_finite()).collect();
         let whitest = weighted_quantile(albedos, f64::from(WHITEST)).unwrap_or(0.0) as f32;
+        // All of it black, or its own light: there is nothing to scale.
+        let is_told = whitest > 1e-6;
         let plausible = || {
             if PLAUSIBLE_WHITEST.contains(&whitest) {
                 whitest
@@ -68,20 +72,24 @@ impl Materials {
                 WHITEST_ALBEDO as f32
             }
         };
-        let gain = wanted.unwrap_or_else(plausible) / whitest.max(1e-12);
+        let gain = if is_told {
+            wanted.unwrap_or_else(plausible) / whitest
+        } else {
+            1.0
+        };
         for material in &mut each {
             for color in [&mut material.base_color, &mut material.reflectance] {
                 *color = color.map(|v| (gain * v).clamp(0.0, 1.0));
             }
             // A lamp has no albedo.
-            for (v, own) in material.base_color.iter_mut().zip(material.emission) {
-                *v = ((1.0 - material.glow) * *v + own).min(1.0);
-            }
+            let lit = 1.0 - material.glow;
+            material.base_color = material.base_color.map(|v| lit * v);
         }
         Self {
             each,
             whitest,
             gain,
+            even_radiance: gain,
         }
     }
 
@@ -102,16 +110,22 @@ impl Materials {
         self
     }
 
-    /// Base colours as a splat of degree 0 stores them. `[n]`
-    pub fn stored(&self, encoding: Encoding) -> Vec<[f32; 3]> {
-        let stored = |v| encoding.encode(v) * SQRT_4PI as f32;
-        self.each.iter().map(|m| m.base_color.map(stored)).collect()
+    /// What each surfel shows without light but its own: its base colour, and what shines. Linear. `[n]`
+    fn shown(&self) -> impl Iterator<Item = [f32; 3]> {
+        let shown =
+            |m: &Material| std::array::from_fn(|c| (m.base_color[c] + m.emission[c]).min(1.0));
+        self.each.iter().map(shown)
     }
 
-    /// Base colours for display. `[n]`
+    /// The same as a splat of degree 0 stores it. `[n]`
+    pub fn stored(&self, encoding: Encoding) -> Vec<[f32; 3]> {
+        let stored = |v| encoding.encode(v) * SQRT_4PI as f32;
+        self.shown().map(|color| color.map(stored)).collect()
+    }
+
+    /// The same for display. `[n]`
     pub fn colors(&self) -> Vec<[f32; 3]> {
-        let encoded = |m: &Material| m.base_color.map(crate::color::srgb_encode);
-        self.each.iter().map(encoded).collect()
+        self.shown().map(|color| color.map(srgb_encode)).collect()
     }
 }
 

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use transplat_core::files::{check_output, losses};
-use transplat_core::scene::EVEN;
+use transplat_core::scene::{EVEN, Transform};
 
 use crate::cli::{DelightArgs, LightArgs, usage};
 use crate::commands::{called_as_a_splat, refuse_overwriting};
 use crate::pipeline::Pipeline;
-use crate::pipeline::delight::{Delit, check_materials};
+use crate::pipeline::delight::Delit;
 use crate::pipeline::settings::{assets_of, check_objects, look_of, with_scene_as_look};
 use crate::summary::Summary;
 
@@ -22,13 +22,21 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     };
     let (asset, light) = with_scene_as_look(&args.asset, &light);
     let mut scene = look_of(&asset.options, Some(&light))?;
-    check_objects(&asset, &scene, true)?;
-    let shown = scene.objects.iter().filter(|o| o.shown).count();
-    if shown != 1 {
-        return usage("delight takes one object; the look shows several");
+    let assets = assets_of(&asset, &scene)?;
+    let inputs = light.inputs(&scene, &[]).chain(assets.iter().map(|a| &**a));
+    refuse_overwriting(inputs, &[&args.output])?;
+    let others = scene.objects.len() - 1;
+    if others > 0 {
+        summary.warn(format!(
+            "of the {} objects of the look the first is taken",
+            others + 1
+        ));
     }
     // What it is made of is the same wherever it stands.
-    scene.objects.retain(|o| o.shown);
+    scene.objects.truncate(1);
+    scene.objects[0].shown = true;
+    scene.objects[0].transform = Transform::default();
+    check_objects(&asset, &scene, true)?;
     if scene.objects[0].source.file.is_none() {
         return usage(
             "delight needs --source, the light of the capture (an environment; estimate for one that nobody knows)",
@@ -36,12 +44,8 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     }
     let format = called_as_a_splat(&args.output)?;
     if args.materials {
-        check_materials(format, &args.output)?;
+        format.check_materials(&args.output)?;
     }
-    let assets = assets_of(&asset, &scene)?;
-    let inputs = light.inputs(&scene, &[]).map(|p| p.to_owned());
-    let inputs: Vec<PathBuf> = inputs.chain(assets).collect();
-    refuse_overwriting(inputs.iter().map(|p| &**p), &[&args.output])?;
     check_output(&args.output)?;
     let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
     let lights = pipeline.lights(&light, &mut summary)?;
@@ -62,11 +66,11 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     let glowing = share(&|i| delit.materials.each[i].glow > 0.5);
     let metallic = share(&|i| delit.materials.each[i].metallic > 0.5);
     let (whitest, gain) = (delit.materials.whitest, delit.materials.gain);
-    if let Some(lost) = losses(&object.file, &object.cloud, &args.output) {
+    if let Some(lost) = losses(&object.file, &delit.cloud, &args.output) {
         summary.warn(format!("{}: {lost}", args.output.display()));
     }
     summary.time("export", || {
-        delit.write((&object.file, &object.cloud), args.materials, &args.output)
+        delit.write(&object.file, args.materials, &args.output)
     })?;
     summary.set("whitest_albedo", whitest * gain);
     summary.set("glowing_share", glowing);

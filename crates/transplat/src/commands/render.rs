@@ -17,7 +17,7 @@ use transplat_core::files::{
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::no_progress;
-use transplat_core::scene::Scene;
+use transplat_core::scene::{EVEN, Scene};
 use transplat_core::settings::skips::{Skip, Skipped};
 use transplat_core::transfer::Part;
 
@@ -58,12 +58,18 @@ pub type Wanted = HashSet<(String, usize)>;
 /// Draws what is asked for, or of that what a batch wants, and yields how many pictures that were.
 pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -> Result<usize> {
     let (asset, light) = with_scene_as_look(&args.asset, &args.light);
-    let args = &RenderArgs {
+    let mut args = RenderArgs {
         asset,
         light,
         ..args.clone()
     };
-    let mut scene = settings(args)?;
+    let mut scene = settings(&args)?;
+    if scene.view.is_of_materials() && targets_of(&args.light, &scene)?.is_empty() {
+        // No light changes it, and any will do.
+        args.light.target = vec![EVEN.into()];
+        scene = settings(&args)?;
+    }
+    let args = &args;
     if args.layers {
         // What is behind it is the compositor's, but for a photograph that is a layer itself.
         if scene.background != Background::Plate {

@@ -1,12 +1,13 @@
 //! An asset without its light.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use transplat_core::environment::Illumination;
-use transplat_core::files::{AssetFile, SplatFormat, write_delit};
+use transplat_core::files::{AssetFile, write_delit};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::materials::{Materials, PLAUSIBLE_WHITEST};
@@ -23,10 +24,13 @@ pub enum DelitAs {
     Even,
 }
 
+/// What the whitest albedo may be said to be.
+pub const ALBEDOS: RangeInclusive<f32> = 0.02..=1.0;
+
 /// An asset without its light.
 pub struct Delit {
-    /// Colour as a splat stores it `[n][K][3]`, and its SH degree.
-    pub stored: (Vec<[f32; 3]>, usize),
+    /// Its surfels, with that colour.
+    pub cloud: SurfelCloud,
     pub materials: Materials,
 }
 
@@ -39,15 +43,20 @@ impl Delit {
         whitest: Option<f32>,
     ) -> Result<Self> {
         let materials = prepared.materials(whitest);
-        let stored = match delit_as {
+        let (sh, sh_degree) = match delit_as {
             DelitAs::Albedo => (materials.stored(cloud.encoding), 0),
             DelitAs::Even => {
-                let even = Illumination::even(MAX_DEGREE).scaled(materials.gain);
+                let even = Illumination::even(MAX_DEGREE).scaled(materials.even_radiance);
                 let relit = prepared.relight(&even, Part::Whole)?;
                 (relit.stored(cloud), cloud.sh_degree)
             }
         };
-        Ok(Self { stored, materials })
+        let cloud = SurfelCloud {
+            sh,
+            sh_degree,
+            ..cloud.clone()
+        };
+        Ok(Self { cloud, materials })
     }
 
     /// What the user should know of how bright it is.
@@ -62,26 +71,9 @@ impl Delit {
         })
     }
 
-    /// Writes it in the format that the name says.
-    pub fn write(
-        self,
-        (file, cloud): (&AssetFile, &SurfelCloud),
-        with_materials: bool,
-        path: &Path,
-    ) -> Result<()> {
+    /// Writes it in the format that the name says; `file` is what it was read from.
+    pub fn write(&self, file: &AssetFile, with_materials: bool, path: &Path) -> Result<()> {
         let materials = with_materials.then_some(&self.materials);
-        Ok(write_delit(file, cloud, self.stored, materials, path)?)
+        Ok(write_delit(file, &self.cloud, materials, path)?)
     }
-}
-
-/// Refuses materials where the format of an output has no room for them.
-pub fn check_materials(format: SplatFormat, path: &Path) -> Result<()> {
-    if !format.holds_materials() {
-        bail!(
-            "{}: {} holds no materials; .ply and .glb do",
-            path.display(),
-            format.name()
-        );
-    }
-    Ok(())
 }

@@ -110,6 +110,8 @@ pub struct ExportSettings {
     pub splat: Option<SplatFormat>,
     /// What the colour of a splat without its light is.
     pub delit_as: DelitAs,
+    /// The albedo of its whitest surface, if that is known.
+    pub whitest: Option<f32>,
     /// Whether it comes with what its surfels are made of.
     pub materials: bool,
 }
@@ -132,6 +134,7 @@ impl Default for ExportSettings {
             frame_rate: FRAME_RATE,
             splat: None,
             delit_as: DelitAs::default(),
+            whitest: None,
             materials: false,
         }
     }
@@ -244,6 +247,8 @@ impl Task {
 /// What an export made.
 enum Made {
     Files(Vec<PathBuf>),
+    /// A splat without its light, and what is to be known of it.
+    Delit(PathBuf, Option<String>),
     /// Width, height, straight RGBA bytes: for the clipboard, or to be looked at.
     Picture([usize; 2], Vec<u8>),
     Preview([usize; 2], Vec<u8>),
@@ -368,7 +373,10 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             let skips = &session.scene.transfer.skips;
             hide.unseen(&asset.cloud, &asset.bounds, skips)
         },
-        captures: vec![asset.path.clone()],
+        captures: {
+            let all = session.states.iter().filter_map(|s| s.asset.as_ref());
+            all.map(|a| a.path.clone()).collect()
+        },
         objects: vec![(asset.name(), asset.cloud.len())],
         scene_alone: OnceCell::new(),
         object: at,
@@ -409,6 +417,12 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     let work = move |handle: &Handle<Outcome>| snapshot.run(&task, handle);
     session.start(Kind::Export, label, work, |session, made| match made {
         Made::Files(paths) => session.info(saved(&paths)),
+        Made::Delit(path, warning) => {
+            session.info(saved(&[path]));
+            warning
+                .into_iter()
+                .for_each(|warning| session.info(warning));
+        }
         Made::Picture(size, bytes) => session.events.push(Event::Clipboard(size, bytes)),
         Made::Preview(size, bytes) => session.events.push(Event::Preview(size, bytes)),
     });

@@ -16,8 +16,8 @@ const LEAST_LIGHT: f32 = 0.25;
 /// From this many times on what paint explains a surfel glows wholly.
 const CERTAIN: f32 = 1.6;
 
-/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above, with the limit of glow that is
-/// usual. Light that is this share of it with another.
+/// What shines is bright in a picture: display-encoded, in its brightest channel, not at all below and wholly above. With a lower limit of glow
+/// than the usual one less is asked, in proportion.
 const BRIGHT: [f32; 2] = [0.75, 0.9];
 
 /// And from everywhere: by how much it may vary over the views, relative to its mean.
@@ -32,7 +32,7 @@ const WELL_LIT: f64 = 0.9;
 /// A colour so pure is twice as little that of a paint, which reflects a few hundredths of all light at its surface.
 const PURE: [f32; 2] = [0.94, 0.99];
 
-/// Where nobody knows how strong the light was, only colours so pure speak of a lamp, and of what is as bright beside them: bright skin and wood in
+/// Where nothing tells what the light was (even light stands in for it), only colours so pure speak of a lamp, and of what is as bright beside them: bright skin and wood in
 /// the sun look no less bright.
 const LAMPS: [f32; 2] = [0.8, 0.95];
 

@@ -13,7 +13,13 @@ impl DirectionalTransfer {
     pub(super) fn materials_of(&self, whitest: Option<f32>) -> Materials {
         let each = (0..self.asset.bake.len()).into_par_iter();
         let each = each.map(|i| self.material(i)).collect();
-        Materials::of(each, self.asset.bake.prominence.iter().copied(), whitest)
+        let seen = self.asset.bake.prominence.iter().copied();
+        let found = Materials::of(each, seen, whitest);
+        Materials {
+            // A change is believed as far as the source.
+            even_radiance: found.gain.powf(1.0 / self.trust.max(1e-3)),
+            ..found
+        }
     }
 
     /// As light and pictures tell it, albedos of any size.

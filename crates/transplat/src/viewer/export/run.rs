@@ -11,8 +11,8 @@ use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::color::Encoding;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    ExrFloats, PngBits, SplatFormat, folder_of, is_same_file, load_lut, look_text, save_look,
-    write_exr, write_layers, write_png, write_relit, write_splat,
+    ExrFloats, PngBits, folder_of, is_same_file, load_lut, look_text, save_look, write_exr,
+    write_layers, write_png, write_relit, write_splat,
 };
 use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
@@ -28,7 +28,7 @@ use crate::layers::Layers;
 use crate::picture::MAX_SAMPLES;
 use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
-use crate::pipeline::delight::{Delit, check_materials};
+use crate::pipeline::delight::Delit;
 use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::jobs::Handle;
 use crate::viewer::language::{tr, tr_format};
@@ -522,15 +522,15 @@ impl Snapshot {
         self.spare_captures(path)?;
         let settings = &self.settings;
         if settings.materials {
-            let format = SplatFormat::of_name(path).unwrap_or(self.file.format);
-            check_materials(format, path)?;
+            self.file.written_format(path).check_materials(path)?;
         }
         let [source, _] = self.lights_on(&self.scene, &self.lights[TARGET]);
         let prepared = self.prepared(&self.scene, &source)?;
-        let delit = Delit::of(prepared, &self.cloud, settings.delit_as, None)?;
+        let whitest = settings.whitest;
+        let delit = Delit::of(prepared, &self.cloud, settings.delit_as, whitest)?;
         handle_step(handle, 0, 1)?;
-        delit.write((&self.file, &self.cloud), settings.materials, path)?;
-        Ok(Made::Files(vec![path.to_owned()]))
+        delit.write(&self.file, settings.materials, path)?;
+        Ok(Made::Delit(path.to_owned(), delit.warning(whitest)))
     }
 
     fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {

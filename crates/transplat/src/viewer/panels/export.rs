@@ -2,9 +2,10 @@
 
 use eframe::egui::{self, RichText, Ui};
 use transplat_core::files::SplatFormat;
+use transplat_core::transfer::materials::WHITEST_ALBEDO;
 
 use crate::film::FilmFormat;
-use crate::pipeline::delight::DelitAs;
+use crate::pipeline::delight::{ALBEDOS, DelitAs};
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
@@ -46,6 +47,16 @@ fn delit(ui: &mut Ui, viewer: &mut Viewer) {
             (tr("under even light"), DelitAs::Even),
         ],
     );
+    ui.horizontal(|ui| {
+        let mut is_told = settings.whitest.is_some();
+        ui.checkbox(&mut is_told, tr("Whitest albedo")).on_hover_text(tr("What the whitest surface scatters, where that is known. Otherwise it is what light and pictures tell, or 0.65 where that is not plausible."));
+        let mut whitest = settings.whitest.unwrap_or(WHITEST_ALBEDO as f32);
+        ui.add_enabled_ui(is_told, |ui| {
+            let drag = ui.add(number(&mut whitest, ALBEDOS).speed(0.005));
+            named(&drag, egui::Role::SpinButton, tr("Whitest albedo"));
+        });
+        settings.whitest = is_told.then_some(whitest);
+    });
     ui.checkbox(&mut settings.materials, tr("With materials"))
         .on_hover_text(tr("Each splat comes with its normal, base colour, metallic, roughness, reflectance and emission: in a PLY as properties, in a GLB as attributes."));
     let tip = tr("The selected object without the light of its capture.");
