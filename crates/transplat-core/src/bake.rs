@@ -7,7 +7,6 @@ mod hierarchy;
 pub mod insertion;
 pub mod open_object;
 pub mod patches;
-mod plane;
 pub mod scaled;
 pub mod scene;
 pub mod surroundings;

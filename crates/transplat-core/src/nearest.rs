@@ -39,7 +39,7 @@ impl Nearest {
     }
 
     /// Those of point `i`.
-    pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
+    pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
         let range = i * self.each..(i + 1) * self.each;
         self.all[range].iter().map(|j| *j as usize)
     }

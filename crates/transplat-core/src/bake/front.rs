@@ -12,7 +12,6 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::hierarchy::PACKET;
-use super::plane::{flatness, plane};
 use super::transmittance::Veils;
 use crate::error::{Error, Result};
 use crate::nearest::Nearest;
@@ -56,9 +55,6 @@ const TURNS: usize = 5;
 
 /// Neighbours are averaged over this share of their larger standard deviations: within a surfel's own extent the asset tells nothing finer.
 const SMOOTHING: f32 = 0.5;
-
-/// A round Gaussian's plane is that of what lies within this many of its larger standard deviations.
-const PLANE_REACH: f32 = 2.0;
 
 /// The surfel's own normal counts as much as that many neighbours: one that is close by is no evidence of noise, many are.
 const OWN_WEIGHT: f32 = 4.0;
@@ -408,26 +404,7 @@ fn surface_normals(
         .map(|i| seen_area(cloud, i, seen[i][usize::from(odds[i] < 0.0)], veils.radius))
         .collect();
     let extent = |i: usize| SMOOTHING * cloud.scales[i].max_element() / veils.radius;
-    let flat: Vec<f32> = (0..fronts.len()).map(|i| flatness(cloud, i)).collect();
-    // A round one faces as its surroundings lie.
-    let of_round = |i: usize| {
-        if flat[i] >= 1.0 {
-            return fronts[i];
-        }
-        let reach = PLANE_REACH * cloud.scales[i].max_element() / veils.radius;
-        let around = neighbors.of(i).chain([i]).map(|j| {
-            let apart = veils.positions[j].distance_squared(veils.positions[i]);
-            let near = (-0.5 * apart / (reach * reach).max(1e-18)).exp();
-            (veils.positions[j], weights[j] * near)
-        });
-        let Some((normal, planar)) = plane(around) else {
-            return fronts[i];
-        };
-        let normal = normal * 1f32.copysign(normal.dot(fronts[i]));
-        let share = planar * (1.0 - flat[i]);
-        (fronts[i] * (1.0 - share) + normal * share).normalize_or(fronts[i])
-    };
-    let mut normals: Vec<Vec3> = (0..fronts.len()).into_par_iter().map(of_round).collect();
+    let mut normals = fronts.to_vec();
     for _ in 0..SMOOTHING_TURNS {
         normals = (0..fronts.len())
             .into_par_iter()
