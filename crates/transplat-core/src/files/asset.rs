@@ -249,7 +249,7 @@ pub fn write_delit(
         None => (cloud, materials),
     };
     let materials = materials.map(|m| &m.each[..]);
-    write_as(format, (&cloud, &cloud.sh), materials, asset.order(), path)
+    write_as(format, (cloud, &cloud.sh), materials, asset.order(), path)
 }
 
 /// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.
