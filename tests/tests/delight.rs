@@ -162,3 +162,63 @@ fn materials_are_written_where_there_is_room_for_them() {
     run_told(&["delight", &splat, "-o", &spz], 2, &["--source"]);
     run_told(&args(plain, &[&splat, &splat]), 1, &["is an input too"]);
 }
+
+/// Values of an attribute of a binary glTF's splat.
+fn attribute(path: &Path, name: &str) -> Vec<Vec3> {
+    let bytes = fs::read(path).expect("the splat");
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+    let text = 20..20 + number(12) as usize;
+    let document: serde_json::Value = serde_json::from_slice(&bytes[text.clone()]).expect("JSON");
+    let attributes = &document["meshes"][0]["primitives"][0]["attributes"];
+    let accessor = attributes[name].as_u64().expect("an attribute") as usize;
+    let view = document["accessors"][accessor]["bufferView"].as_u64();
+    let view = &document["bufferViews"][view.expect("a view") as usize];
+    let at = |key: &str| view[key].as_u64().expect("a number") as usize;
+    let start = text.end + 8 + at("byteOffset");
+    let values = bytes[start..start + at("byteLength")].chunks_exact(4);
+    let values: Vec<f32> = values
+        .map(|b| f32::from_le_bytes(b.try_into().expect("four bytes")))
+        .collect();
+    values.chunks_exact(3).map(Vec3::from_slice).collect()
+}
+
+#[test]
+fn a_format_that_stands_otherwise_has_its_normals_turned() {
+    let folder = Folder::empty();
+    let splat = folder.write("small.ply", small_splat(300));
+    let (ply, glb) = (folder.name("flat.ply"), folder.name("flat.glb"));
+    let line = "delight {} --source even --up +z --whitest 0.4 --materials --device cpu -o {}";
+    for out in [&ply, &glb] {
+        let told = run_json(&args(line, &[&splat, out]));
+        let whitest = told["whitest_albedo"].as_f64().expect("a number");
+        assert!((whitest - 0.4).abs() < 1e-4, "{whitest}");
+    }
+    let (names, rows) = rows(ply.as_ref());
+    let first = names.iter().position(|n| n == "nx").expect("a normal");
+    let normals = rows.iter().map(|row| Vec3::from_slice(&row[first..]));
+    let there = attribute(glb.as_ref(), "NORMAL");
+    assert_eq!(there.len(), 300);
+    for (here, there) in normals.zip(there) {
+        // From +z up to +y up.
+        let turned = Vec3::new(there.x, -there.z, there.y);
+        assert!(here.distance(turned) < 1e-4, "{here} {there}");
+    }
+}
+
+#[test]
+fn under_even_light_a_capture_in_even_light_looks_as_it_did() {
+    let folder = Folder::empty();
+    let teapot = asset("teapot.ply");
+    let (bake, even) = (format!("{teapot}.best.bake"), folder.name("even.ply"));
+    let line = "delight {} --source even --bake {} --as even --device cpu -o {}";
+    run_json(&args(line, &[&teapot, &bake, &even]));
+    let (before, _) = load_asset(teapot.as_ref()).expect("the capture");
+    let (after, _) = load_asset(even.as_ref()).expect("what was written");
+    let dc = |cloud: &transplat_core::surfels::SurfelCloud, i: usize| cloud.sh_of(i)[0];
+    let far = (0..before.len()).filter(|i| {
+        let pairs = dc(&before, *i).into_iter().zip(dc(&after, *i));
+        pairs.into_iter().any(|(a, b)| (a - b).abs() > 1e-3)
+    });
+    // Its whitest albedo in such a light is plausible, so that nothing is scaled.
+    assert_eq!(far.count(), 0);
+}
