@@ -11,6 +11,7 @@ use transplat_core::color::{srgb_decode, srgb_encode};
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::{load_asset, load_bake, load_cameras, load_environment};
 use transplat_core::rasterize::rasterize;
+use transplat_core::surfels::UpAxis;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json, run_told, small_splat};
 
 /// A binary PLY of floats alone: the names of its properties, and its rows.
@@ -118,7 +119,9 @@ fn albedo_times_irradiance_is_the_diffuse_channel() {
         let theirs = rasterize(&cloud, &camera, &colors, &[]);
         let theirs: Vec<[f32; 3]> = theirs.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect();
         let psnr = psnr(&ours, &theirs);
-        assert!(psnr > 32.0, "frame {frame}: {psnr}");
+        // Measured: 32.7 and 33.0. On glossy things the channel keeps what gloss did not explain, which depends on the view; matte ones reach
+        // 40 dB and more. Without the shadows in the formula it is 28.6 and 29.9.
+        assert!(psnr > 32.4, "frame {frame}: {psnr}");
     }
 }
 
@@ -192,6 +195,14 @@ fn a_format_that_stands_otherwise_has_its_normals_turned() {
         let told = run_json(&args(line, &[&splat, out]));
         let whitest = told["whitest_albedo"].as_f64().expect("a number");
         assert!((whitest - 0.4).abs() < 1e-4, "{whitest}");
+    }
+    // An axis that the file did not tell and nobody asked for is no fact.
+    for (up, said) in [("+z", None), ("-y", Some(UpAxis::MinusY))] {
+        let out = folder.name("up.ply");
+        let line = "delight {} --source even --up {} --device cpu -o {}";
+        run_json(&args(line, &[&splat, up, &out]));
+        let (_, file) = load_asset(out.as_ref()).expect("a splat");
+        assert_eq!(file.report.up, said);
     }
     let (names, rows) = rows(ply.as_ref());
     let first = names.iter().position(|n| n == "nx").expect("a normal");

@@ -2,6 +2,7 @@
 
 use glam::{Mat3, Vec3};
 
+use crate::numeric::quantile;
 use crate::surfels::{Bounds, SurfelCloud};
 
 /// Surfels that are looked at, at most.
@@ -101,12 +102,6 @@ fn largest_share_along(directions: impl Iterator<Item = Vec3>) -> f32 {
 fn middle_of(places: &[Vec3]) -> Option<Vec3> {
     let along = |axis: usize| quantile(places.iter().map(|p| p[axis]).collect(), 0.5);
     Some(Vec3::new(along(0)?, along(1)?, along(2)?))
-}
-
-fn quantile(mut values: Vec<f32>, share: f32) -> Option<f32> {
-    let last = values.len().checked_sub(1)?;
-    let at = (share * last as f32).round() as usize;
-    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ pub mod ground;
 pub mod lut;
 mod morton;
 mod nearest;
-mod numeric;
+pub mod numeric;
 pub mod oracle;
 pub mod plate;
 pub mod present;

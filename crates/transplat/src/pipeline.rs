@@ -295,13 +295,13 @@ impl Pipeline {
         }
     }
 
-    /// Prepares the transfer from the source light, which no target changes, and has it ready on its device.
+    /// Prepares the transfer from the source light, which no target changes.
     pub fn prepare(
         &self,
         bake: &Bake,
         lights: &Lights,
         summary: &mut Summary,
-    ) -> Result<(PreparedTransfer, Transfer)> {
+    ) -> Result<PreparedTransfer> {
         let start = Instant::now();
         let prepared = match bake {
             Bake::Scene(scene) => self.prepare_scene(scene, lights, summary),
@@ -325,11 +325,16 @@ impl Pipeline {
         summary.set("dark_share", prepared.dark_share());
         self.tell_what_is_ignored(summary);
         summary.skipped(prepared.left_out(&self.cloud));
-        let (transfer, warning) = self.device.transfer(&prepared)?;
+        Ok(prepared)
+    }
+
+    /// Has it ready on its device.
+    pub fn transfer(&self, prepared: &PreparedTransfer, summary: &mut Summary) -> Result<Transfer> {
+        let (transfer, warning) = self.device.transfer(prepared)?;
         if let Some(warning) = warning {
             summary.warn(warning);
         }
-        Ok((prepared, transfer))
+        Ok(transfer)
     }
 
     /// The first of several objects without the others: the scene that they were put into.

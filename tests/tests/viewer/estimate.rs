@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use glam::{DMat3, DQuat, DVec3};
+use transplat::viewer::Task;
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::{load_asset, write_splat};
 use transplat_core::settings::Method;
@@ -188,6 +189,12 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     let session = &d.viewer().session;
     assert_eq!(session.object().up, Some(UpAxis::MinusY));
     assert!(session.scene.match_strength);
+    // Without its light it says which way it stands here.
+    let delit = d.folder.path("delit.ply");
+    d.after(|v| v.export(Task::Delit(delit.clone())));
+    let (cloud, file) = load_asset(&delit).expect("a splat");
+    assert_eq!((cloud.len(), cloud.sh_degree), (lying.len(), 0));
+    assert_eq!(file.report.up, Some(UpAxis::MinusY));
     // One that stands is left, and light that is told is as strong as it is.
     open_own(&mut d);
     d.settle();

@@ -16,7 +16,7 @@ use super::written::Written;
 use super::{gltf, ksplat, ply, read, sog, splat, spz};
 use crate::error::{Error, Result};
 use crate::surfels::{SurfelCloud, UpAxis};
-use crate::transfer::materials::{Material, Materials};
+use crate::transfer::materials::Materials;
 
 /// The file behind an asset: what [`write_relit`] needs to write it again with other colour.
 #[derive(Clone, Debug)]
@@ -55,6 +55,12 @@ impl AssetFile {
         (!is_any).then(|| self.format.usual_up())
     }
 
+    /// Whether an up axis is more than what a PLY that does not say is taken to have.
+    fn is_up_known(&self, up: UpAxis) -> bool {
+        let is_said = self.format != SplatFormat::Ply || self.report.up.is_some();
+        is_said || up != UNTOLD_UP
+    }
+
     /// The format that a file of that name is written in.
     pub fn written_format(&self, path: &Path) -> SplatFormat {
         SplatFormat::of_name(path).unwrap_or(self.format)
@@ -81,6 +87,9 @@ impl AssetFile {
         rows.position(|s| *s as usize == surfel)
     }
 }
+
+/// What a PLY is taken to have up that does not say.
+const UNTOLD_UP: UpAxis = UpAxis::PlusZ;
 
 /// Length and time of change when it was read: it must still be the same when it is written again.
 type Stamp = (u64, Option<SystemTime>);
@@ -126,7 +135,7 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     let (mut cloud, report, surfel_of_row) = finished;
     // A PLY is taken as it is promised, and the others as they mostly are.
     let assumed = match format {
-        SplatFormat::Ply => UpAxis::PlusZ,
+        SplatFormat::Ply => UNTOLD_UP,
         _ => format.usual_up(),
     };
     cloud.up = report.up.unwrap_or(assumed);
@@ -207,18 +216,7 @@ pub fn write_relit(
         let columns = ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
         return write_atomically(path, |out| columns.write(&mut reader, out));
     }
-    match turn(asset.format, format, cloud.up) {
-        None => write_as(format, (cloud, stored), None, asset.order(), path),
-        Some((turn, up)) => {
-            let colored = SurfelCloud {
-                sh: stored.to_vec(),
-                up,
-                ..cloud.clone()
-            };
-            let turned = colored.transformed(Affine3A::from_quat(turn));
-            write_as(format, (&turned, &turned.sh), None, asset.order(), path)
-        }
-    }
+    write_anew(asset, (cloud, stored), None, path)
 }
 
 /// Writes the asset anew with the colour of another cloud, which has its surfels, and where that is wanted with what they are made of, in the
@@ -236,20 +234,37 @@ pub fn write_delit(
     if materials.is_some() {
         format.check_materials(path)?;
     }
-    let turned = turn(asset.format, format, cloud.up).map(|(turn, up)| {
-        let cloud = SurfelCloud {
-            up,
-            ..cloud.clone()
+    write_anew(asset, (cloud, &cloud.sh), materials, path)
+}
+
+/// Writes the splat alone, upright as files of the format are where the asset's are otherwise.
+fn write_anew(
+    asset: &AssetFile,
+    (cloud, stored): (&SurfelCloud, &[[f32; 3]]),
+    materials: Option<&Materials>,
+    path: &Path,
+) -> Result<()> {
+    let format = asset.written_format(path);
+    let Some((turn, up)) = turn(asset.format, format, cloud.up) else {
+        let splat = Written {
+            up: asset.is_up_known(cloud.up).then_some(cloud.up),
+            materials: materials.map(|m| &m.each[..]),
+            ..Written::new(cloud, stored, asset.order())
         };
-        let cloud = cloud.transformed(Affine3A::from_quat(turn));
-        (cloud, materials.map(|m| m.clone().turned(turn)))
-    });
-    let (cloud, materials) = match &turned {
-        Some((cloud, materials)) => (cloud, materials.as_ref()),
-        None => (cloud, materials),
+        return write_atomically(path, |out| format::write(format, &splat, out));
     };
-    let materials = materials.map(|m| &m.each[..]);
-    write_as(format, (cloud, &cloud.sh), materials, asset.order(), path)
+    let colored = SurfelCloud {
+        sh: stored.to_vec(),
+        up,
+        ..cloud.clone()
+    };
+    let turned = colored.transformed(Affine3A::from_quat(turn));
+    let materials = materials.map(|m| m.clone().turned(turn));
+    let splat = Written {
+        materials: materials.as_ref().map(|m| &m.each[..]),
+        ..Written::new(&turned, &turned.sh, asset.order())
+    };
+    write_atomically(path, |out| format::write(format, &splat, out))
 }
 
 /// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.
@@ -261,18 +276,4 @@ fn turn(from: SplatFormat, to: SplatFormat, up: UpAxis) -> Option<(Quat, UpAxis)
     let there_from_here = up_there.asset_from_world() * up.asset_from_world().transpose();
     let turn = DQuat::from_mat3(&there_from_here).as_quat();
     Some((turn, up_there))
-}
-
-fn write_as(
-    format: SplatFormat,
-    (cloud, stored): (&SurfelCloud, &[[f32; 3]]),
-    materials: Option<&[Material]>,
-    order: Vec<u32>,
-    path: &Path,
-) -> Result<()> {
-    let splat = Written {
-        materials,
-        ..Written::new(cloud, stored, order)
-    };
-    write_atomically(path, |out| format::write(format, &splat, out))
 }

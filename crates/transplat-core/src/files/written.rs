@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::color::Encoding;
 use crate::sh::coefficient_count;
-use crate::surfels::SurfelCloud;
+use crate::surfels::{SurfelCloud, UpAxis};
 use crate::transfer::materials::Material;
 
 /// Logarithm of the thickness of a surfel among 3D Gaussians: nothing that is drawn is as thin.
@@ -23,6 +23,8 @@ pub(super) struct Written<'a> {
     pub stored: &'a [[f32; 3]],
     /// Which surfels are written, in this order.
     pub order: Vec<u32>,
+    /// Which way is up, as far as anybody knows.
+    pub up: Option<UpAxis>,
     /// Whether it is linear all the same.
     pub is_linear: bool,
     /// What they are made of, `[n]`, where that is written, too.
@@ -83,6 +85,7 @@ impl<'a> Written<'a> {
         Self {
             cloud,
             stored,
+            up: Some(cloud.up),
             is_linear: cloud.encoding == Encoding::Linear,
             degree: cloud.sh_degree,
             materials: None,

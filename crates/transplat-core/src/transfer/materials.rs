@@ -50,11 +50,11 @@ pub struct Materials {
 
 impl Materials {
     /// Takes materials as pictures and light tell them, albedos of any size, and how much of what is seen each makes up, `[n]`. The whitest albedo
-    /// becomes what is wanted, or something plausible where it is not.
+    /// becomes what is wanted, or something plausible where it is not. `trust` is that of the source, [`crate::environment::Illumination::trust`].
     pub(super) fn of(
         mut each: Vec<Material>,
         seen: impl Iterator<Item = f32>,
-        wanted: Option<f32>,
+        (wanted, trust): (Option<f32>, f32),
     ) -> Self {
         let albedos = each.iter().zip(seen);
         let albedos = albedos.filter(|(m, _)| m.glow == 0.0).map(|(m, seen)| {
@@ -89,11 +89,12 @@ impl Materials {
             each,
             whitest,
             gain,
-            even_radiance: gain,
+            // A change is believed as far as the source.
+            even_radiance: gain.powf(1.0 / trust.max(1e-3)),
         }
     }
 
-    /// Those of several assets, one after the other: each as plausible as it is alone.
+    /// Those of several assets, one after the other: each as plausible as it is alone, what is told of all being the first one's.
     pub(super) fn together(each: impl Iterator<Item = Self>) -> Self {
         each.reduce(|mut all, one| {
             all.each.extend(one.each);

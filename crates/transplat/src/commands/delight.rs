@@ -50,7 +50,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
     let lights = pipeline.lights(&light, &mut summary)?;
     let bake = pipeline.bake(light.capture.bake.as_deref(), &mut summary)?;
-    let (prepared, _) = pipeline.prepare(&bake, &lights, &mut summary)?;
+    let prepared = pipeline.prepare(&bake, &lights, &mut summary)?;
     let object = pipeline.first();
     let whitest = args.whitest.map(|w| w as f32);
     let delit = summary.time("delight", || {

@@ -12,6 +12,7 @@ use transplat_core::files::{
     load_look, load_lut, look_text,
 };
 use transplat_core::lut::Table;
+use transplat_core::numeric::quantile;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
@@ -141,12 +142,6 @@ fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
     lines.push("all its settings: --json".into());
 }
 
-/// The value that a share of the sorted values lies below.
-fn quantile(values: &mut [f32], share: f64) -> f32 {
-    let index = ((values.len() - 1) as f64 * share) as usize;
-    *values.select_nth_unstable_by(index, f32::total_cmp).1
-}
-
 fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &mut Vec<String>) {
     let found = &file.report;
     let kind = match found.kind {
@@ -193,15 +188,15 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         ));
         summary.set("object_between", [low, high]);
     }
-    let mut sizes: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
-    let [small, middle, large] = [0.05, 0.5, 0.95].map(|share| quantile(&mut sizes, share));
+    let sizes: Vec<f32> = cloud.scales.iter().map(|s| s.max_element()).collect();
+    let [small, middle, large] =
+        [0.05, 0.5, 0.95].map(|share| quantile(sizes.clone(), share).unwrap_or(0.0));
     lines.push(format!(
         "larger standard deviation: 5 % {small:.5}, median {middle:.5}, 95 % {large:.5}"
     ));
     summary.set("median_scale", middle);
-    let mut opacities = cloud.opacities.clone();
-    let faint = opacities.iter().filter(|o| **o < 1.0 / 255.0).count();
-    let median_opacity = quantile(&mut opacities, 0.5);
+    let faint = cloud.opacities.iter().filter(|o| **o < 1.0 / 255.0).count();
+    let median_opacity = quantile(cloud.opacities.clone(), 0.5).unwrap_or(0.0);
     summary.set("median_opacity", median_opacity);
     lines.push(format!(
         "median opacity {median_opacity:.3}; {faint} surfels too faint to be drawn"

@@ -52,7 +52,8 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
     let lights = pipeline.lights(&light, &mut summary)?;
     let bake = pipeline.bake(light.capture.bake.as_deref(), &mut summary)?;
-    let (prepared, mut transfer) = pipeline.prepare(&bake, &lights, &mut summary)?;
+    let prepared = pipeline.prepare(&bake, &lights, &mut summary)?;
+    let mut transfer = pipeline.transfer(&prepared, &mut summary)?;
     for target in &lights.targets {
         let light = lights.on_scene(&pipeline, target);
         let files = output.files(&target.name);

@@ -58,18 +58,16 @@ pub type Wanted = HashSet<(String, usize)>;
 /// Draws what is asked for, or of that what a batch wants, and yields how many pictures that were.
 pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -> Result<usize> {
     let (asset, light) = with_scene_as_look(&args.asset, &args.light);
-    let mut args = RenderArgs {
+    let args = &RenderArgs {
         asset,
         light,
         ..args.clone()
     };
-    let mut scene = settings(&args)?;
+    let mut scene = settings(args)?;
     if scene.view.is_of_materials() && targets_of(&args.light, &scene)?.is_empty() {
         // No light changes it, and any will do.
-        args.light.target = vec![EVEN.into()];
-        scene = settings(&args)?;
+        scene.environment.set_file(EVEN.into());
     }
-    let args = &args;
     if args.layers {
         // What is behind it is the compositor's, but for a photograph that is a layer itself.
         if scene.background != Background::Plate {
@@ -353,7 +351,8 @@ impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
     fn relit(&mut self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
         let pipeline = self.pipeline;
-        let (prepared, mut transfer) = pipeline.prepare(bake, lights, summary)?;
+        let prepared = pipeline.prepare(bake, lights, summary)?;
+        let mut transfer = pipeline.transfer(&prepared, summary)?;
         let mut written = 0;
         let scene_alone = if self.args.layers {
             summary.time("surroundings", || pipeline.scene_alone(&prepared))?

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use glam::Vec3;
 use transplat_core::camera::Camera;
+use transplat_core::numeric::quantile;
 use transplat_core::scene::{
     Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, Transform,
 };
@@ -275,11 +276,4 @@ impl Session {
         };
         self.scene.objects[at].transform.translation += (ground - foot) * up;
     }
-}
-
-/// The value that a share of them lies below.
-fn quantile(mut values: Vec<f32>, share: f32) -> Option<f32> {
-    let last = values.len().checked_sub(1)?;
-    let at = (last as f32 * share) as usize;
-    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }

@@ -655,7 +655,10 @@ impl Session {
     pub(super) fn is_relit_as_set(&self) -> bool {
         let mut running = self.jobs.running().iter();
         let is_beside = |kind: Kind| {
-            let of_object = matches!(kind, Kind::Of(_, Work::Doubts | Work::Measure));
+            let of_object = matches!(
+                kind,
+                Kind::Of(_, Work::Channel | Work::Doubts | Work::Measure)
+            );
             of_object || matches!(kind, Kind::Export | Kind::Extremes | Kind::Dialog)
         };
         running.all(|job| is_beside(job.kind))

@@ -1,6 +1,9 @@
-//! What trainers say in comments.
+//! What trainers say in comments, and what is said in those of files that are written.
+
+use std::io::Write;
 
 use super::header::Header;
+use crate::files::written::Written;
 use crate::surfels::UpAxis;
 
 /// As Brush and Postshot write that the opacities were compensated for the low-pass in training.
@@ -26,4 +29,15 @@ fn up_axis_of(comment: &str) -> Option<UpAxis> {
     let is_it = |name: &str| name == axis || name.strip_prefix('+') == Some(axis);
     let found = UpAxis::ALL.into_iter().find(|(name, _)| is_it(name));
     found.map(|(_, axis)| axis)
+}
+
+/// Writes what is known of a splat beside its surfels.
+pub(super) fn write_comments(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    if let Some(up) = splat.up {
+        writeln!(out, "comment Vertical axis: {}", up.name())?;
+    }
+    if splat.is_antialiased {
+        writeln!(out, "comment SplatRenderMode: mip")?;
+    }
+    Ok(())
 }

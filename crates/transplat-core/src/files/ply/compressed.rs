@@ -3,7 +3,7 @@
 use std::io::{BufRead, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use super::comments::{says_antialiased, up_of};
+use super::comments::{says_antialiased, up_of, write_comments};
 use super::header::{Element, Format, Header, ScalarType};
 
 use crate::error::{Error, Result};
@@ -221,14 +221,8 @@ fn packed_values(g: &Gaussian<'_>) -> [[f32; 3]; 3] {
 /// Writes a splat.
 pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let (n, degree) = (splat.len(), splat.degree.min(MAX_DEGREE));
-    writeln!(
-        out,
-        "ply\nformat binary_little_endian 1.0\ncomment Vertical axis: {}",
-        splat.cloud.up.name()
-    )?;
-    if splat.is_antialiased {
-        writeln!(out, "comment SplatRenderMode: mip")?;
-    }
+    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+    write_comments(splat, out)?;
     writeln!(out, "element chunk {}", n.div_ceil(CHUNK))?;
     for names in RANGES {
         for end in ["min", "max"] {

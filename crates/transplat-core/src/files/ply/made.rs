@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use super::comments::write_comments;
 use crate::files::packed::logit;
 use crate::files::written::{MATERIAL, Written};
 use crate::sh::coefficient_count;
@@ -12,14 +13,8 @@ const MOST_LOGIT: f32 = 16.0;
 /// Writes a splat.
 pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let k = coefficient_count(splat.degree);
-    writeln!(
-        out,
-        "ply\nformat binary_little_endian 1.0\ncomment Vertical axis: {}",
-        splat.cloud.up.name(),
-    )?;
-    if splat.is_antialiased {
-        writeln!(out, "comment SplatRenderMode: mip")?;
-    }
+    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+    write_comments(splat, out)?;
     writeln!(out, "element vertex {}", splat.len())?;
     let rest = (0..3 * (k - 1)).map(|i| format!("f_rest_{i}"));
     let names = [

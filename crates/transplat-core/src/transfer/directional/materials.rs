@@ -14,12 +14,7 @@ impl DirectionalTransfer {
         let each = (0..self.asset.bake.len()).into_par_iter();
         let each = each.map(|i| self.material(i)).collect();
         let seen = self.asset.bake.prominence.iter().copied();
-        let found = Materials::of(each, seen, whitest);
-        Materials {
-            // A change is believed as far as the source.
-            even_radiance: found.gain.powf(1.0 / self.trust.max(1e-3)),
-            ..found
-        }
+        Materials::of(each, seen, (whitest, self.trust))
     }
 
     /// As light and pictures tell it, albedos of any size.

@@ -8,9 +8,11 @@ use crate::bake::directional::DirectionalBake;
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
+use crate::settings::GLOW_ABOVE;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
+use crate::transfer::materials::Material;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
     let bake = Arc::new(DirectionalBake::all_rays(cloud));
@@ -189,8 +191,16 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             let sum: f32 = transfer.gloss.iter().map(|g| g.reflectance[1]).sum();
             let mean = sum * transfer.light_gain / cloud.len() as f32;
             assert!((mean - 0.8).abs() < 0.1, "{mean}");
+            let mean = |of: fn(&Material) -> f32| mean_of(&transfer, of);
+            assert!((mean(|m| m.base_color[1]) - 0.8).abs() < 0.1);
+            assert!(mean(|m| m.metallic) > 0.85);
+            // The exponent is 16.
+            assert!((mean(|m| m.roughness) - 0.5).abs() < 0.05);
         } else {
             assert_eq!(metals, 0);
+            let mean = |of: fn(&Material) -> f32| mean_of(&transfer, of);
+            assert!((mean(|m| m.base_color[1]) - 0.5).abs() < 0.02);
+            assert!(mean(|m| m.metallic) == 0.0);
             let most = transfer
                 .gloss
                 .iter()
@@ -212,6 +222,12 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             assert!(off < LEAST_GLOSS * brightest, "{off} of {brightest}");
         }
     }
+}
+
+/// The mean of something over all materials.
+fn mean_of(transfer: &DirectionalTransfer, of: fn(&Material) -> f32) -> f32 {
+    let each = transfer.materials_of(None).each;
+    each.iter().map(of).sum::<f32>() / each.len() as f32
 }
 
 /// Of 0.5 of the light a white surface scatters 0.5 / pi; the widest lobe's peak is 9 / 4 pi.
@@ -456,5 +472,49 @@ fn a_lamp_keeps_shining_and_paint_does_not() {
         for ratio in relit(paint, true) {
             assert!(ratio[1] < 0.7 && ratio[2] < 0.7, "{ratio:?}");
         }
+    }
+}
+
+#[test]
+fn the_limit_of_glow_and_how_far_the_light_is_known_say_what_a_lamp_is() {
+    let even = Illumination::even(3);
+    // Of the lamp's middle.
+    let glow = |color: [f32; 3], above: f32, trust: f32| {
+        let (cloud, lamp) = with_lamp(color);
+        let settings = TransferSettings {
+            glow_above: above,
+            ..TransferSettings::default()
+        };
+        let source = Illumination {
+            trust,
+            ..even.clone()
+        };
+        let transfer = DirectionalTransfer::new(&asset_of(&cloud), &source, &settings);
+        let transfer = transfer.expect("with beams");
+        let middle = |i: &&usize| cloud.positions[**i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.985;
+        let glows = lamp.iter().filter(middle).map(|i| transfer.glow_of(*i));
+        glows.fold((1f32, 0f32), |(least, most), g| (least.min(g), most.max(g)))
+    };
+    let (white_lamp, blue_lamp, paint) = ([2.0, 1.6, 1.2], [0.002, 0.5, 0.75], [0.6; 3]);
+    assert!(glow(white_lamp, GLOW_ABOVE, 1.0).0 > 0.95);
+    assert!(glow(white_lamp, 50.0, 1.0).1 == 0.0, "it is not so bright");
+    assert!(glow(paint, GLOW_ABOVE, 1.0).1 == 0.0);
+    assert!(glow(paint, 0.1, 1.0).0 > 0.95, "all that is bright");
+    // Where the light is not known, it may have been as bright as that.
+    assert!(glow(white_lamp, GLOW_ABOVE, 0.5).1 == 0.0);
+    assert!(glow(blue_lamp, GLOW_ABOVE, 0.5).0 > 0.95);
+}
+
+#[test]
+fn a_lamp_is_made_of_light() {
+    let (cloud, lamp) = with_lamp([2.0, 1.6, 1.2]);
+    let transfer = prepared(&asset_of(&cloud), &Illumination::even(3));
+    let materials = transfer.materials_of(None);
+    let middle = |i: &&usize| cloud.positions[**i].dot(Vec3::new(0.6, 0.0, 0.8)) > 0.985;
+    for i in lamp.iter().filter(middle) {
+        let m = &materials.each[*i];
+        assert!(m.base_color[0] < 0.05 && m.glow > 0.95, "{m:?}");
+        let shown = cloud.encoding.decode(2.0 - cloud.encoding.offset());
+        assert!((m.emission[0] / shown - 1.0).abs() < 0.06, "{m:?} {shown}");
     }
 }

@@ -277,7 +277,7 @@ fn together(pipeline: &Pipeline, method: Method, summary: &mut Summary) -> Resul
     let again = loaded(&pipeline.scene, method, &pipeline.device, summary)?;
     let lights = again.lights(&LightArgs::default(), summary)?;
     let bake = again.bake(None, summary)?;
-    let (prepared, _) = again.prepare(&bake, &lights, summary)?;
+    let prepared = again.prepare(&bake, &lights, summary)?;
     let target = lights.targets.first().context("a light")?;
     let light = lights.on_scene(&again, target);
     again.relight_objects(&prepared, &target.name, (&light, Part::Whole, &[]), summary)

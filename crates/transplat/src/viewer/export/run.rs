@@ -20,6 +20,7 @@ use transplat_core::progress::{Progress, no_progress, tell};
 use transplat_core::rasterize::Raster;
 use transplat_core::scene::Scene;
 use transplat_core::settings::Method;
+use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
@@ -39,6 +40,12 @@ impl Snapshot {
     pub(super) fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {
         if let Some(whole) = self.whole.take() {
             self.cloud = whole.cloud().context(tr("no object is shown"))?;
+        }
+        if matches!(task, Task::Splat(_) | Task::Delit(_)) && self.cloud.up != self.up {
+            // As it stands here, not as its file was taken.
+            let up = self.up;
+            let cloud = (*self.cloud).clone();
+            self.cloud = Arc::new(SurfelCloud { up, ..cloud });
         }
         match task {
             Task::Splat(path) => return self.write_splat(path, handle),

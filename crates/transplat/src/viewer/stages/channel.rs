@@ -3,6 +3,8 @@
 use transplat_core::present::{View, material_colors};
 use transplat_core::settings::Method;
 
+use crate::viewer::jobs::{Kind, Work};
+use crate::viewer::language::tr;
 use crate::viewer::object::ChannelKey;
 use crate::viewer::session::Session;
 
@@ -10,7 +12,7 @@ impl Session {
     pub(in crate::viewer) fn update_channel(&mut self, at: usize) {
         match self.scene.view {
             View::Visibility => self.update_visibility(at),
-            view if view.is_of_materials() => self.update_materials(at, view),
+            view if view.is_of_materials() => self.start_materials(at, view),
             _ => {}
         }
     }
@@ -42,15 +44,31 @@ impl Session {
         }
     }
 
-    fn update_materials(&mut self, at: usize, view: View) {
+    fn start_materials(&mut self, at: usize, view: View) {
         let state = &mut self.states[at];
         let Some(prepared) = state.prepared.get() else {
             return;
         };
         let key = ChannelKey::Materials(view, state.prepared.version());
-        if state.channel.ask(&key) {
-            let colors = material_colors(view, &prepared.prepared);
-            self.live().set_channel(at, view, colors);
+        let kind = Kind::Of(state.id, Work::Channel);
+        if state.channel.is_asked(&key) || self.jobs.is_running(kind) {
+            return;
         }
+        state.channel.ask(&key);
+        let (id, prepared) = (state.id, prepared.prepared.clone());
+        let work = move |_: &_| Ok(material_colors(view, &prepared));
+        self.start(
+            kind,
+            tr("finding what it is made of"),
+            work,
+            move |session, colors| {
+                let Some(at) = session.at(id) else {
+                    return;
+                };
+                if session.states[at].channel.accept(key, ()) {
+                    session.live().set_channel(at, view, colors);
+                }
+            },
+        );
     }
 }
