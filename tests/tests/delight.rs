@@ -47,6 +47,13 @@ fn pixels(map: &EnvironmentMap, directions: &[Vec3]) -> Vec<(Vec3, [f32; 3], usi
     all.map(pixel).collect()
 }
 
+/// The file of a splat's bake.
+fn baked(folder: &Folder, splat: &str) -> String {
+    let file = folder.name("kept.bake");
+    run_json(&args("bake {} --device cpu -o {}", &[splat, &file]));
+    file
+}
+
 #[test]
 fn albedo_times_irradiance_is_the_diffuse_channel() {
     let folder = Folder::empty();
@@ -56,9 +63,10 @@ fn albedo_times_irradiance_is_the_diffuse_channel() {
         asset("interior.hdr"),
     );
     let (flat, cameras) = (folder.name("flat.ply"), asset("teapot_cameras.json"));
+    let kept = baked(&folder, &teapot);
     let told = run_json(&args(
-        "delight {} --source {} --without bounce --materials --device cpu -o {}",
-        &[&teapot, &city, &flat],
+        "delight {} --source {} --bake {} --without bounce --materials --device cpu -o {}",
+        &[&teapot, &city, &kept, &flat],
     ));
     let whitest = told["whitest_albedo"].as_f64().expect("a number");
     assert!((0.3..0.9).contains(&whitest), "{whitest}");
@@ -73,7 +81,7 @@ fn albedo_times_irradiance_is_the_diffuse_channel() {
     let base = ["base_color_0", "base_color_1", "base_color_2"].map(column);
     let (metallic, dc) = (column("metallic"), column("f_dc_1"));
     let (cloud, _) = load_asset(teapot.as_ref()).expect("the splat");
-    let bake = load_bake(format!("{teapot}.best.bake").as_ref(), &cloud).expect("its bake");
+    let bake = load_bake(kept.as_ref(), &cloud).expect("its bake");
     let Bake::Directional(bake) = bake else {
         panic!("a bake of preset best");
     };
@@ -220,7 +228,7 @@ fn a_format_that_stands_otherwise_has_its_normals_turned() {
 fn under_even_light_a_capture_in_even_light_looks_as_it_did() {
     let folder = Folder::empty();
     let teapot = asset("teapot.ply");
-    let (bake, even) = (format!("{teapot}.best.bake"), folder.name("even.ply"));
+    let (bake, even) = (baked(&folder, &teapot), folder.name("even.ply"));
     let line = "delight {} --source even --bake {} --as even --device cpu -o {}";
     run_json(&args(line, &[&teapot, &bake, &even]));
     let (before, _) = load_asset(teapot.as_ref()).expect("the capture");
