@@ -213,6 +213,16 @@ impl Bake {
         }
     }
 
+    /// Angle between a surfel's own normal and its surface's, in degrees, below which half of what is seen is: the worst object's; the
+    /// harmonic method does not tell what is seen.
+    pub fn normal_noise(&self) -> Option<f32> {
+        match self {
+            Self::Harmonic(_) => None,
+            Self::Directional(o) => Some(o.normal_noise),
+            Self::Scene(s) => s.bakes().map(|o| o.normal_noise).reduce(f32::max),
+        }
+    }
+
     /// How many stored normals pointed to the closed side.
     pub fn flipped(&self) -> usize {
         match self {

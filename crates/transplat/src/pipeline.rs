@@ -37,7 +37,9 @@ use crate::summary::Summary;
 use estimate::{estimate_in_words, why_not};
 use object::LoadedObject;
 use settings::{asset_of, assets_of, targets_of};
-use warnings::{AMBIGUOUS_SHARE, ambiguous_warning, map_warnings};
+use warnings::{
+    AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
+};
 
 /// The objects of a scene, loaded, and everything the command line says about them.
 pub struct Pipeline {
@@ -161,6 +163,12 @@ impl Pipeline {
             summary.set("normals_ambiguous_share", share);
             if share > AMBIGUOUS_SHARE {
                 summary.warn(ambiguous_warning(share));
+            }
+        }
+        if let Some(degrees) = bake.normal_noise() {
+            summary.set("normals_noise_degrees", degrees);
+            if degrees > DOUBTFUL_NORMAL_NOISE {
+                summary.warn(noise_warning(degrees));
             }
         }
         Ok(bake)

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 use super::front::{Front, Fronts};
 use super::open_object::OpenObject;
 use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, WORDS, directions};
-use super::trace::{MISS, PACKET, Tracer};
+use super::trace::{MISS, PACKET, RaySurfel, Tracer};
 use crate::error::{Error, Result};
-use crate::numeric::smoothstep;
+use crate::numeric::{smoothstep, weighted_quantile};
 use crate::progress::Progress;
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::refining_order;
@@ -89,6 +89,9 @@ pub struct DirectionalBake {
     pub prominence: Vec<f32>,
     /// Share of what is seen that is ambiguous, 0 to 1: [`DirectionalBake::is_ambiguous`].
     pub ambiguous_share: f32,
+    /// Angle between a surfel's own normal and that of the surface that it is part of, in degrees: half of what is seen is below it. 0 of no
+    /// surfel.
+    pub normal_noise: f32,
     /// How much of a two-sided surfel it is, 0 to 1. `[n]`
     pub two_sided: Vec<f32>,
     /// How many stored normals pointed to the back.
@@ -297,6 +300,7 @@ impl DirectionalBake {
             ambiguous_share: (0..found.len())
                 .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
                 .fold(0.0, |share, i| share + prominence[i]),
+            normal_noise: normal_noise(&tracer, &normals, &prominence),
             prominence,
             closed_share: closed_share(&tracer, directions, found),
             normals,
@@ -330,6 +334,15 @@ impl DirectionalBake {
     pub fn openness(&self) -> Vec<f32> {
         self.sight.openness(&self.normals)
     }
+}
+
+fn normal_noise(tracer: &Tracer, normals: &[Vec3], prominence: &[f32]) -> f32 {
+    let off = |(surfel, n): (&RaySurfel, &Vec3)| f64::from(surfel.normal.angle_between(*n));
+    let weights = prominence.iter().map(|p| f64::from(*p));
+    let off: Vec<(f64, f64)> = (tracer.surfels.iter().zip(normals).map(off))
+        .zip(weights)
+        .collect();
+    weighted_quantile(off, 0.5).map_or(0.0, f64::to_degrees) as f32
 }
 
 fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
@@ -580,21 +593,69 @@ mod tests {
         }
     }
 
-    #[test]
-    fn layers_of_one_surface_do_not_shade_each_other() {
-        // Four layers within one of the surfels' own extents, tilted at random.
-        let ball = synthetic::sphere(6000);
-        let mut stack = ball.clone();
-        for (i, n) in ball.positions.iter().enumerate() {
+    /// A ball whose surfels are tilted at random.
+    fn tilted_ball(n: usize) -> SurfelCloud {
+        let mut ball = synthetic::sphere(n);
+        for (i, tangents) in ball.tangents.iter_mut().enumerate() {
             let tilt = Vec3::new(
                 (i as f32).sin(),
                 (2.3 * i as f32).sin(),
                 (5.1 * i as f32).sin(),
             );
-            let (u, v) = (*n + 0.2 * tilt).normalize().any_orthonormal_pair();
-            stack.tangents[i] = [u, v];
+            let (u, v) = (ball.positions[i] + 0.2 * tilt)
+                .normalize()
+                .any_orthonormal_pair();
+            *tangents = [u, v];
+        }
+        ball
+    }
+
+    #[test]
+    fn the_noise_of_normals_is_how_far_they_are_off() {
+        let smooth = DirectionalBake::all_rays(&synthetic::sphere(1500));
+        assert!(smooth.normal_noise < 0.2, "{}", smooth.normal_noise);
+        let mut ball = tilted_ball(6000);
+        ball.scales.iter_mut().for_each(|s| *s *= 4.0);
+        let mut off: Vec<f32> = (0..ball.len())
+            .map(|i| {
+                let cosine = ball.stored_normal(i).dot(ball.positions[i]).abs();
+                cosine.min(1.0).acos().to_degrees()
+            })
+            .collect();
+        off.sort_unstable_by(f32::total_cmp);
+        let (noise, known) = (
+            DirectionalBake::all_rays(&ball).normal_noise,
+            off[off.len() / 2],
+        );
+        // The own normal is part of the average that it is compared with.
+        assert!((0.5 * known..known).contains(&noise), "{noise} of {known}");
+    }
+
+    #[test]
+    fn what_lies_inside_of_a_closed_ball_is_not_lit_and_blocks_nothing() {
+        let ball = synthetic::sphere(1500);
+        let mut filled = ball.clone();
+        filled.add(&synthetic::sphere(300), 0.5, Vec3::ZERO);
+        let (hollow, filled) = (
+            DirectionalBake::all_rays(&ball),
+            DirectionalBake::all_rays(&filled),
+        );
+        let seen = |bake: &DirectionalBake, i| bake.sight.open[i];
+        assert!((0..ball.len()).all(|i| seen(&hollow, i) == seen(&filled, i)));
+        let inside = ball.len()..filled.len();
+        assert!(inside.clone().all(|i| seen(&filled, i) == [0; WORDS]));
+        let counted: f32 = filled.prominence[inside].iter().sum();
+        // A fifth of all area, behind a ball whose surfels have soft rims.
+        assert!(counted < 0.02, "{counted}");
+    }
+
+    #[test]
+    fn layers_of_one_surface_do_not_shade_each_other() {
+        // Four layers within one of the surfels' own extents.
+        let mut stack = tilted_ball(6000);
+        for i in 0..stack.len() {
             stack.scales[i] *= 2.0;
-            stack.positions[i] = *n * (1.0 - 0.25 * (i % 4) as f32 * stack.scales[i].x);
+            stack.positions[i] *= 1.0 - 0.25 * (i % 4) as f32 * stack.scales[i].x;
             stack.opacities[i] = 0.5;
         }
         let ([front, back], two_sided) = openness_of(&DirectionalBake::all_rays(&stack), |_| true);

@@ -20,7 +20,7 @@ use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
 use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::object::LoadedObject;
-use crate::pipeline::warnings::{DOUBTFUL_FLATNESS, up_warning};
+use crate::pipeline::warnings::up_warning;
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -206,9 +206,6 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
         lines.push(format!(
             "median shortest/second axis {flatness:.3} (0 is flat; the shortest axis is the normal)"
         ));
-        if flatness > DOUBTFUL_FLATNESS {
-            summary.warn("the Gaussians are not flat: normals, and so relighting, are only rough");
-        }
     }
     if !cloud.has_view_dependence() {
         lines.push(

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::{AssetFile, AssetKind};
+use transplat_core::files::AssetFile;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::upright::{UpEvidence, proposed_up};
 
-/// A flatness above this makes normals, and so relighting, doubtful. Trained objects of 0.05 and 0.13 are relit as well as surfels; made rounder, to
-/// 0.26, and their turns jittered by 15 degrees, they lose 0.4 and 0.8 dB.
-pub const DOUBTFUL_FLATNESS: f32 = 0.35;
+/// Noise of the normals, in degrees, above which relighting is only rough. Trained objects have 0.3 to 1.2, of chrome 2.2; a plant made rounder,
+/// its turns jittered by 15 degrees, has 3.8 and is relit 0.4 dB worse; captures from nature have 2 to 5.
+pub const DOUBTFUL_NORMAL_NOISE: f32 = 3.0;
 
 /// Share of what is seen whose front may be a guess before a warning is due.
 pub const AMBIGUOUS_SHARE: f32 = 0.05;
@@ -19,6 +19,13 @@ pub fn ambiguous_warning(share: f32) -> String {
     format!(
         "which side is the front is a guess on {:.0} % of what is seen; --outside-from X,Y,Z, a place that sees the outside, tells it for what is seen from there",
         100.0 * share
+    )
+}
+
+/// For the user.
+pub fn noise_warning(degrees: f32) -> String {
+    format!(
+        "the normals are noisy, half of what is seen by {degrees:.0} degrees and more: shading and highlights, and so the relighting, are only rough"
     )
 }
 
@@ -32,15 +39,6 @@ pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
             path.display(),
             found.left_out.len(),
         ));
-    }
-    if found.kind == AssetKind::Gaussians3d {
-        let flatness = found.median_flatness.unwrap_or(0.0);
-        if flatness > DOUBTFUL_FLATNESS {
-            warnings.push(format!(
-                "{}: a 3DGS asset whose Gaussians are not flat (median shortest/second axis {flatness:.2}); its normals, and so its relighting, are only rough",
-                path.display()
-            ));
-        }
     }
     warnings
 }

@@ -9,7 +9,7 @@ use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
 
-use crate::pipeline::warnings::AMBIGUOUS_SHARE;
+use crate::pipeline::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::language::{tr, tr_format};
@@ -61,6 +61,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     });
     ui.checkbox(&mut session.object_mut().linear, tr("Colour is linear")).on_hover_text(tr("The splat was trained on linear pictures: its colour is not decoded before it is relit."));
     front(ui, viewer);
+    noise(ui, &viewer.session);
     let mut turned = 0.0;
     let turn = number(&mut turned, -360.0..=360.0).suffix("°").speed(0.5);
     let drag = ui
@@ -128,6 +129,17 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
             tr("Which side is the front is a guess on much of it (channel Doubts). Turn the object so that you see its outside, and say so."),
+        );
+    }
+}
+
+/// That what is seen of the light is only rough, where it is.
+fn noise(ui: &mut Ui, session: &Session) {
+    let noise = session.bake_so_far().and_then(|b| b.normal_noise());
+    if let Some(degrees) = noise.filter(|degrees| *degrees > DOUBTFUL_NORMAL_NOISE) {
+        ui.colored_label(
+            ui.visuals().warn_fg_color,
+            tr_format!("Its normals are noisy (half of what is seen by {degrees:.0} degrees and more): shading and highlights are only rough.", degrees = degrees),
         );
     }
 }
