@@ -88,6 +88,24 @@ pub fn run_json(arguments: &[&str]) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).expect("one JSON object on stdout")
 }
 
+/// A camera file of some cameras around the origin, held level with +y up.
+pub fn level_cameras() -> String {
+    let frame = |i: usize| {
+        let (sin, cos) = (1.3 * i as f64).sin_cos();
+        let (x, z) = (4.0 * sin, 4.0 * cos);
+        let rows = format!(
+            "[[{cos},0,{sin},{x}],[0,1,0,1],[{},0,{cos},{z}],[0,0,0,1]]",
+            -sin
+        );
+        format!(r#"{{"file_path": "{i}.png", "transform_matrix": {rows}}}"#)
+    };
+    let frames: Vec<String> = (0..5).map(frame).collect();
+    format!(
+        r#"{{"camera_angle_x": 0.6, "w": 40, "h": 30, "frames": [{}]}}"#,
+        frames.join(",")
+    )
+}
+
 /// A folder of a test's own, removed at its end.
 pub struct Folder(tempfile::TempDir);
 

@@ -5,7 +5,8 @@ use std::process::Command;
 
 use transplat_core::files::load_asset;
 use transplat_tests::{
-    Folder, args, asset, exr_pixels, program, run, run_json, run_told, small_lut, small_splat,
+    Folder, args, asset, exr_pixels, level_cameras, program, run, run_json, run_told, small_lut,
+    small_splat,
 };
 
 #[test]
@@ -362,6 +363,23 @@ fn the_version_tells_what_was_built_and_what_draws() {
         assert!(first.starts_with(version), "{first}");
         let adapter = second.strip_prefix("adapter: ").expect("the adapter");
         assert!(!adapter.is_empty() && !adapter.starts_with("none"));
+    }
+}
+
+#[test]
+fn cameras_tell_that_a_splat_lies_on_its_side() {
+    let folder = Folder::empty();
+    let splat = folder.write("a.ply", small_splat(50));
+    let cameras = folder.write("transforms.json", level_cameras());
+    let line = "render {} --cameras {} --device cpu -o {}";
+    for (at, (up, is_told)) in [("", false), (" --up=+x", true), (" --up=+y", true)]
+        .into_iter()
+        .enumerate()
+    {
+        let out = folder.name(&at.to_string());
+        let told = run_json(&args(&format!("{line}{up}"), &[&splat, &cameras, &out]));
+        let warnings = told["warnings"].to_string();
+        assert_eq!(!warnings.contains("(--up=+y)"), is_told, "{warnings}");
     }
 }
 

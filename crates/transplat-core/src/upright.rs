@@ -1,6 +1,7 @@
-//! Which way up a capture stands: told by the ground in it, or else by how it stands, by the light on it, and by what its kind of file mostly has.
+//! Which way up a capture stands: told by its cameras, by the ground in it, or else by how it stands, by the light on it, and by what its kind of
+//! file mostly has.
 
-use glam::{DMat4, DVec4, Vec3};
+use glam::{DMat4, DVec3, DVec4, Vec3};
 
 use crate::color::luminance;
 use crate::sh::SQRT_4PI;
@@ -36,6 +37,12 @@ const SURROUNDINGS: f32 = 0.3;
 /// Darker colours say little of the light.
 const LEAST_COLOR: f32 = 0.02;
 
+/// Fewer cameras may be tilted alike.
+const LEAST_CAMERAS: usize = 3;
+
+/// Cosine between an axis and the mean of the cameras' own up from which on it is meant.
+const CAMERAS_AGREE: f64 = 0.9;
+
 /// How a capture is known to stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpEvidence {
@@ -57,6 +64,20 @@ pub fn proposed_up(
     }
     let by_ground = up_from_ground(cloud).map(|up| (up, UpEvidence::Ground));
     by_ground.or_else(|| Some((up_from_stance(cloud, habit?), UpEvidence::Stance)))
+}
+
+/// The axis that is up by how cameras were held, given as [`crate::files::CameraFrame::world_from_camera`]; none where too few say so.
+pub fn up_from_cameras(cameras: impl IntoIterator<Item = DMat4>) -> Option<UpAxis> {
+    let ups: Vec<DVec3> = (cameras.into_iter())
+        .map(|pose| pose.y_axis.truncate().normalize_or_zero())
+        .collect();
+    // Those that look down from all around lean to all sides, which cancels out.
+    let mean = ups.iter().sum::<DVec3>().try_normalize()?;
+    let along = |up: &UpAxis| mean.dot(up.direction().as_dvec3());
+    let up =
+        (UpAxis::ALL.map(|(_, up)| up).into_iter()).max_by(|a, b| along(a).total_cmp(&along(b)))?;
+    let is_told = ups.len() >= LEAST_CAMERAS && along(&up) > CAMERAS_AGREE;
+    is_told.then_some(up)
 }
 
 /// The likeliest axis, by sums of log-odds: of the habit of files, of its stance, of light from above.
@@ -226,11 +247,11 @@ fn evidence(pieces: &[Piece], up: UpAxis, radius: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::synthetic::{from_points, sheet, sphere, sphere_over_plate, turned};
-    use glam::{DMat3, DVec3};
+    use glam::{DMat3, DQuat};
 
     /// A turn that brings +Z onto an axis.
     fn onto(up: UpAxis) -> DMat3 {
-        let turn = glam::DQuat::from_rotation_arc(DVec3::Z, up.direction().as_dvec3());
+        let turn = DQuat::from_rotation_arc(DVec3::Z, up.direction().as_dvec3());
         DMat3::from_quat(turn)
     }
 
@@ -288,6 +309,27 @@ mod tests {
             assert_eq!(proposed_up(&thing, Some(up), Some(UpAxis::PlusZ)), None);
             assert_eq!(proposed_up(&thing, None, None), None);
         }
+    }
+
+    #[test]
+    fn cameras_that_are_held_level_tell_which_way_is_up() {
+        // From all around, looking down by 20 to 60 degrees.
+        let camera = |i: usize| {
+            let (turn, down) = (0.7 * i as f64, (20.0 + 10.0 * (i % 5) as f64).to_radians());
+            let eye = DVec3::new(turn.cos() * down.cos(), turn.sin() * down.cos(), down.sin());
+            let right = DVec3::Z.cross(eye).normalize();
+            let axes = DMat3::from_cols(right, eye.cross(right), eye);
+            DMat4::from_mat3(axes)
+        };
+        for (name, up) in UpAxis::ALL {
+            let turned = |i| DMat4::from_mat3(onto(up)) * camera(i);
+            assert_eq!(up_from_cameras((0..40).map(turned)), Some(up), "{name}");
+            // A capture that nobody put on an axis, and two cameras, tell nothing.
+            let tilt = DMat4::from_quat(DQuat::from_rotation_x(0.7) * DQuat::from_rotation_y(0.6));
+            assert_eq!(up_from_cameras((0..40).map(|i| tilt * camera(i))), None);
+            assert_eq!(up_from_cameras((0..2).map(turned)), None);
+        }
+        assert_eq!(up_from_cameras([DMat4::ZERO; 5]), None);
     }
 
     #[test]

@@ -230,6 +230,50 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     );
 }
 
+/// A scene is in the units of its first object, and splats are in any: what is added is as large as what is there, or as its file has it where
+/// that may be meant.
+#[test]
+fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
+    let mut d = ball_over_plate();
+    let mut giant = synthetic::sphere(200);
+    let mut speck = giant.clone();
+    for (cloud, scale) in [(&mut giant, 1000.0), (&mut speck, 1e-4)] {
+        cloud.positions.iter_mut().for_each(|p| *p *= scale);
+        cloud.scales.iter_mut().for_each(|s| *s *= scale);
+    }
+    let meant = synthetic::sphere(200);
+    d.after(|v| v.session.adds_splats = true);
+    let radius = |d: &mut Driver| d.viewer().session.scene_bounds().expect("a scene").radius;
+    for (name, cloud, is_scaled) in [
+        ("giant.ply", &giant, true),
+        ("speck.ply", &speck, true),
+        ("meant.ply", &meant, false),
+    ] {
+        write(&d.folder, name, cloud);
+        let (before, file) = (radius(&mut d), d.folder.path(name));
+        d.viewer().session.messages.clear();
+        d.after(|v| v.open(&file));
+        let session = &d.viewer().session;
+        let is_said = session
+            .messages
+            .iter()
+            .any(|m| m.text.contains("other units"));
+        assert_eq!(is_said, is_scaled, "{name}: {:?}", session.messages);
+        let (object, state) = (session.object(), session.states.last());
+        assert_eq!(object.transform.scale == 1.0, !is_scaled, "{name}");
+        let own = state
+            .and_then(|s| s.asset.as_ref())
+            .expect("it is there")
+            .bounds;
+        let own = own.transformed(object.transform.scene_from_object());
+        if is_scaled {
+            assert!((own.radius / before - 1.0).abs() < 0.01, "{name}");
+        }
+        // Beside the others, not within them.
+        assert!(radius(&mut d) > 1.3 * before, "{name}");
+    }
+}
+
 #[test]
 fn what_cannot_be_loaded_stops_nothing_else_and_is_not_forgotten() {
     let folder = Folder::empty();

@@ -7,7 +7,7 @@ use eframe::egui;
 use egui_kittest::kittest::Queryable;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
-use transplat_tests::{asset, psnr, small_splat};
+use transplat_tests::{asset, level_cameras, psnr, small_splat};
 
 #[test]
 fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
@@ -68,6 +68,20 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
     d.picture();
     assert_eq!(d.viewer().session.up(), UpAxis::MinusY);
+
+    // Cameras tell which way is up, and nobody who said so is overruled.
+    let splat = d.folder.write("lying.ply", small_splat(50));
+    d.after(|v| v.open(Path::new(&splat)));
+    let cameras = d.folder.path("transforms.json");
+    fs::write(&cameras, level_cameras()).expect("room for it");
+    d.after(|v| v.open(&cameras));
+    let session = &d.viewer().session;
+    assert_eq!(session.up(), UpAxis::PlusY);
+    let mut told = session.messages.iter().map(|m| &m.text);
+    assert!(told.any(|text| text.contains("held with +y up")));
+    d.viewer().session.object_mut().up = Some(UpAxis::PlusX);
+    d.after(|v| v.open(&cameras));
+    assert_eq!(d.viewer().session.up(), UpAxis::PlusX);
 
     // A folder of environments fills the shelf.
     let lights = d.folder.path("lights");

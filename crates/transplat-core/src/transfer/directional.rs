@@ -71,7 +71,8 @@ pub struct DirectionalTransfer {
     pub light_gain: f32,
     /// Whether the source was black, and even light was taken in its place.
     pub source_was_black: bool,
-    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
+    /// Power to which a change of matte light is taken, but for that of all light: [`Illumination::trust`] of the source. What it mirrored is not
+    /// asked below 1.
     pub trust: f32,
     /// Mean irradiance of the source, as [`DirectionalLight::mean`] and so multiplied.
     mean: [f32; 3],
@@ -437,7 +438,7 @@ impl DirectionalTransfer {
             asset.radiance(&tau).collect_into_vec(&mut radiance);
             self.turn(light, &radiance, &mut tau);
         }
-        self.trusted(&mut tau);
+        self.trusted(light.mean, &mut tau);
         tau
     }
 
@@ -476,13 +477,22 @@ impl DirectionalTransfer {
         self.glow.get(i).copied().unwrap_or(0.0)
     }
 
-    /// Believes a change only as far as its source.
-    pub(super) fn trusted(&self, tau: &mut [FrontAndBack]) {
+    /// Believes a change only as far as its source: in a light of that mean.
+    pub(super) fn trusted(&self, mean: [f32; 3], tau: &mut [FrontAndBack]) {
         if self.trust < 1.0 {
+            let told = self.told_gain(mean);
             for value in tau.iter_mut().flatten().flatten() {
-                *value = value.powf(self.trust);
+                *value = told * value.powf(self.trust);
             }
         }
+    }
+
+    /// What a change in a light of that mean is multiplied by beside its power: how much stronger the light is than the source is told, and
+    /// counts in full.
+    pub fn told_gain(&self, mean: [f32; 3]) -> f32 {
+        let total = |v: [f32; 3]| v.iter().sum::<f32>();
+        let stronger = total(mean) / total(self.mean).max(LEAST_IRRADIANCE);
+        stronger.max(0.0).powf(1.0 - self.trust)
     }
 
     /// What it keeps of matte surfels.

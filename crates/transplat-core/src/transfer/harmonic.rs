@@ -368,7 +368,7 @@ impl Relight for HarmonicTransfer {
         });
         // What hardly any light reaches says nothing of how white it is.
         let lit = self.dark.iter().map(|dark| f32::from(u8::from(!dark)));
-        Materials::of(each.collect(), lit, (whitest, 1.0))
+        Materials::of(each.collect(), lit, whitest)
     }
 
     fn left_out(&self, cloud: &SurfelCloud) -> Vec<Skipped> {

@@ -42,19 +42,17 @@ pub struct Materials {
     pub each: Vec<Material>,
     /// The whitest albedo as pictures and light tell it: nobody knows how one is exposed against the other.
     pub whitest: f32,
-    /// What all albedos and reflectances were multiplied by.
+    /// What all albedos and reflectances were multiplied by: the radiance of the even light under which the open surface radiates its albedo.
     pub gain: f32,
-    /// Radiance of the even light under which the open surface radiates its albedo.
-    pub even_radiance: f32,
 }
 
 impl Materials {
     /// Takes materials as pictures and light tell them, albedos of any size, and how much of what is seen each makes up, `[n]`. The whitest albedo
-    /// becomes what is wanted, or something plausible where it is not. `trust` is that of the source, [`crate::environment::Illumination::trust`].
+    /// becomes what is wanted, or something plausible where it is not.
     pub(super) fn of(
         mut each: Vec<Material>,
         seen: impl Iterator<Item = f32>,
-        (wanted, trust): (Option<f32>, f32),
+        wanted: Option<f32>,
     ) -> Self {
         let albedos = each.iter().zip(seen);
         let albedos = albedos.filter(|(m, _)| m.glow == 0.0).map(|(m, seen)| {
@@ -89,8 +87,6 @@ impl Materials {
             each,
             whitest,
             gain,
-            // A change is believed as far as the source.
-            even_radiance: gain.powf(1.0 / trust.max(1e-3)),
         }
     }
 

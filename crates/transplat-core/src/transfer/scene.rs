@@ -89,8 +89,8 @@ impl SceneTransfer {
                 object.turn(light, &radiance, tau);
             }
         }
-        for (object, tau) in self.objects.iter().zip(&mut taus) {
-            object.trusted(tau);
+        for ((object, light), tau) in self.objects.iter().zip(&lights).zip(&mut taus) {
+            object.trusted(light.mean, tau);
         }
         self.radiate(&taus, &mut radiance);
         Ok(Bounced {

@@ -36,7 +36,7 @@ gpu_struct! {
         shadow: u32,
         two_sided: u32,
         trust: f32,
-        unused: u32,
+        told_gain: f32,
     }
 
     /// Light from one direction.
@@ -228,7 +228,7 @@ impl GpuDirectional {
             shadow: u32::from(terms.shadow),
             two_sided: u32::from(terms.two_sided),
             trust: self.prepared.trust,
-            ..Default::default()
+            told_gain: self.prepared.told_gain(light.mean),
         };
         let mut beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
         let (suns, sky) = beams.split_at_mut(MAX_SUNS);

@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::AssetFile;
-use transplat_core::surfels::SurfelCloud;
-use transplat_core::upright::{UpEvidence, proposed_up};
+use transplat_core::files::{AssetFile, CameraFile};
+use transplat_core::surfels::{SurfelCloud, UpAxis};
+use transplat_core::upright::{UpEvidence, proposed_up, up_from_cameras};
+
+use super::object::LoadedObject;
 
 /// Noise of the normals, in degrees, above which relighting is only rough. Trained objects have 0.3 to 1.2, of chrome 2.2; a plant made rounder,
 /// its turns jittered by 15 degrees, has 3.8 and is relit 0.4 dB worse; captures from nature have 2 to 5.
@@ -46,14 +48,27 @@ pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
 /// That an asset lies on its side, it seems, where its file does not say which way is up.
 pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &AssetFile) -> Option<String> {
     let (up, evidence) = proposed_up(cloud, file.report.up, file.usual_up())?;
-    let (path, name) = (path.display(), up.name());
+    let name = up.name();
     let why = match evidence {
         UpEvidence::Ground => format!("the ground in it faces {name}"),
         UpEvidence::Stance => {
             format!("by how it stands, the light on it and its kind of file, {name} is up")
         }
     };
-    (up != cloud.up).then(|| format!("{path}: lies on its side, it seems: {why} (--up={name})"))
+    (up != cloud.up).then(|| lies_on_its_side(path, &why, up))
+}
+
+/// The same by the cameras of a file.
+pub fn up_warning_by_cameras(object: &LoadedObject, cameras: &CameraFile) -> Option<String> {
+    let is_told = object.file.report.up.is_some() || object.settings.up.is_some();
+    let up = up_from_cameras(cameras.frames.iter().map(|f| f.world_from_camera))?;
+    let why = format!("its cameras were held with {} up", up.name());
+    (!is_told && up != object.cloud.up).then(|| lies_on_its_side(&object.file.path, &why, up))
+}
+
+fn lies_on_its_side(path: &Path, why: &str, up: UpAxis) -> String {
+    let (path, name) = (path.display(), up.name());
+    format!("{path}: lies on its side, it seems: {why} (--up={name})")
 }
 
 /// What is odd about an environment.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::numeric::quantile;
 use transplat_core::scene::{
-    Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, Transform,
+    Cut, ESTIMATE, EnvironmentLight, Keep, MOST_CUTS, MOST_OBJECTS, Object, SCALES, Transform,
 };
 
 use transplat_core::surfels::{Bounds, Hide};
@@ -26,6 +26,9 @@ const STEEP: f32 = 0.7;
 
 /// An object of a smaller share of the others' radius is put among them.
 const SMALL: f32 = 0.5;
+
+/// An object whose radius is a smaller or larger multiple of the others' is in other units.
+const OTHER_UNITS: std::ops::RangeInclusive<f32> = 0.02..=4.0;
 
 /// Share of an object's radius around its middle under which the ground is looked for.
 const FOOTPRINT: f32 = 0.5;
@@ -69,17 +72,50 @@ impl Session {
         let (Some(own), false) = (of(at), others.is_empty()) else {
             return;
         };
-        let all = Bounds::around(others.into_iter());
-        if all.is_none_or(|all| own.radius < small * all.radius) {
+        let Some(all) = Bounds::around(others.into_iter()) else {
+            return;
+        };
+        let own = self.in_the_same_units(at, own, &all);
+        if own.radius < small * all.radius {
             return;
         }
-        let Some(all) = all else { return };
         let up = self.scene_up();
         let camera = Camera::from_pose(&self.pose, up, [100, 100], all.radius);
         let right = camera.view_from_world.row(0);
         let level = (right - right.dot(up.direction()) * up.direction()).normalize_or(right);
         let middle = all.center + level * (all.radius + own.radius);
         self.scene.objects[at].transform.translation += middle - own.center;
+    }
+
+    /// Makes what was added as large as the others, where it is so much smaller or larger that it must be in other units, and says so: splats
+    /// mostly are in none. Yields where it is then.
+    fn in_the_same_units(&mut self, at: usize, own: Bounds, all: &Bounds) -> Bounds {
+        let ratio = own.radius / all.radius;
+        if !ratio.is_finite() || ratio <= 0.0 || OTHER_UNITS.contains(&ratio) {
+            return own;
+        }
+        let transform = &mut self.scene.objects[at].transform;
+        let (low, high) = SCALES.into_inner();
+        let scale = (transform.scale / ratio).clamp(low, high);
+        let factor = scale / transform.scale;
+        transform.scale = scale;
+        // About its middle.
+        transform.translation = own.center + factor * (transform.translation - own.center);
+        let times = if ratio > 1.0 { ratio } else { 1.0 / ratio };
+        let times = if times < 100.0 {
+            format!("{times:.0}")
+        } else {
+            format!("{times:.0e}")
+        };
+        self.info(if ratio > 1.0 {
+            tr_format!("it was {times} times as large as what is here, in other units, it seems: it was made as large; the panel Asset has its scale", times = times)
+        } else {
+            tr_format!("what is here was {times} times as large, in other units, it seems: it was made as large; the panel Asset has its scale", times = times)
+        });
+        Bounds {
+            radius: factor * own.radius,
+            ..own
+        }
     }
 
     /// Shows all, from the same side, where the middle of an object is not in the picture.

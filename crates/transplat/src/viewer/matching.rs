@@ -6,6 +6,7 @@ use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, plate_size};
 use transplat_core::present::Background;
+use transplat_core::upright::up_from_cameras;
 
 use super::jobs::Kind;
 use super::language::{tr, tr_format};
@@ -42,6 +43,7 @@ impl Session {
             path.display(),
             file.frames.len()
         ));
+        self.set_upright_by(&file);
         self.cameras = Some(OpenCameras {
             path: path.to_owned(),
             file,
@@ -49,6 +51,25 @@ impl Session {
             photograph: None,
         });
         self.look_through(0);
+    }
+
+    /// Sets the first object upright as the cameras were held, where nobody said which way is up; what was proposed before was a worse guess.
+    fn set_upright_by(&mut self, cameras: &CameraFile) {
+        let Some(asset) = self.states.first().and_then(|s| s.asset.as_ref()) else {
+            return;
+        };
+        let (file_up, proposed) = (asset.file_up, asset.proposed_up.map(|(up, _)| up));
+        let is_told = asset.file.report.up.is_some();
+        let object = &mut self.scene.objects[0];
+        let is_chosen = object.up.is_some() && object.up != proposed;
+        let up = up_from_cameras(cameras.frames.iter().map(|f| f.world_from_camera));
+        let Some(up) = up.filter(|_| !is_told && !is_chosen) else {
+            return;
+        };
+        if up != object.up.unwrap_or(file_up) {
+            object.up = Some(up);
+            self.info(tr_format!("it was set upright: its cameras were held with {name} up; the panel Asset has its up axis", name = up.name()));
+        }
     }
 
     /// Looks through a camera of the file that is open, its photograph behind the objects where that is found.
