@@ -27,9 +27,12 @@ struct DirectionalSettings {
     near: f32,
     shadow: u32,
     two_sided: u32,
-    // Power to which a change of matte light is taken, and what it is multiplied by then.
+    // Power to which a change of matte light is taken.
     trust: f32,
-    told_gain: f32,
+    unused: u32,
+    // And what it is multiplied by then.
+    undamped: vec3f,
+    unused_b: u32,
 }
 
 struct DirectionalBeam {
@@ -176,7 +179,7 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
 
 // A change of matte light, as far as the source is known.
 fn believed(change: vec3f) -> vec3f {
-    return select(settings.told_gain * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
+    return select(settings.undamped * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -97,7 +97,7 @@ fn transfer() {
         let prepared = prepare(&cloud, &whole);
         assert!(prepared.glossy_surfels > 100 || degree == 0);
         let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
-        let target = prepared.light(light.for_directional().expect("with beams"));
+        let target = prepared.light(&light).expect("with beams");
         // Parts before the whole, to see that nothing is left of the light before.
         for part in [Part::Diffuse, Part::Specular, Part::Whole] {
             let cpu = prepared.relight(target.clone(), part, &[]);
@@ -125,7 +125,7 @@ fn transfer_without_each_term() {
             settings = settings.without(off).expect("a term of the preset");
         }
         let prepared = prepare(&cloud, &settings);
-        let target = prepared.light(light.for_directional().expect("with beams"));
+        let target = prepared.light(&light).expect("with beams");
         let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
         assert_alike(&cpu, &got, &format!("without {off:?}"));
         // Each term changes the picture; nothing shines by itself here.
@@ -142,7 +142,7 @@ fn chunks_see_each_other() {
     let cloud = synthetic::mirroring_ball_plate_and_sheet(sun().as_vec3(), 2);
     let prepared = prepare(&cloud, &TransferSettings::default());
     let light = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
-    let target = prepared.light(light.for_directional().expect("with beams"));
+    let target = prepared.light(&light).expect("with beams");
     let cpu = prepared.relight(target.clone(), Part::Whole, &[]);
     // The last chunk is a short one.
     let on_gpu = GpuDirectional::in_chunks(&gpu, &prepared, 192).expect("the driver works");
@@ -162,7 +162,7 @@ fn no_surfel_at_all_and_a_single_one() {
         }
         let prepared = prepare(&cloud, &TransferSettings::default());
         let on_gpu = GpuDirectional::new(&gpu, &prepared).expect("the driver works");
-        let target = prepared.light(light.for_directional().expect("with beams"));
+        let target = prepared.light(&light).expect("with beams");
         on_gpu.submit(&target, Part::Whole);
         let got = on_gpu.read().expect("the driver works");
         assert_eq!(got.tau.len(), n);
@@ -248,7 +248,7 @@ fn transfer_of_which_half_is_believed() {
         DirectionalTransfer::new(&whole.asset, &source, &whole.settings).expect("with beams");
     let half = Arc::new(half);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
-    let target = half.light(target.for_directional().expect("with beams"));
+    let target = half.light(&target).expect("with beams");
     let (cpu, got) = relit_on_both(&gpu, &half, &target);
     // Powers are exact to a few units in the last place.
     assert_alike(&cpu, &got, "believed by half");
@@ -272,7 +272,7 @@ fn a_lamp_keeps_shining_on_both() {
     let prepared = DirectionalTransfer::new(&Arc::new(asset), &even, &settings);
     let prepared = Arc::new(prepared.expect("with beams"));
     let light = sky(DVec3::X, [0.4, 0.2, 1.5]);
-    let target = prepared.light(light.for_directional().expect("with beams"));
+    let target = prepared.light(&light).expect("with beams");
     let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
     assert_alike(&cpu, &got, "with a lamp");
     let glows = |i: &usize| prepared.glow_of(*i) > 0.99;

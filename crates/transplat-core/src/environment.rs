@@ -2,6 +2,7 @@
 
 mod beams;
 mod illumination;
+mod layout;
 mod map;
 mod radiance;
 #[cfg(test)]
@@ -9,5 +10,6 @@ mod tests;
 
 pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
 pub use illumination::Illumination;
+pub use layout::Layout;
 pub use map::{EnvironmentMap, azimuth};
 pub use radiance::{IncidentRadiance, project_environment, row_weights};

@@ -27,7 +27,7 @@ mod written;
 
 use std::path::Path;
 
-use crate::environment::EnvironmentMap;
+use crate::environment::{EnvironmentMap, Layout};
 use crate::error::{Error, Result};
 use crate::plate::Plate;
 
@@ -74,12 +74,20 @@ pub fn plate_size(path: &Path) -> Result<[usize; 2]> {
     }
 }
 
-/// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB).
+/// Loads an environment: Radiance .hdr, OpenEXR, or a PNG or JPEG picture (decoded from sRGB); a panorama, or laid out as its shape tells.
 ///
 /// # Errors
 /// The file cannot be read, is broken, or is no environment.
 pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
-    match file_kind(path)? {
+    load_environment_as(path, None)
+}
+
+/// The same of a picture that is laid out as told.
+///
+/// # Errors
+/// As [`load_environment`], or the picture has not the shape of what is told.
+pub fn load_environment_as(path: &Path, told: Option<Layout>) -> Result<EnvironmentMap> {
+    let picture = match file_kind(path)? {
         FileKind::Hdr => hdr::load(path),
         FileKind::Exr => exr::load(path),
         FileKind::Picture => picture::load(path),
@@ -91,5 +99,8 @@ pub fn load_environment(path: &Path) -> Result<EnvironmentMap> {
             path,
             "is no environment; .hdr, .exr, .png or .jpg is expected here",
         )),
-    }
+    };
+    picture?
+        .laid_out(told)
+        .map_err(|why| Error::invalid(path, why.to_string()))
 }

@@ -4,12 +4,12 @@ mod cut;
 mod light;
 mod object;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::environment::Illumination;
+use crate::environment::{Illumination, Layout};
 use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
@@ -171,6 +171,13 @@ impl Scene {
     pub fn first_is_a_place(&self) -> bool {
         let first_is_shown = self.objects[0].shown;
         first_is_shown && self.background != Background::Plate && !self.shadow_catcher
+    }
+
+    /// How the picture of a light is laid out, where one that takes it tells: one file is read one way.
+    pub fn layout_of(&self, file: &Path) -> Option<Layout> {
+        let sources = self.objects.iter().map(|o| &o.source);
+        let mut lights = sources.chain([&self.environment]);
+        lights.find_map(|l| l.layout.filter(|_| l.file.as_deref() == Some(file)))
     }
 
     /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment

@@ -94,7 +94,7 @@ impl GpuTransfer {
                 transfer.submit(&transfer.prepared.light(&target.radiance));
             }
             By::Directional(transfer, _) => {
-                let light = transfer.prepared.light(target.for_directional()?);
+                let light = transfer.prepared.light(target)?;
                 transfer.set_unseen(unseen);
                 transfer.submit(&light, part);
             }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use transplat_core::color::ToneMap;
+use transplat_core::environment::Layout;
 use transplat_core::present::{Background, View};
 use transplat_core::probe::DEFAULT_ROWS;
 use transplat_core::scene::Scene;
@@ -144,6 +145,10 @@ pub struct CaptureArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
     #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
+    /// How the picture of that light is laid out: equirectangular, cube-cross, angular-map or mirror-ball [default: as its shape and its empty
+    /// corners tell]
+    #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
+    pub source_layout: Option<Layout>,
     /// Turn the source light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,
@@ -184,6 +189,9 @@ pub struct LightArgs {
     /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
     #[arg(long, value_name = "ENV|even|estimate")]
     pub target: Vec<PathBuf>,
+    /// How the pictures of these lights are laid out, as --source-layout
+    #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
+    pub target_layout: Option<Layout>,
     /// Turn the target light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_target: Option<f64>,

@@ -69,14 +69,12 @@ impl Device {
 
     /// A map's light, as a method needs it, of the highest SH degree.
     pub fn light(&self, map: &EnvironmentMap, method: Method) -> Result<Illumination> {
-        Ok(Illumination {
-            radiance: self.project_environment(map, MAX_DEGREE)?,
-            beams: match method {
-                Method::Directional => Some(Beams::of(map)),
-                Method::Harmonic => None,
-            },
-            trust: 1.0,
-        })
+        let beams = match method {
+            Method::Directional => Some(Beams::of(map)),
+            Method::Harmonic => None,
+        };
+        let radiance = self.project_environment(map, MAX_DEGREE)?;
+        Ok(Illumination::new(radiance, beams))
     }
 
     pub fn bake_harmonic(&self, input: &BakeInput, progress: Progress<'_>) -> Result<Vec<u8>> {

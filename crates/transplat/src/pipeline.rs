@@ -18,9 +18,9 @@ use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::{InsertionBake, Standing};
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Placed;
-use transplat_core::environment::{EnvironmentMap, Illumination};
+use transplat_core::environment::{EnvironmentMap, Illumination, Layout};
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{inspect_bake, load_environment};
+use transplat_core::files::{inspect_bake, load_environment_as};
 use transplat_core::ground::Ground;
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{Object, Scene, is_estimate, is_even, is_file};
@@ -410,6 +410,16 @@ impl Pipeline {
         summary.time("project", || self.device.light(&map, method))
     }
 
+    /// How a light's picture is laid out, where that is told.
+    fn layout_of(&self, path: &Path) -> Option<Layout> {
+        let mut lights =
+            (self.scene.objects.iter().map(|o| &o.source)).chain([&self.scene.environment]);
+        // One of several targets is named by the command line alone.
+        let is_named = lights.any(|l| l.file.as_deref() == Some(path));
+        let of_targets = self.scene.environment.layout.filter(|_| !is_named);
+        self.scene.layout_of(path).or(of_targets)
+    }
+
     /// A light's map; none for even light, and where an object's estimate cannot tell. `saved` is a bake for the method that is set.
     pub fn load_light(
         &self,
@@ -431,8 +441,9 @@ impl Pipeline {
             summary.note(estimate_in_words(estimate, object.cloud.up));
             return Ok(Some(estimate.light.map(object.cloud.up)));
         }
-        let map = summary.time("load", || load_environment(path))?;
-        for warning in map_warnings(path, &map) {
+        let told = self.layout_of(path);
+        let map = summary.time("load", || load_environment_as(path, told))?;
+        for warning in map_warnings(path, &map, told) {
             summary.warn(warning);
         }
         Ok(Some(map))

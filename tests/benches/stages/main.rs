@@ -16,7 +16,7 @@ use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::camera::{Camera, first_pose};
 use transplat_core::color::Display;
-use transplat_core::environment::{Beams, EnvironmentMap, Illumination};
+use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{load_asset, load_environment, write_relit, write_splat};
 use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
@@ -164,11 +164,7 @@ fn main() {
 
 /// A map's light, as the directional method needs it.
 fn light(map: &EnvironmentMap) -> Illumination {
-    Illumination {
-        radiance: transplat_core::environment::project_environment(map, MAX_DEGREE),
-        beams: Some(Beams::of(map)),
-        trust: 1.0,
-    }
+    Illumination::of(map, MAX_DEGREE)
 }
 
 struct Subject<'a> {

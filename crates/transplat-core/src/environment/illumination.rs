@@ -17,24 +17,36 @@ pub struct Illumination {
     /// How far it is to be believed as the light of a capture, 0 to 1: what a surfel changes by, away from it, is taken to that power
     /// (the directional method).
     pub trust: f32,
+    /// What the user makes of it, by channel, which is in it already: that is known, and counts in full where a source is believed in part.
+    pub told_gain: [f32; 3],
 }
 
 impl Illumination {
+    /// A light in these forms, wholly believed.
+    pub fn new(radiance: IncidentRadiance, beams: Option<Beams>) -> Self {
+        Self {
+            radiance,
+            beams,
+            trust: 1.0,
+            told_gain: [1.0; 3],
+        }
+    }
+
     /// Radiance 1 from everywhere.
     pub fn even(degree: usize) -> Self {
-        Self {
-            radiance: IncidentRadiance::even(degree),
-            beams: Some(Beams::even()),
-            trust: 1.0,
-        }
+        Self::new(IncidentRadiance::even(degree), Some(Beams::even()))
     }
 
     /// Of a map, its SH series to a degree.
     pub fn of(map: &EnvironmentMap, degree: usize) -> Self {
+        Self::new(project_environment(map, degree), Some(Beams::of(map)))
+    }
+
+    /// The same as strong as the user wants it, by channel.
+    pub fn told(&self, gain: [f32; 3]) -> Self {
         Self {
-            radiance: project_environment(map, degree),
-            beams: Some(Beams::of(map)),
-            trust: 1.0,
+            told_gain: std::array::from_fn(|c| self.told_gain[c] * gain[c]),
+            ..self.tinted(gain)
         }
     }
 
@@ -52,7 +64,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.rotated(rotation),
             beams: self.beams.as_ref().map(|b| b.rotated(rotation)),
-            trust: self.trust,
+            ..*self
         }
     }
 
@@ -61,7 +73,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.mirrored(),
             beams: self.beams.as_ref().map(Beams::mirrored),
-            trust: self.trust,
+            ..*self
         }
     }
 
@@ -70,7 +82,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.tinted(gain),
             beams: self.beams.as_ref().map(|b| b.tinted(gain)),
-            trust: self.trust,
+            ..*self
         }
     }
 

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::layout::Layout;
 use crate::color::luminance;
 
 /// No light is brighter; sums of pixels stay finite.
@@ -18,6 +19,7 @@ pub struct EnvironmentMap {
     pub(super) pixels: Vec<[f32; 3]>,
     repaired: usize,
     clipped: bool,
+    layout: Layout,
 }
 
 impl EnvironmentMap {
@@ -49,7 +51,35 @@ impl EnvironmentMap {
             pixels,
             repaired,
             clipped: false,
+            layout: Layout::default(),
         }
+    }
+
+    /// The same light as a map of another size, given its pixels by column and row.
+    pub(super) fn in_its_place(
+        &self,
+        width: usize,
+        height: usize,
+        pixel: impl Fn(usize, usize) -> [f32; 3] + Sync,
+    ) -> Self {
+        let pixels = (0..width * height).into_par_iter();
+        let pixels = pixels.map(|i| pixel(i % width, i / width)).collect();
+        Self {
+            repaired: self.repaired,
+            clipped: self.clipped,
+            ..Self::new(width, height, pixels)
+        }
+    }
+
+    /// Notes how the picture was laid out that it is made from.
+    pub(super) fn read_as(mut self, layout: Layout) -> Self {
+        self.layout = layout;
+        self
+    }
+
+    /// How the picture was laid out that it was made from.
+    pub fn layout(&self) -> Layout {
+        self.layout
     }
 
     /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.

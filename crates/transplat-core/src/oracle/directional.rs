@@ -285,12 +285,8 @@ impl<'a> OracleDirectional<'a> {
                 })
                 .collect();
         }
-        let total = |v: Rgb| v.iter().sum::<f64>();
-        let stronger = total(light.mean) / total(self.source.mean);
-        let told = stronger.powf(1.0 - self.trust);
-        let believed = |v: f64| told * v.powf(self.trust);
         tau.into_iter()
-            .map(|sides| sides.map(|t| t.map(believed)))
+            .map(|sides| sides.map(|t| t.map(|v| v.powf(self.trust))))
             .collect()
     }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{Beam, Illumination};
+use crate::environment::{Beam, Illumination, Layout};
 use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
@@ -24,6 +24,9 @@ pub const ESTIMATE: &str = "estimate";
 pub struct EnvironmentLight {
     /// The environment's file, or `even`, or of the source `estimate`; none where the look leaves it open.
     pub file: Option<PathBuf>,
+    /// How its picture lays out what is all around; none where its shape says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub layout: Option<Layout>,
     /// Turn about the up axis, in degrees, counter-clockwise seen from above.
     pub rotation: f64,
     /// Tilt about the world's X axis, before the turn, in degrees.
@@ -42,6 +45,7 @@ impl Default for EnvironmentLight {
     fn default() -> Self {
         Self {
             file: None,
+            layout: None,
             rotation: 0.0,
             tilt: 0.0,
             mirror: false,
@@ -79,6 +83,9 @@ impl EnvironmentLight {
     pub fn set_file(&mut self, file: PathBuf) {
         if is_estimate(&file) != self.is_estimate() {
             *self = Self::default();
+        }
+        if self.file.as_deref() != Some(&file) {
+            self.layout = None;
         }
         self.file = Some(file);
     }
@@ -153,7 +160,7 @@ impl EnvironmentLight {
         } else {
             light.clone()
         };
-        light.rotated(turn).tinted(self.gain())
+        light.rotated(turn).told(self.gain())
     }
 
     pub(super) fn validate(&self, name: &str) -> Result<()> {

@@ -71,8 +71,7 @@ pub struct DirectionalTransfer {
     pub light_gain: f32,
     /// Whether the source was black, and even light was taken in its place.
     pub source_was_black: bool,
-    /// Power to which a change of matte light is taken, but for that of all light: [`Illumination::trust`] of the source. What it mirrored is not
-    /// asked below 1.
+    /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
     pub trust: f32,
     /// Mean irradiance of the source, as [`DirectionalLight::mean`] and so multiplied.
     mean: [f32; 3],
@@ -351,9 +350,16 @@ impl DirectionalTransfer {
     }
 
     /// A target light, taken in.
-    pub fn light(&self, target: (&IncidentRadiance, &Beams)) -> DirectionalLight {
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    pub fn light(&self, target: &Illumination) -> Result<DirectionalLight> {
         let (gain, settings) = (self.light_gain, &self.settings);
-        self.asset.light(target, gain, settings, self.fill)
+        let beams = target.for_directional()?;
+        Ok(DirectionalLight {
+            told_gain: target.told_gain,
+            ..self.asset.light(beams, gain, settings, self.fill)
+        })
     }
 
     /// By how much a light's mean, [`DirectionalLight::mean`], is stronger than the source's: from there the bounces start.
@@ -438,7 +444,7 @@ impl DirectionalTransfer {
             asset.radiance(&tau).collect_into_vec(&mut radiance);
             self.turn(light, &radiance, &mut tau);
         }
-        self.trusted(light.mean, &mut tau);
+        self.trusted(light.told_gain, &mut tau);
         tau
     }
 
@@ -477,22 +483,19 @@ impl DirectionalTransfer {
         self.glow.get(i).copied().unwrap_or(0.0)
     }
 
-    /// Believes a change only as far as its source: in a light of that mean.
-    pub(super) fn trusted(&self, mean: [f32; 3], tau: &mut [FrontAndBack]) {
+    /// Believes a change only as far as its source, but for what is told of the light.
+    pub(super) fn trusted(&self, told_gain: [f32; 3], tau: &mut [FrontAndBack]) {
         if self.trust < 1.0 {
-            let told = self.told_gain(mean);
-            for value in tau.iter_mut().flatten().flatten() {
-                *value = told * value.powf(self.trust);
+            let whole = self.undamped(told_gain);
+            for side in tau.iter_mut().flatten() {
+                *side = std::array::from_fn(|c| whole[c] * side[c].powf(self.trust));
             }
         }
     }
 
-    /// What a change in a light of that mean is multiplied by beside its power: how much stronger the light is than the source is told, and
-    /// counts in full.
-    pub fn told_gain(&self, mean: [f32; 3]) -> f32 {
-        let total = |v: [f32; 3]| v.iter().sum::<f32>();
-        let stronger = total(mean) / total(self.mean).max(LEAST_IRRADIANCE);
-        stronger.max(0.0).powf(1.0 - self.trust)
+    /// What a change is multiplied by beside its power, so that what is told of a light counts in full.
+    pub fn undamped(&self, told_gain: [f32; 3]) -> [f32; 3] {
+        told_gain.map(|gain| gain.powf(1.0 - self.trust))
     }
 
     /// What it keeps of matte surfels.

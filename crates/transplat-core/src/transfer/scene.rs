@@ -68,7 +68,7 @@ impl SceneTransfer {
                 let (transfer, around) = (&self.objects[i], &self.bake.surroundings[i]);
                 let object_from_scene = self.bake.objects[i].turn().inverse();
                 let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
-                let light = transfer.light(target.for_directional()?);
+                let light = transfer.light(&target)?;
                 let mut light = (transfer.asset).incident(light, &transfer.settings, Some(around));
                 light.others = self.others_of(i);
                 Ok((light, vec![[[0.0; 3]; 2]; transfer.asset.bake.len()]))
@@ -90,7 +90,7 @@ impl SceneTransfer {
             }
         }
         for ((object, light), tau) in self.objects.iter().zip(&lights).zip(&mut taus) {
-            object.trusted(light.mean, tau);
+            object.trusted(light.told_gain, tau);
         }
         self.radiate(&taus, &mut radiance);
         Ok(Bounced {

@@ -36,7 +36,9 @@ gpu_struct! {
         shadow: u32,
         two_sided: u32,
         trust: f32,
-        told_gain: f32,
+        unused: u32,
+        undamped: [f32; 3],
+        unused_b: u32,
     }
 
     /// Light from one direction.
@@ -228,7 +230,8 @@ impl GpuDirectional {
             shadow: u32::from(terms.shadow),
             two_sided: u32::from(terms.two_sided),
             trust: self.prepared.trust,
-            told_gain: self.prepared.told_gain(light.mean),
+            undamped: self.prepared.undamped(light.told_gain),
+            ..Default::default()
         };
         let mut beams = [DirectionalBeam::default(); MAX_SUNS + DIRECTIONS];
         let (suns, sky) = beams.split_at_mut(MAX_SUNS);

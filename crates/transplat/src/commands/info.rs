@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use glam::Vec3;
 use transplat_core::color::luminance;
 use transplat_core::crop::proposed_crop;
-use transplat_core::environment::project_environment;
+use transplat_core::environment::{Layout, project_environment};
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
     load_look, load_lut, look_text,
@@ -262,10 +262,19 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     summary.set("peak_luminance", peak);
     summary.set("brightest_thousandth_share", share);
     summary.set("repaired", map.repaired());
+    let told = Layout::ALL
+        .iter()
+        .find(|(_, layout)| *layout == map.layout());
+    let layout = told.map_or("", |(name, _)| name);
+    summary.set("layout", layout);
     lines.push(format!(
-        "environment, {} x {} pixels",
+        "environment, {} x {} pixels, {layout}{}",
         map.width(),
-        map.height()
+        map.height(),
+        match map.layout() {
+            Layout::Equirectangular => "",
+            _ => " read as a panorama",
+        }
     ));
     lines.push(format!(
         "mean radiance {mean:.4?}, mean irradiance {:.4}",

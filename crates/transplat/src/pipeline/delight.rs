@@ -46,7 +46,7 @@ impl Delit {
         let (sh, sh_degree) = match delit_as {
             DelitAs::Albedo => (materials.stored(cloud.encoding), 0),
             DelitAs::Even => {
-                let even = Illumination::even(MAX_DEGREE).scaled(materials.gain);
+                let even = Illumination::even(MAX_DEGREE).told([materials.gain; 3]);
                 let relit = prepared.relight(&even, Part::Whole)?;
                 (relit.stored(cloud), cloud.sh_degree)
             }

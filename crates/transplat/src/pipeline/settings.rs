@@ -124,6 +124,10 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         light.capture.rotate_source,
     );
     put(&mut scene.environment.rotation, light.rotate_target);
+    let told = light.capture.source_layout;
+    scene.objects[0].source.layout = told.or(scene.objects[0].source.layout);
+    let of_look = scene.environment.layout.filter(|_| light.target.len() < 2);
+    scene.environment.layout = light.target_layout.or(of_look);
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;

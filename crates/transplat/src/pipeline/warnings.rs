@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use transplat_core::environment::EnvironmentMap;
+use transplat_core::environment::{EnvironmentMap, Layout};
 use transplat_core::files::{AssetFile, CameraFile};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::upright::{UpEvidence, proposed_up, up_from_cameras};
@@ -71,9 +71,20 @@ fn lies_on_its_side(path: &Path, why: &str, up: UpAxis) -> String {
     format!("{path}: lies on its side, it seems: {why} (--up={name})")
 }
 
-/// What is odd about an environment.
-pub fn map_warnings(path: &Path, map: &EnvironmentMap) -> Vec<String> {
+/// What is odd about an environment, whose picture's layout may be told.
+pub fn map_warnings(path: &Path, map: &EnvironmentMap, told: Option<Layout>) -> Vec<String> {
     let mut warnings = Vec::new();
+    let read_as = match map.layout() {
+        _ if told.is_some() => None,
+        Layout::Equirectangular => None,
+        Layout::CubeCross => Some("a cube that is unfolded to a cross, by its empty squares"),
+        Layout::AngularMap | Layout::MirrorBall => Some(
+            "an angular map, as light probes come, by the disc in it; that of a mirror ball has to be told (--source-layout or --target-layout mirror-ball; in the window, Layout in the panel Light)",
+        ),
+    };
+    if let Some(what) = read_as {
+        warnings.push(format!("{}: taken for {what}", path.display()));
+    }
     if map.repaired() > 0 {
         warnings.push(format!(
             "{}: {} pixels are negative or no numbers, and count as black",

@@ -8,9 +8,9 @@ use std::sync::{Arc, LazyLock};
 use anyhow::Result;
 use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination};
+use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, Layout};
 use transplat_core::estimate::STAND_IN_TRUST;
-use transplat_core::files::load_environment;
+use transplat_core::files::load_environment_as;
 use transplat_core::scene::{ESTIMATE, EVEN, EnvironmentLight, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
@@ -74,6 +74,14 @@ impl Environments {
         }
     }
 
+    /// Has a file read whose picture is laid out as told, unless it was.
+    pub(super) fn request_as(&mut self, path: &Path, told: Option<Layout>) {
+        match self.read.get(path) {
+            Some(read) if read.told != told => self.request_again(path),
+            _ => self.request(path),
+        }
+    }
+
     /// The next to be read, one of those that are shown first, and few at a time: maps are large.
     pub(super) fn next(&mut self, shown: &[&Path]) -> Option<PathBuf> {
         if self.reading.len() >= READ_AT_ONCE || self.waiting.is_empty() {
@@ -128,6 +136,8 @@ pub struct Environment {
     pub illumination: Illumination,
     pub small: EnvironmentMap,
     pub size: [usize; 2],
+    /// How its picture is laid out, where that was told.
+    pub told: Option<Layout>,
     pub warnings: Vec<String>,
     /// What brings its mean luminance to middle grey: for thumbnails.
     pub thumbnail_gain: f32,
@@ -172,6 +182,7 @@ impl Environment {
             illumination,
             small: EnvironmentMap::even(),
             size: [0, 0],
+            told: None,
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
             brightest: None,
@@ -188,13 +199,16 @@ impl Environment {
     }
 
     /// Reads a file and projects it, on the GPU where that can be had.
-    pub fn load(background: &BackgroundDevice, path: &Path) -> Result<Self> {
-        let map = load_environment(path)?;
+    pub fn load(background: &BackgroundDevice, path: &Path, told: Option<Layout>) -> Result<Self> {
+        let map = load_environment_as(path, told)?;
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
         // For either method: they are changed with a click.
         let illumination = device.light(&map, Method::Directional)?;
-        let warnings = map_warnings(path, &map);
-        Ok(Self::of(path.to_owned(), &map, illumination, warnings))
+        let warnings = map_warnings(path, &map, told);
+        Ok(Self {
+            told,
+            ..Self::of(path.to_owned(), &map, illumination, warnings)
+        })
     }
 
     fn of(
@@ -218,6 +232,7 @@ impl Environment {
             brightest: illumination.beams.as_ref().and_then(brightest),
             illumination,
             size: [map.width(), map.height()],
+            told: None,
             warnings,
             thumbnail_gain: 0.18 / mean,
             small,
@@ -277,7 +292,7 @@ pub fn light_name(path: &Path) -> String {
 pub fn load_map(light: &Environment) -> Result<Arc<EnvironmentMap>> {
     match &light.map {
         Some(map) => Ok(map.clone()),
-        None => Ok(Arc::new(load_environment(&light.path)?)),
+        None => Ok(Arc::new(load_environment_as(&light.path, light.told)?)),
     }
 }
 

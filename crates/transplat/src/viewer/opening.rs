@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
 use transplat_core::camera::{CameraPose, first_pose, framed};
+use transplat_core::environment::Layout;
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{
@@ -465,13 +466,25 @@ impl Session {
         self.side_mut(side).set_file(path);
     }
 
+    /// Tells how the picture of a side's light is laid out, whatever else it lights.
+    pub fn set_layout(&mut self, side: usize, layout: Option<Layout>) {
+        let file = self.side_mut(side).file.clone();
+        let sources = self.scene.objects.iter_mut().map(|o| &mut o.source);
+        for light in sources.chain([&mut self.scene.environment]) {
+            if light.file == file {
+                light.layout = layout;
+            }
+        }
+    }
+
     /// Reads the environments that wait, and those that the settings name.
     pub(super) fn start_lights(&mut self) {
         let sources = self.scene.objects.iter().map(|o| &o.source);
         let lights = sources.chain([&self.scene.environment]);
         let shown: Vec<&Path> = lights.filter_map(|l| l.file.as_deref()).collect();
         for path in &shown {
-            self.environments.request(path);
+            self.environments
+                .request_as(path, self.scene.layout_of(path));
         }
         let next = std::iter::from_fn(|| self.environments.next(&shown));
         for path in next.collect::<Vec<_>>() {
@@ -489,8 +502,8 @@ impl Session {
     fn start_light(&mut self, path: PathBuf) {
         let background = self.background.clone();
         let label = tr_format!("reading {}", light_name(&path));
-        let file = path.clone();
-        let work = move |_: &_| Environment::load(&background, &file);
+        let (file, told) = (path.clone(), self.scene.layout_of(&path));
+        let work = move |_: &_| Environment::load(&background, &file, told);
         self.start_or_else(Kind::Light, label, work, move |session, read| match read {
             Ok(read) => {
                 session.stages.project_environment += 1;

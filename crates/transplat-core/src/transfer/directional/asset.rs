@@ -59,6 +59,8 @@ pub struct DirectionalLight {
     pub suns: Vec<Beam>,
     /// Irradiance averaged over all normals, with what fills a channel that the source lacks.
     pub mean: [f32; 3],
+    /// What of its strength the user told: [`crate::environment::Illumination::told_gain`].
+    pub told_gain: [f32; 3],
     /// What is added to all irradiance: epsilon's share, and that filling.
     pub least: [f32; 3],
 }

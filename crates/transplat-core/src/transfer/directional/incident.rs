@@ -40,6 +40,8 @@ pub(in crate::transfer) struct Incident<'a> {
     pub irradiance: Vec<FrontAndBack>,
     /// Irradiance of the light, [`DirectionalLight::mean`].
     pub mean: [f32; 3],
+    /// [`DirectionalLight::told_gain`].
+    pub told_gain: [f32; 3],
     /// Epsilon's share.
     pub least: [f32; 3],
     terms: Terms,
@@ -117,6 +119,7 @@ impl DirectionalAsset {
         DirectionalLight {
             sky,
             suns,
+            told_gain: [1.0; 3],
             mean: std::array::from_fn(|c| means[c] + fill[c] * mean),
             least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
         }
@@ -141,6 +144,7 @@ impl DirectionalAsset {
                 .collect(),
             irradiance: Vec::new(),
             mean: light.mean,
+            told_gain: light.told_gain,
             least: light.least,
             terms,
             skips: settings.skips,

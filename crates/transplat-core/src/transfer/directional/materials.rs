@@ -20,8 +20,6 @@ impl DirectionalTransfer {
     /// As light and pictures tell it, albedos of any size.
     fn material(&self, i: usize) -> Material {
         let (asset, q) = (&*self.asset, self.asset.nodes.count());
-        let even = PI * self.light_gain;
-        let told = self.told_gain([even; 3]);
         let front = weighted_mean(&asset.nodes.weights, &self.matte[i * q..][..q]);
         let back = if self.settings.terms.two_sided {
             asset.bake.two_sided[i]
@@ -33,7 +31,7 @@ impl DirectionalTransfer {
             let radiance = (front[c] + back * asset.means[i][1][c]) / (1.0 + back);
             let [d0, d1] = self.divisor[i];
             let divisor = ((d0[c] + back * d1[c]) / (1.0 + back)).max(LEAST_IRRADIANCE);
-            radiance * told * (even / divisor).powf(self.trust)
+            radiance * (PI * self.light_gain / divisor).powf(self.trust)
         });
         let (gloss, glow) = (&self.gloss[i], self.glow_of(i));
         let reflectance = gloss.reflectance.map(|k| k * self.light_gain);

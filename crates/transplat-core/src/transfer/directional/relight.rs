@@ -19,11 +19,11 @@ impl Relight for DirectionalTransfer {
         part: Part,
         unseen: &[bool],
     ) -> Result<Relit> {
-        Ok(self.relight(self.light(target.for_directional()?), part, unseen))
+        Ok(self.relight(self.light(target)?, part, unseen))
     }
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
-        Ok(self.ratio(self.light(target.for_directional()?)))
+        Ok(self.ratio(self.light(target)?))
     }
 
     fn materials(&self, whitest: Option<f32>) -> Materials {

@@ -142,11 +142,7 @@ impl HarmonicScene {
         };
         // In the scene's coordinates, as all of it is.
         let probe = cube.light(PROBE_ROWS, Default::default(), beyond);
-        Illumination {
-            radiance: project_environment(&probe.map, degree),
-            beams: None,
-            trust: 1.0,
-        }
+        Illumination::new(project_environment(&probe.map, degree), None)
     }
 
     fn of_surfel<T>(&self, i: usize, of: impl Fn(&HarmonicTransfer, usize) -> T) -> T {

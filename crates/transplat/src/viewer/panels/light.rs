@@ -1,7 +1,8 @@
 //! One of the two lights: how it is turned, how strong it is.
 
 use eframe::egui::{self, Button, Ui};
-use transplat_core::scene::{EVEN, is_even};
+use transplat_core::environment::Layout;
+use transplat_core::scene::{EVEN, is_even, is_file};
 use transplat_core::surfels::UpAxis;
 
 use crate::pipeline::estimate::instead;
@@ -108,6 +109,9 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let mut axes = UpAxis::ALL;
     axes.sort_by_key(|(_, axis)| *axis != UpAxis::default());
     choice(ui, tr("Up in the map"), tip, &mut settings.up, &axes);
+    if settings.file.as_deref().is_some_and(is_file) {
+        layout(ui, session, side);
+    }
     if side == TARGET {
         let locked = &mut viewer.viewport.light_locked_to_camera;
         let response = ui
@@ -129,6 +133,24 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     if side == TARGET && !is_even(&light.path) && ui.button(tr("Use even light instead")).clicked()
     {
         session.set_light(side, EVEN.into());
+    }
+}
+
+/// How the picture of a light lays out what is all around.
+fn layout(ui: &mut Ui, session: &mut Session, side: usize) {
+    let mut layout = session.side_mut(side).layout;
+    let layouts = [
+        (tr("as its shape says"), None),
+        (tr("panorama"), Some(Layout::Equirectangular)),
+        (tr("cube cross"), Some(Layout::CubeCross)),
+        (tr("angular map"), Some(Layout::AngularMap)),
+        (tr("mirror ball"), Some(Layout::MirrorBall)),
+    ];
+    let tip = tr(
+        "How the picture lays out what is all around: a panorama twice as wide as high, the faces of a cube as a cross, a light probe whose radius is an angle, or a photograph of a mirroring ball cut to its outline.",
+    );
+    if choice(ui, tr("Layout"), tip, &mut layout, &layouts) {
+        session.set_layout(side, layout);
     }
 }
 
