@@ -76,8 +76,15 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     summary.set("glowing_share", glowing);
     summary.set("metallic_share", metallic);
     summary.set("output", args.output.display().to_string());
+    let is_told = lights.sources.iter().all(|light| light.trust >= 1.0);
+    let left = if is_told {
+        ""
+    } else {
+        "; half of the light is left in it, since nobody knows what it was"
+    };
+    summary.set("light_told", is_told);
     summary.finish(&format!(
-        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves",
+        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves{left}",
         args.output.display(),
         whitest * gain,
         100.0 * metallic,
