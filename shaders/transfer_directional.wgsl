@@ -178,8 +178,8 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
 }
 
 // A change of matte light, as far as the source is known.
-fn believed(change: vec3f) -> vec3f {
-    return select(settings.undamped * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
+fn believed(change: vec3f, glow: vec3f) -> vec3f {
+    return select(mix(settings.undamped, vec3f(1.0), glow) * pow(change, vec3f(settings.trust)), change, settings.trust >= 1.0);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -205,8 +205,8 @@ fn bounce(@builtin(global_invocation_id) id: vec3u) {
     if settings.two_sided == 0u {
         tau_back = tau_front;
     }
-    tau[2u * i] = vec4f(believed(tau_front), irradiance[2u * i].w);
-    tau[2u * i + 1u] = vec4f(believed(tau_back), 0.0);
+    tau[2u * i] = vec4f(believed(tau_front, glow), irradiance[2u * i].w);
+    tau[2u * i + 1u] = vec4f(believed(tau_back, glow), 0.0);
     let all = 2u * (chunk.first + i);
     next_radiance[all] = vec4f(surfels[i].front_mean * tau_front, 0.0);
     next_radiance[all + 1u] = vec4f(surfels[i].back_mean * tau_back, 0.0);

@@ -248,7 +248,8 @@ fn transfer_of_which_half_is_believed() {
         DirectionalTransfer::new(&whole.asset, &source, &whole.settings).expect("with beams");
     let half = Arc::new(half);
     let target = sky(DVec3::new(-0.7, 0.1, 0.5).normalize(), [0.3, 0.5, 0.9]);
-    let target = half.light(&target).expect("with beams");
+    let told = target.told([0.125, 0.5, 2.0]);
+    let target = half.light(&told).expect("with beams");
     let (cpu, got) = relit_on_both(&gpu, &half, &target);
     // Powers are exact to a few units in the last place.
     assert_alike(&cpu, &got, "believed by half");
@@ -259,30 +260,31 @@ fn a_lamp_keeps_shining_on_both() {
     let gpu = gpu();
     let mut cloud = synthetic::sphere(1500);
     let is_lamp = |p: &Vec3| p.z > 0.94;
-    for (f, p) in cloud.sh.iter_mut().zip(&cloud.positions) {
-        *f = if is_lamp(p) {
-            [7.0, 5.5, 4.0]
-        } else {
-            [1.0; 3]
-        };
-    }
-    let bake = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
-    let asset = DirectionalAsset::new(&cloud, Arc::new(bake), &Skips::default());
     let (settings, even) = (TransferSettings::default(), Illumination::even(3));
-    let prepared = DirectionalTransfer::new(&Arc::new(asset), &even, &settings);
-    let prepared = Arc::new(prepared.expect("with beams"));
-    let light = sky(DVec3::X, [0.4, 0.2, 1.5]);
-    let target = prepared.light(&light).expect("with beams");
-    let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
-    assert_alike(&cpu, &got, "with a lamp");
-    let glows = |i: &usize| prepared.glow_of(*i) > 0.99;
-    let lamp: Vec<usize> = (0..cloud.len()).filter(glows).collect();
-    assert!(!lamp.is_empty() && lamp.iter().all(|i| is_lamp(&cloud.positions[*i])));
-    for i in lamp {
-        assert!(
-            got.tau[i].iter().all(|t| (t - 1.0).abs() < 0.05),
-            "{:?}",
-            got.tau[i]
-        );
+    let bake = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
+    let bake = Arc::new(bake);
+    // Brighter than white paint; where half of the source is believed, of a colour purer than any.
+    for (color, trust) in [([7.0, 5.5, 4.0], 1.0), ([-1.7, 0.8, 1.35], 0.5)] {
+        for (f, p) in cloud.sh.iter_mut().zip(&cloud.positions) {
+            *f = if is_lamp(p) { color } else { [1.0; 3] };
+        }
+        let asset = DirectionalAsset::new(&cloud, bake.clone(), &Skips::default());
+        let source = Illumination {
+            trust,
+            ..even.clone()
+        };
+        let prepared = DirectionalTransfer::new(&Arc::new(asset), &source, &settings);
+        let prepared = Arc::new(prepared.expect("with beams"));
+        let light = sky(DVec3::X, [0.4, 0.2, 1.5]).told([0.3, 1.0, 2.0]);
+        let target = prepared.light(&light).expect("with beams");
+        let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
+        assert_alike(&cpu, &got, "with a lamp");
+        let glows = |i: &usize| prepared.glow_of(*i) > 0.99;
+        let lamp: Vec<usize> = (0..cloud.len()).filter(glows).collect();
+        assert!(!lamp.is_empty() && lamp.iter().all(|i| is_lamp(&cloud.positions[*i])));
+        for i in lamp {
+            let tau = got.tau[i];
+            assert!(tau.iter().all(|t| (t - 1.0).abs() < 0.05), "{tau:?}");
+        }
     }
 }

@@ -1,7 +1,14 @@
-//! The bundled scene against pictures that were made otherwise: by an independent renderer of surfels, and by a path tracer.
+//! The bundled scene against pictures that were made otherwise: by an independent renderer of surfels, by a path tracer, by the same light in
+//! another layout.
 
-use transplat_core::files::load_lut;
-use transplat_tests::{Folder, args, asset, exr_pixels, picture, psnr, root, run_json, small_lut};
+use std::f64::consts::PI;
+
+use glam::Vec3;
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::files::{load_environment, load_lut, write_environment};
+use transplat_tests::{
+    Folder, args, asset, exr_pixels, picture, psnr, root, run_json, run_told, small_lut,
+};
 
 fn render(device: &str, frame: &str, more: &[&str]) -> Vec<[f32; 3]> {
     let folder = Folder::empty();
@@ -178,4 +185,87 @@ fn the_object_is_framed_for_the_lens_that_is_asked_for() {
         );
     }
     assert!(psnr(&long, &wide) < 25.0);
+}
+
+/// A light is the same whichever way its picture lays it out: as a cross, which is known by its shape, as a disc, which is taken for an angular map
+/// unless somebody says that it is a mirror ball.
+#[test]
+fn crosses_and_discs_light_as_the_panorama_that_they_show() {
+    let folder = Folder::empty();
+    let (splat, city) = (asset("teapot.ply"), asset("city.hdr"));
+    let map = load_environment(city.as_ref()).expect("a light");
+    // By the direction at a place of the picture, from -1 to 1 right and up; black where there is none.
+    let write = |name: &str, [w, h]: [usize; 2], direction: &dyn Fn(f64, f64) -> Option<Vec3>| {
+        let color = |i: usize| {
+            let [x, y] = [i % w, i / w].map(|v| v as f64 + 0.5);
+            let d = direction(2.0 * x / w as f64 - 1.0, 1.0 - 2.0 * y / h as f64);
+            d.map_or([0.0; 3], |d| map.sample(d.normalize()))
+        };
+        let pixels = (0..w * h).map(color).collect();
+        let map = EnvironmentMap::new(w, h, pixels);
+        write_environment(&folder.path(name), &map).expect("room");
+        folder.name(name)
+    };
+    let cross = write("cross.exr", [512, 384], &|x, y| {
+        let (u, v) = (2.0 * (x + 1.0), 1.5 * (1.0 - y));
+        let (right, up) = (2.0 * u.fract() - 1.0, 1.0 - 2.0 * v.fract());
+        let d = match [u as usize, v as usize] {
+            [0, 1] => [right, 1.0, up],
+            [1, 1] => [1.0, -right, up],
+            [2, 1] => [-right, -1.0, up],
+            [3, 1] => [-1.0, right, up],
+            [1, 0] => [-up, -right, 1.0],
+            [1, 2] => [up, -right, -1.0],
+            _ => return None,
+        };
+        Some(Vec3::from(d.map(|v| v as f32)))
+    });
+    let disc = |x: f64, y: f64| (x.hypot(y) <= 1.0).then_some(x.hypot(y).max(1e-9));
+    let probe = write("probe.exr", [512; 2], &|x, y| {
+        let r = disc(x, y)?;
+        let (sin, cos) = (PI * r).sin_cos();
+        Some(Vec3::from(
+            [cos, -x * sin / r, y * sin / r].map(|v| v as f32),
+        ))
+    });
+    let ball = write("ball.exr", [512; 2], &|x, y| {
+        let r = disc(x, y)?;
+        let n = Vec3::from([(1.0 - r * r).sqrt(), x, y].map(|v| v as f32));
+        Some(2.0 * n.x * n - Vec3::X)
+    });
+    let bake = folder.name("teapot.bake");
+    run_json(&args("bake {} --device cpu -o {}", &[&splat, &bake]));
+    let drawn = |light: &str, told: &str| {
+        let out = folder.name("drawn.png");
+        let line = format!(
+            "render {{}} --source even --target {{}} --bake {{}} --size 120x100 --background black --device cpu -o {{}} {told}"
+        );
+        let told = run_json(&args(&line, &[&splat, light, &bake, &out]));
+        (picture(out.as_ref()), told["warnings"].to_string())
+    };
+    let (panorama, _) = drawn(&city, "");
+    for (light, option, layout, warning) in [
+        (&cross, "", "cube-cross", "cross"),
+        (&probe, "", "angular-map", "angular map"),
+        (&ball, "--target-layout mirror-ball", "angular-map", ""),
+    ] {
+        let (relit, warnings) = drawn(light, option);
+        let psnr = psnr(&panorama, &relit);
+        assert!(psnr > 40.0, "{layout}: {psnr}");
+        assert!(
+            warnings.contains(warning) && (!warning.is_empty() || warnings == "[]"),
+            "{warnings}"
+        );
+        // What nobody says something of is told by its shape.
+        assert_eq!(run_json(&["info", light])["layout"], layout);
+    }
+    let (wrong, _) = drawn(&ball, "");
+    assert!(psnr(&panorama, &wrong) < 40.0);
+    let line = "render {} --source even --target {} --target-layout mirror-ball -o {}";
+    let out = folder.name("none.png");
+    run_told(
+        &args(line, &[&splat, &city, &out]),
+        1,
+        &["city.hdr", "fill a square"],
+    );
 }

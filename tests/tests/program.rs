@@ -1,15 +1,12 @@
 //! The program's commands: what they write and what they tell.
 
-use std::f64::consts::PI;
 use std::fs;
 use std::process::Command;
 
-use glam::Vec3;
-use transplat_core::environment::EnvironmentMap;
-use transplat_core::files::{load_asset, load_environment, write_environment};
+use transplat_core::files::load_asset;
 use transplat_tests::{
-    Folder, args, asset, exr_pixels, level_cameras, picture, program, psnr, run, run_json,
-    run_told, small_lut, small_splat,
+    Folder, args, asset, exr_pixels, level_cameras, program, run, run_json, run_told, small_lut,
+    small_splat,
 };
 
 #[test]
@@ -384,89 +381,6 @@ fn cameras_tell_that_a_splat_lies_on_its_side() {
         let warnings = told["warnings"].to_string();
         assert_eq!(!warnings.contains("(--up=+y)"), is_told, "{warnings}");
     }
-}
-
-/// A light is the same whichever way its picture lays it out: as a cross, which is known by its shape, as a disc, which is taken for an angular map
-/// unless somebody says that it is a mirror ball.
-#[test]
-fn crosses_and_discs_light_as_the_panorama_that_they_show() {
-    let folder = Folder::empty();
-    let (splat, city) = (asset("teapot.ply"), asset("city.hdr"));
-    let map = load_environment(city.as_ref()).expect("a light");
-    // By the direction at a place of the picture, from -1 to 1 right and up; black where there is none.
-    let write = |name: &str, [w, h]: [usize; 2], direction: &dyn Fn(f64, f64) -> Option<Vec3>| {
-        let color = |i: usize| {
-            let [x, y] = [i % w, i / w].map(|v| v as f64 + 0.5);
-            let d = direction(2.0 * x / w as f64 - 1.0, 1.0 - 2.0 * y / h as f64);
-            d.map_or([0.0; 3], |d| map.sample(d.normalize()))
-        };
-        let pixels = (0..w * h).map(color).collect();
-        let map = EnvironmentMap::new(w, h, pixels);
-        write_environment(&folder.path(name), &map).expect("room");
-        folder.name(name)
-    };
-    let cross = write("cross.exr", [512, 384], &|x, y| {
-        let (u, v) = (2.0 * (x + 1.0), 1.5 * (1.0 - y));
-        let (right, up) = (2.0 * u.fract() - 1.0, 1.0 - 2.0 * v.fract());
-        let d = match [u as usize, v as usize] {
-            [0, 1] => [right, 1.0, up],
-            [1, 1] => [1.0, -right, up],
-            [2, 1] => [-right, -1.0, up],
-            [3, 1] => [-1.0, right, up],
-            [1, 0] => [-up, -right, 1.0],
-            [1, 2] => [up, -right, -1.0],
-            _ => return None,
-        };
-        Some(Vec3::from(d.map(|v| v as f32)))
-    });
-    let disc = |x: f64, y: f64| (x.hypot(y) <= 1.0).then_some(x.hypot(y).max(1e-9));
-    let probe = write("probe.exr", [512; 2], &|x, y| {
-        let r = disc(x, y)?;
-        let (sin, cos) = (PI * r).sin_cos();
-        Some(Vec3::from(
-            [cos, -x * sin / r, y * sin / r].map(|v| v as f32),
-        ))
-    });
-    let ball = write("ball.exr", [512; 2], &|x, y| {
-        let r = disc(x, y)?;
-        let n = Vec3::from([(1.0 - r * r).sqrt(), x, y].map(|v| v as f32));
-        Some(2.0 * n.x * n - Vec3::X)
-    });
-    let bake = folder.name("teapot.bake");
-    run_json(&args("bake {} --device cpu -o {}", &[&splat, &bake]));
-    let drawn = |light: &str, told: &str| {
-        let out = folder.name("drawn.png");
-        let line = format!(
-            "render {{}} --source even --target {{}} --bake {{}} --size 120x100 --background black --device cpu -o {{}} {told}"
-        );
-        let told = run_json(&args(&line, &[&splat, light, &bake, &out]));
-        (picture(out.as_ref()), told["warnings"].to_string())
-    };
-    let (panorama, _) = drawn(&city, "");
-    for (light, option, layout, warning) in [
-        (&cross, "", "cube-cross", "cross"),
-        (&probe, "", "angular-map", "angular map"),
-        (&ball, "--target-layout mirror-ball", "angular-map", ""),
-    ] {
-        let (relit, warnings) = drawn(light, option);
-        let psnr = psnr(&panorama, &relit);
-        assert!(psnr > 40.0, "{layout}: {psnr}");
-        assert!(
-            warnings.contains(warning) && (!warning.is_empty() || warnings == "[]"),
-            "{warnings}"
-        );
-        // What nobody says something of is told by its shape.
-        assert_eq!(run_json(&["info", light])["layout"], layout);
-    }
-    let (wrong, _) = drawn(&ball, "");
-    assert!(psnr(&panorama, &wrong) < 40.0);
-    let line = "render {} --source even --target {} --target-layout mirror-ball -o {}";
-    let out = folder.name("none.png");
-    run_told(
-        &args(line, &[&splat, &city, &out]),
-        1,
-        &["city.hdr", "1 x 1 squares"],
-    );
 }
 
 #[test]

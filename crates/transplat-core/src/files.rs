@@ -58,7 +58,8 @@ pub fn is_same_file(a: &Path, b: &Path) -> bool {
 /// # Errors
 /// The file cannot be read, is broken, or is no picture.
 pub fn load_plate(path: &Path) -> Result<Plate> {
-    Ok(Plate::of(&load_environment(path)?))
+    let as_it_is = Some(Layout::Equirectangular);
+    Ok(Plate::of(&load_environment_as(path, as_it_is)?))
 }
 
 /// Width and height of a photograph, of which only the header is read.

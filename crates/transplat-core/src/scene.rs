@@ -173,10 +173,21 @@ impl Scene {
         first_is_shown && self.background != Background::Plate && !self.shadow_catcher
     }
 
+    /// What the objects were captured under and, last, what they are relit by.
+    pub fn environment_lights(&self) -> impl Iterator<Item = &EnvironmentLight> {
+        let sources = self.objects.iter().map(|o| &o.source);
+        sources.chain([&self.environment])
+    }
+
+    /// The same, to be changed.
+    pub fn environment_lights_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentLight> {
+        let sources = self.objects.iter_mut().map(|o| &mut o.source);
+        sources.chain([&mut self.environment])
+    }
+
     /// How the picture of a light is laid out, where one that takes it tells: one file is read one way.
     pub fn layout_of(&self, file: &Path) -> Option<Layout> {
-        let sources = self.objects.iter().map(|o| &o.source);
-        let mut lights = sources.chain([&self.environment]);
+        let mut lights = self.environment_lights();
         lights.find_map(|l| l.layout.filter(|_| l.file.as_deref() == Some(file)))
     }
 

@@ -43,6 +43,9 @@ const LEAST_CAMERAS: usize = 3;
 /// Cosine between an axis and the mean of the cameras' own up from which on it is meant.
 const CAMERAS_AGREE: f64 = 0.9;
 
+/// Length of that mean below which they are held all ways; those that look down by 60 degrees from all around have a half.
+const CAMERAS_TELL: f64 = 0.4;
+
 /// How a capture is known to stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpEvidence {
@@ -72,7 +75,11 @@ pub fn up_from_cameras(cameras: impl IntoIterator<Item = DMat4>) -> Option<UpAxi
         .map(|pose| pose.y_axis.truncate().normalize_or_zero())
         .collect();
     // Those that look down from all around lean to all sides, which cancels out.
-    let mean = ups.iter().sum::<DVec3>().try_normalize()?;
+    let mean = ups.iter().sum::<DVec3>() / ups.len().max(1) as f64;
+    if mean.length() < CAMERAS_TELL {
+        return None;
+    }
+    let mean = mean.normalize();
     let along = |up: &UpAxis| mean.dot(up.direction().as_dvec3());
     let up =
         (UpAxis::ALL.map(|(_, up)| up).into_iter()).max_by(|a, b| along(a).total_cmp(&along(b)))?;
@@ -330,6 +337,12 @@ mod tests {
             assert_eq!(up_from_cameras((0..2).map(turned)), None);
         }
         assert_eq!(up_from_cameras([DMat4::ZERO; 5]), None);
+        // Held on their sides, half to the left and half to the right, more or less.
+        let on_its_side = |i: usize| {
+            let roll = if i.is_multiple_of(2) { 90.0 } else { -80.0f64 };
+            camera(i) * DMat4::from_quat(DQuat::from_rotation_z(roll.to_radians()))
+        };
+        assert_eq!(up_from_cameras((0..40).map(on_its_side)), None);
     }
 
     #[test]

@@ -23,7 +23,7 @@ use transplat_core::estimate::Estimate;
 use transplat_core::files::{inspect_bake, load_environment_as};
 use transplat_core::ground::Ground;
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{Object, Scene, is_estimate, is_even, is_file};
+use transplat_core::scene::{EnvironmentLight, Object, Scene, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
@@ -167,7 +167,7 @@ impl Pipeline {
         }
         if let Some(degrees) = bake.normal_noise() {
             summary.set("normals_noise_degrees", degrees);
-            if degrees > DOUBTFUL_NORMAL_NOISE {
+            if degrees >= DOUBTFUL_NORMAL_NOISE {
                 summary.warn(noise_warning(degrees));
             }
         }
@@ -278,6 +278,11 @@ impl Pipeline {
     /// Settings that the method does not know, and that were asked for all the same.
     fn tell_what_is_ignored(&self, summary: &mut Summary) {
         let (scene, plain) = (&self.scene, Scene::default());
+        let mut lights = scene.environment_lights();
+        let has_no_picture = |l: &EnvironmentLight| l.file.as_deref().is_some_and(|f| !is_file(f));
+        if lights.any(|l| l.layout.is_some() && has_no_picture(l)) {
+            summary.skip("the light's layout", "it has no picture");
+        }
         match scene.transfer.method {
             Method::Harmonic => {
                 if self
@@ -412,8 +417,7 @@ impl Pipeline {
 
     /// How a light's picture is laid out, where that is told.
     fn layout_of(&self, path: &Path) -> Option<Layout> {
-        let mut lights =
-            (self.scene.objects.iter().map(|o| &o.source)).chain([&self.scene.environment]);
+        let mut lights = self.scene.environment_lights();
         // One of several targets is named by the command line alone.
         let is_named = lights.any(|l| l.file.as_deref() == Some(path));
         let of_targets = self.scene.environment.layout.filter(|_| !is_named);
@@ -435,7 +439,12 @@ impl Pipeline {
             let estimate = object.estimate((&self.device, &self.scene), saved, summary)?;
             if let Some(obstacle) = estimate.obstacle {
                 let why = why_not(self.scene.transfer.method, obstacle);
-                summary.warn(format!("the light of the capture {why}"));
+                let hint = if self.scene.match_strength {
+                    ""
+                } else {
+                    "; nor how strong it was (--match-strength leaves the asset about as bright)"
+                };
+                summary.warn(format!("the light of the capture {why}{hint}"));
                 return Ok(None);
             }
             summary.note(estimate_in_words(estimate, object.cloud.up));

@@ -11,7 +11,7 @@ use transplat_core::files::{
 use transplat_core::present::Background;
 use transplat_core::scene::{Scene, Transform};
 use transplat_core::settings::{Method, TransferSettings};
-use transplat_core::surfels::SurfelCloud;
+use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::synthetic;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json};
@@ -241,7 +241,10 @@ fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
         cloud.positions.iter_mut().for_each(|p| *p *= scale);
         cloud.scales.iter_mut().for_each(|s| *s *= scale);
     }
-    let meant = synthetic::sphere(200);
+    let meant = SurfelCloud {
+        up: UpAxis::PlusY,
+        ..synthetic::sphere(200)
+    };
     d.after(|v| v.session.adds_splats = true);
     let radius = |d: &mut Driver| d.viewer().session.scene_bounds().expect("a scene").radius;
     for (name, cloud, is_scaled) in [
@@ -268,9 +271,12 @@ fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
         let own = own.transformed(object.transform.scene_from_object());
         if is_scaled {
             assert!((own.radius / before - 1.0).abs() < 0.01, "{name}");
-            // Beside the others, not within them.
-            assert!(radius(&mut d) > 1.3 * before, "{name}");
         }
+        // What is up in its file is up in the scene.
+        let up = object.transform.rotation * cloud.up.direction();
+        assert!(up.dot(Vec3::Z) > 0.9999, "{name}: {up}");
+        // As large as the others and beside them, not within.
+        assert!(!is_scaled || radius(&mut d) > 1.3 * before, "{name}");
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
+use transplat_core::environment::Layout;
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
 use transplat_tests::{asset, level_cameras, psnr, small_splat};
@@ -194,4 +195,62 @@ impl egui::DroppedFile for Dropped {
     fn bytes(&self) -> Result<Vec<u8>, String> {
         fs::read(&self.0).map_err(|e| e.to_string())
     }
+}
+
+/// A layout that the picture has not is told once, and the light stays as it was read; one that it has holds wherever the light goes.
+#[test]
+fn a_light_is_read_as_its_layout_is_told() {
+    let mut d = Driver::bundled();
+    let disc = image::RgbImage::from_fn(64, 64, |x, y| {
+        let [right, down] = [x, y].map(|v| f64::from(v) - 31.5);
+        let is_inside = right.hypot(down) < 32.0;
+        image::Rgb(if is_inside {
+            [4 * x as u8, 4 * y as u8, 90]
+        } else {
+            [0; 3]
+        })
+    });
+    let probe = d.folder.path("probe.png");
+    disc.save(&probe).expect("room for it");
+    d.after(|v| v.open(&probe));
+    let read_as = |d: &mut Driver| {
+        let session = &d.viewer().session;
+        let layout = session.scene.environment.layout;
+        assert_eq!(session.light(1).told, layout, "what is set is what is read");
+        (layout, session.light(1).id)
+    };
+    let (layout, by_shape) = read_as(&mut d);
+    assert_eq!(layout, None);
+    let told = |d: &mut Driver, what: &str| {
+        let messages = &d.viewer().session.messages;
+        messages.iter().filter(|m| m.text.contains(what)).count()
+    };
+    assert_eq!(told(&mut d, "angular map"), 1);
+    d.after(|v| v.session.set_layout(1, Some(Layout::CubeCross)));
+    assert_eq!(told(&mut d, "a cube cross has"), 1);
+    assert_eq!(read_as(&mut d), (None, by_shape));
+    assert!(d.viewer().shelf().iter().any(|p| p.ends_with("probe.png")));
+    d.after(|v| v.session.set_layout(1, Some(Layout::MirrorBall)));
+    d.harness.run_steps(12);
+    let (layout, as_ball) = read_as(&mut d);
+    assert_eq!(layout, Some(Layout::MirrorBall));
+    assert_ne!(as_ball, by_shape);
+    let saved = d.viewer().session.scene_to_save();
+    assert_eq!(saved.environment.layout, layout);
+    // Another light, and back; each is a step by itself once it is left alone.
+    d.after(|v| v.session.set_light(1, "even".into()));
+    assert_eq!(d.viewer().session.scene.environment.layout, None);
+    d.harness.run_steps(12);
+    d.after(|v| v.session.set_light(1, probe.clone()));
+    d.harness.run_steps(12);
+    assert_eq!(read_as(&mut d), (Some(Layout::MirrorBall), as_ball));
+    let mut undo = || {
+        d.harness
+            .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Z);
+        d.settle();
+        read_as(&mut d).0
+    };
+    // The light, the other one, the layout.
+    let seen = [undo(), undo(), undo()];
+    assert_eq!(seen[1..], [Some(Layout::MirrorBall), None]);
 }

@@ -93,6 +93,17 @@ impl Illumination {
 
     /// Adds a source without extent.
     pub fn add(&mut self, beam: Beam) {
+        // What the user made of the rest counts for its share of all.
+        let means = self.radiance.mean_irradiances();
+        self.told_gain = std::array::from_fn(|c| {
+            let (mean, added) = (means[c], beam.energy[c] / 4.0);
+            let untold = mean / self.told_gain[c].max(f32::MIN_POSITIVE);
+            if mean > 0.0 && untold.is_finite() {
+                (mean + added) / (untold + added)
+            } else {
+                1.0
+            }
+        });
         self.radiance.add(beam.direction, beam.energy);
         if let Some(beams) = &mut self.beams {
             beams.add(beam);

@@ -64,19 +64,17 @@ impl EnvironmentMap {
         let layout = told.unwrap_or_else(|| Layout::of_shape(&self));
         let [width, height] = [self.width, self.height];
         let is_square = width.abs_diff(height) * 50 <= width.max(height);
-        let needs = |what: &str| {
-            Error::Mismatch(format!(
-                "{width} x {height} pixels are no {what} squares in size"
-            ))
-        };
+        let needs =
+            |what: &str| Error::Mismatch(format!("{what}, and this has {width} x {height} pixels"));
         let panorama = match layout {
             Layout::Equirectangular => self,
             Layout::CubeCross => {
-                let cross = Cross::of(&self).ok_or_else(|| needs("4 x 3 or 3 x 4"))?;
+                let cross = Cross::of(&self)
+                    .ok_or_else(|| needs("a cube cross has 4 x 3 or 3 x 4 squares"))?;
                 self.unfolded(2 * cross.edge, |d| cross.place(d))
             }
             Layout::AngularMap | Layout::MirrorBall if !is_square => {
-                return Err(needs("1 x 1"));
+                return Err(needs("an angular map and a mirror ball fill a square"));
             }
             Layout::AngularMap => self.unfolded(height, |d| in_disc(&self, angular_map(d))),
             Layout::MirrorBall => self.unfolded(height, |d| in_disc(&self, mirror_ball(d))),
@@ -206,27 +204,20 @@ impl Cross {
     fn place(&self, d: DVec3) -> [f64; 2] {
         let (ahead, right, up) = (d.x, -d.y, d.z);
         let largest = ahead.abs().max(right.abs()).max(up.abs());
-        // Column and row of the face, and where on it, right and up.
-        let behind = if self.is_upright { [0, 3] } else { [2, 1] };
+        let columns = if self.is_upright { 3 } else { 4 };
+        // The face, in columns from the one ahead and in rows, and where on it, right and up.
         let ([column, row], [x, y]) = if up.abs() == largest {
             let row = if up > 0.0 { 0 } else { 2 };
             ([0, row], [right, -ahead * up.signum()])
         } else if right.abs() == largest {
-            let side = if right > 0.0 { 1 } else { 3 };
+            let side = if right > 0.0 { 1 } else { columns - 1 };
             ([side, 1], [-ahead * right.signum(), up])
         } else if ahead > 0.0 {
             ([0, 1], [right, up])
         } else if self.is_upright {
-            (behind, [right, -up])
+            ([0, 3], [right, -up])
         } else {
-            (behind, [-right, up])
-        };
-        let columns = if self.is_upright { 3 } else { 4 };
-        // To the left of the middle, in a cross that is upright.
-        let column = if self.is_upright && column == 3 {
-            2
-        } else {
-            column
+            ([2, 1], [-right, up])
         };
         let column = (self.ahead + column) % columns;
         let edge = self.edge as f64;

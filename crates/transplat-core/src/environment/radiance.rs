@@ -89,8 +89,12 @@ impl IncidentRadiance {
 
     /// Irradiance on a surface that sees everything, averaged over all normals and the three channels: `pi` times the mean radiance.
     pub fn mean_irradiance(&self) -> f32 {
-        let dc = self.coefficients[0].iter().sum::<f32>() / 3.0;
-        (PI / SQRT_4PI) as f32 * dc
+        self.mean_irradiances().iter().sum::<f32>() / 3.0
+    }
+
+    /// The same by channel.
+    pub fn mean_irradiances(&self) -> [f32; 3] {
+        self.coefficients[0].map(|dc| (PI / SQRT_4PI) as f32 * dc)
     }
 
     /// Whether the light is black.

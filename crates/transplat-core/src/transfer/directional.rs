@@ -73,6 +73,8 @@ pub struct DirectionalTransfer {
     pub source_was_black: bool,
     /// Power to which a change of matte light is taken: [`Illumination::trust`] of the source. What it mirrored is not asked below 1.
     pub trust: f32,
+    /// [`Illumination::told_gain`] of the source.
+    told_gain: [f32; 3],
     /// Mean irradiance of the source, as [`DirectionalLight::mean`] and so multiplied.
     mean: [f32; 3],
     /// Epsilon's part of the divisor.
@@ -242,14 +244,14 @@ impl DirectionalTransfer {
         settings: &TransferSettings,
         progress: Progress<'_>,
     ) -> Result<Self> {
-        let trust = source.trust;
+        let (trust, told_gain) = (source.trust, source.told_gain);
         let source = source.for_directional()?;
         let source_was_black = source.1.mean_irradiance() <= 0.0;
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
-        let light = asset.light(source, light_gain, settings, fill);
+        let light = asset.light(source, (light_gain, told_gain), settings, fill);
         let light = asset.incident(light, settings, None);
         tell(progress, 0.25)?;
         let radiance = asset.captured_radiance();
@@ -295,6 +297,7 @@ impl DirectionalTransfer {
             light_gain,
             source_was_black,
             trust,
+            told_gain,
             mean: light.mean,
             least: light.least,
             fill,
@@ -356,10 +359,8 @@ impl DirectionalTransfer {
     pub fn light(&self, target: &Illumination) -> Result<DirectionalLight> {
         let (gain, settings) = (self.light_gain, &self.settings);
         let beams = target.for_directional()?;
-        Ok(DirectionalLight {
-            told_gain: target.told_gain,
-            ..self.asset.light(beams, gain, settings, self.fill)
-        })
+        let told = target.told_gain;
+        Ok(self.asset.light(beams, (gain, told), settings, self.fill))
     }
 
     /// By how much a light's mean, [`DirectionalLight::mean`], is stronger than the source's: from there the bounces start.
@@ -483,19 +484,27 @@ impl DirectionalTransfer {
         self.glow.get(i).copied().unwrap_or(0.0)
     }
 
-    /// Believes a change only as far as its source, but for what is told of the light.
+    /// Believes a change only as far as its source, but for what is told of the light; what glows is as it was.
     pub(super) fn trusted(&self, told_gain: [f32; 3], tau: &mut [FrontAndBack]) {
-        if self.trust < 1.0 {
-            let whole = self.undamped(told_gain);
-            for side in tau.iter_mut().flatten() {
+        if self.trust >= 1.0 {
+            return;
+        }
+        let whole = self.undamped(told_gain);
+        for (i, sides) in tau.iter_mut().enumerate() {
+            let glow = self.glow_of(i);
+            let whole = whole.map(|w| w + (1.0 - w) * glow);
+            for side in sides {
                 *side = std::array::from_fn(|c| whole[c] * side[c].powf(self.trust));
             }
         }
     }
 
-    /// What a change is multiplied by beside its power, so that what is told of a light counts in full.
+    /// What a change is multiplied by beside its power, so that what is told of a light counts in full, against what was told of the source.
     pub fn undamped(&self, told_gain: [f32; 3]) -> [f32; 3] {
-        told_gain.map(|gain| gain.powf(1.0 - self.trust))
+        std::array::from_fn(|c| {
+            let told = told_gain[c] / self.told_gain[c].max(LEAST_IRRADIANCE);
+            told.min(1e20).powf(1.0 - self.trust)
+        })
     }
 
     /// What it keeps of matte surfels.

@@ -12,7 +12,7 @@ use anyhow::{Context as _, Error, Result, bail};
 use serde::Deserialize;
 use serde_json::json;
 use transplat_core::files::{
-    folder_of, load_cameras, load_environment, load_look, look_text, write_atomically,
+    folder_of, load_cameras, load_environment_as, load_look, look_text, write_atomically,
 };
 use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
@@ -107,7 +107,9 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
         .collect::<BTreeSet<_>>()
     {
         let (name, path) = &lights[at];
-        if let Some(Err(why)) = is_file(path).then(|| load_environment(path)) {
+        if let Some(Err(why)) =
+            is_file(path).then(|| load_environment_as(path, args.light.target_layout))
+        {
             failed.push(format!("{name}: {why}"));
             bad_lights.insert(at);
         }

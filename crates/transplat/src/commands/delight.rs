@@ -56,7 +56,7 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     let delit = summary.time("delight", || {
         Delit::of(&prepared, &object.cloud, args.delit_as, whitest)
     })?;
-    if let Some(warning) = delit.warning(whitest) {
+    for warning in delit.warnings(whitest) {
         summary.warn(warning);
     }
     let share = |is: &dyn Fn(usize) -> bool| {
@@ -72,19 +72,13 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     summary.time("export", || {
         delit.write(&object.file, args.materials, &args.output)
     })?;
+    summary.set("light_told", delit.light_told);
     summary.set("whitest_albedo", whitest * gain);
     summary.set("glowing_share", glowing);
     summary.set("metallic_share", metallic);
     summary.set("output", args.output.display().to_string());
-    let is_told = lights.sources.iter().all(|light| light.trust >= 1.0);
-    let left = if is_told {
-        ""
-    } else {
-        "; half of the light is left in it, since nobody knows what it was"
-    };
-    summary.set("light_told", is_told);
     summary.finish(&format!(
-        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves{left}",
+        "wrote {}: whitest albedo {:.2}, {:.1} % of the surfels metal, {:.1} % shining by themselves",
         args.output.display(),
         whitest * gain,
         100.0 * metallic,

@@ -9,7 +9,7 @@ use transplat_core::crop::proposed_crop;
 use transplat_core::environment::{Layout, project_environment};
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look, load_lut, look_text,
+    load_look, load_lut, look_text, plate_size,
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
@@ -20,7 +20,7 @@ use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
 use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::object::LoadedObject;
-use crate::pipeline::warnings::up_warning;
+use crate::pipeline::warnings::{map_warnings, up_warning};
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -255,8 +255,9 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     let peak = luminances.fold(0f32, f32::max);
     let share = map.brightest_share(0.001);
     summary.set("kind", "environment");
-    summary.set("width", map.width());
-    summary.set("height", map.height());
+    let [width, height] = plate_size(path)?;
+    summary.set("width", width);
+    summary.set("height", height);
     summary.set("mean_radiance", mean.to_vec());
     summary.set("mean_irradiance", light.mean_irradiance());
     summary.set("peak_luminance", peak);
@@ -267,15 +268,7 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
         .find(|(_, layout)| *layout == map.layout());
     let layout = told.map_or("", |(name, _)| name);
     summary.set("layout", layout);
-    lines.push(format!(
-        "environment, {} x {} pixels, {layout}{}",
-        map.width(),
-        map.height(),
-        match map.layout() {
-            Layout::Equirectangular => "",
-            _ => " read as a panorama",
-        }
-    ));
+    lines.push(format!("environment, {width} x {height} pixels, {layout}"));
     lines.push(format!(
         "mean radiance {mean:.4?}, mean irradiance {:.4}",
         light.mean_irradiance()
@@ -284,17 +277,8 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     if share > 0.3 {
         lines.push("most of it comes from one or a few small lamps or a sun: a low SH degree blurs its shadows".into());
     }
-    if map.width() != 2 * map.height() {
-        summary.warn("not twice as wide as high; taken as equirectangular all the same");
-    }
-    if map.repaired() > 0 {
-        summary.warn(format!(
-            "{} pixels are negative or no numbers, and count as black",
-            map.repaired()
-        ));
-    }
-    if map.has_clipped_highlights() {
-        summary.warn("a low-dynamic-range picture: its highlights are clipped");
+    for warning in map_warnings(path, &map, None) {
+        summary.warn(warning);
     }
     if light.is_black() {
         summary.warn("black: it lights nothing");

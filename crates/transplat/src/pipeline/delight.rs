@@ -32,6 +32,8 @@ pub struct Delit {
     /// Its surfels, with that colour.
     pub cloud: SurfelCloud,
     pub materials: Materials,
+    /// Whether the light of the capture was told, or could be.
+    pub light_told: bool,
 }
 
 impl Delit {
@@ -56,19 +58,33 @@ impl Delit {
             sh_degree,
             ..cloud.clone()
         };
-        Ok(Self { cloud, materials })
+        let light_told = match prepared {
+            PreparedTransfer::Directional(transfer) => transfer.trust >= 1.0,
+            _ => true,
+        };
+        Ok(Self {
+            cloud,
+            materials,
+            light_told,
+        })
     }
 
-    /// What the user should know of how bright it is.
-    pub fn warning(&self, whitest: Option<f32>) -> Option<String> {
+    /// What the user should know of how bright it is, and how even.
+    pub fn warnings(&self, whitest: Option<f32>) -> Vec<String> {
         let found = self.materials.whitest;
-        let is_told = whitest.is_some() || PLAUSIBLE_WHITEST.contains(&found);
-        (!is_told).then(|| {
-            format!(
+        let is_plausible = whitest.is_some() || PLAUSIBLE_WHITEST.contains(&found);
+        let mut warnings = Vec::new();
+        if !is_plausible {
+            warnings.push(format!(
                 "light and pictures are not exposed alike: the whitest surface would have an albedo of {found:.3}; it is taken to be {:.2} (--whitest)",
                 found * self.materials.gain
-            )
-        })
+            ));
+        }
+        if !self.light_told {
+            warnings
+                .push("half of its light is left in it, since nobody knows what that was".into());
+        }
+        warnings
     }
 
     /// Writes it in the format that the name says; `file` is what it was read from.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::numeric::quantile;
 use transplat_core::scene::{
@@ -58,6 +58,24 @@ impl Session {
         if let Some(added) = self.states.last_mut() {
             added.seeks_room = Some(small);
         }
+    }
+
+    /// Turns an object that stands in the scene of another so that its own up axis is up there, about its middle.
+    pub(in crate::viewer) fn stand_upright(&mut self, at: usize) {
+        let (own, scene) = (self.up_of(at).direction(), self.scene_up().direction());
+        let Some(bounds) = self.states[at].asset.as_ref().map(|a| a.bounds) else {
+            return;
+        };
+        let transform = &mut self.scene.objects[at].transform;
+        let place = |transform: &Transform| {
+            transform
+                .scene_from_object()
+                .transform_point3(bounds.center)
+        };
+        let middle = place(transform);
+        let turn = Quat::from_rotation_arc(transform.rotation * own, scene);
+        transform.rotation = (turn * transform.rotation).normalize();
+        transform.translation += middle - place(transform);
     }
 
     /// Puts what was added beside the others, unless it is smaller than such a share of them.

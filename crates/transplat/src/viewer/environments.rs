@@ -74,11 +74,11 @@ impl Environments {
         }
     }
 
-    /// Has a file read whose picture is laid out as told, unless it was.
+    /// Has a file read whose picture is laid out as told, unless it was; until then it is as it was read.
     pub(super) fn request_as(&mut self, path: &Path, told: Option<Layout>) {
-        match self.read.get(path) {
-            Some(read) if read.told != told => self.request_again(path),
-            _ => self.request(path),
+        let is_read = self.read.get(path).is_some_and(|read| read.told == told);
+        if is_file(path) && !is_read && !self.is_awaited(path) {
+            self.waiting.push(path.to_owned());
         }
     }
 

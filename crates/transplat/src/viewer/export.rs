@@ -248,7 +248,7 @@ impl Task {
 enum Made {
     Files(Vec<PathBuf>),
     /// A splat without its light, and what is to be known of it.
-    Delit(PathBuf, Option<String>),
+    Delit(PathBuf, Vec<String>),
     /// Width, height, straight RGBA bytes: for the clipboard, or to be looked at.
     Picture([usize; 2], Vec<u8>),
     Preview([usize; 2], Vec<u8>),

@@ -136,7 +136,7 @@ impl History {
 }
 
 /// What looks call a setting, and how it is said: the longest beginning counts.
-const WORDS: [(&str, &str); 42] = [
+const WORDS: [(&str, &str); 44] = [
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
     ("background_blur", tr_later("blur")),
@@ -158,6 +158,7 @@ const WORDS: [(&str, &str); 42] = [
     ("shadow_catcher", tr_later("shadow on the ground")),
     ("source", tr_later("light of the capture")),
     ("source/file", tr_later("captured under")),
+    ("source/layout", tr_later("layout of the capture's light")),
     ("source/mirror", tr_later("light of the capture mirrored")),
     ("source/rotation", tr_later("light of the capture turned")),
     (
@@ -169,6 +170,7 @@ const WORDS: [(&str, &str); 42] = [
     ("source/up", tr_later("up in the capture's light")),
     ("target", tr_later("light")),
     ("target/file", tr_later("relit by")),
+    ("target/layout", tr_later("layout of the light")),
     ("target/mirror", tr_later("light mirrored")),
     ("target/rotation", tr_later("light turned")),
     ("target/strength", tr_later("strength of the light")),

@@ -8,6 +8,7 @@ use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, pl
 use transplat_core::present::Background;
 use transplat_core::upright::up_from_cameras;
 
+use super::asset::Asset;
 use super::jobs::Kind;
 use super::language::{tr, tr_format};
 use super::session::{Event, OpenCameras, Session};
@@ -43,33 +44,37 @@ impl Session {
             path.display(),
             file.frames.len()
         ));
-        self.set_upright_by(&file);
         self.cameras = Some(OpenCameras {
             path: path.to_owned(),
             file,
             at: 0,
             photograph: None,
         });
+        let first = self.states.first().and_then(|s| s.asset.clone());
+        if let Some(asset) = first {
+            self.set_upright_by_cameras(&asset);
+        }
         self.look_through(0);
     }
 
-    /// Sets the first object upright as the cameras were held, where nobody said which way is up; what was proposed before was a worse guess.
-    fn set_upright_by(&mut self, cameras: &CameraFile) {
-        let Some(asset) = self.states.first().and_then(|s| s.asset.as_ref()) else {
-            return;
-        };
-        let (file_up, proposed) = (asset.file_up, asset.proposed_up.map(|(up, _)| up));
-        let is_told = asset.file.report.up.is_some();
+    /// Sets the first object upright as the cameras that are open were held, where nobody said which way is up; what was proposed before was a
+    /// worse guess. Whether the cameras tell.
+    pub(super) fn set_upright_by_cameras(&mut self, asset: &Asset) -> bool {
         let object = &mut self.scene.objects[0];
+        let proposed = asset.proposed_up.map(|(up, _)| up);
         let is_chosen = object.up.is_some() && object.up != proposed;
-        let up = up_from_cameras(cameras.frames.iter().map(|f| f.world_from_camera));
-        let Some(up) = up.filter(|_| !is_told && !is_chosen) else {
-            return;
+        if asset.file.report.up.is_some() || is_chosen {
+            return false;
+        }
+        let frames = self.cameras.iter().flat_map(|open| &open.file.frames);
+        let Some(up) = up_from_cameras(frames.map(|f| f.world_from_camera)) else {
+            return false;
         };
-        if up != object.up.unwrap_or(file_up) {
+        if up != object.up.unwrap_or(asset.file_up) {
             object.up = Some(up);
             self.info(tr_format!("it was set upright: its cameras were held with {name} up; the panel Asset has its up axis", name = up.name()));
         }
+        true
     }
 
     /// Looks through a camera of the file that is open, its photograph behind the objects where that is found.

@@ -378,6 +378,7 @@ impl Session {
         if is_added {
             self.selected = at;
             if let Some(small) = seeks_room {
+                self.stand_upright(at);
                 self.find_room(at, small);
             }
             self.reveal(at);
@@ -387,8 +388,9 @@ impl Session {
     /// Sets what nobody told of a splat that is opened, and says so: which way is up, by the ground in it, and where its light is not known
     /// the strength of the light that it is relit by.
     fn propose(&mut self, at: usize, asset: &Asset) {
+        let by_cameras = at == 0 && self.set_upright_by_cameras(asset);
         let object = &mut self.scene.objects[at];
-        if let (None, Some((up, evidence))) = (object.up, asset.proposed_up) {
+        if let (None, Some((up, evidence)), false) = (object.up, asset.proposed_up, by_cameras) {
             object.up = Some(up);
             let name = up.name();
             self.info(match evidence {
@@ -463,14 +465,17 @@ impl Session {
             self.scene.match_strength = false;
             self.matches_by_itself = false;
         }
-        self.side_mut(side).set_file(path);
+        // How its picture is laid out was told once for all.
+        let told = self.environments.get(&path).and_then(|read| read.told);
+        let light = self.side_mut(side);
+        light.set_file(path);
+        light.layout = light.layout.or(told);
     }
 
     /// Tells how the picture of a side's light is laid out, whatever else it lights.
     pub fn set_layout(&mut self, side: usize, layout: Option<Layout>) {
         let file = self.side_mut(side).file.clone();
-        let sources = self.scene.objects.iter_mut().map(|o| &mut o.source);
-        for light in sources.chain([&mut self.scene.environment]) {
+        for light in self.scene.environment_lights_mut() {
             if light.file == file {
                 light.layout = layout;
             }
@@ -479,8 +484,7 @@ impl Session {
 
     /// Reads the environments that wait, and those that the settings name.
     pub(super) fn start_lights(&mut self) {
-        let sources = self.scene.objects.iter().map(|o| &o.source);
-        let lights = sources.chain([&self.scene.environment]);
+        let lights = self.scene.environment_lights();
         let shown: Vec<&Path> = lights.filter_map(|l| l.file.as_deref()).collect();
         for path in &shown {
             self.environments
@@ -494,8 +498,7 @@ impl Session {
 
     /// Whether the scene names a light.
     fn is_named(&self, path: &Path) -> bool {
-        let sources = self.scene.objects.iter().map(|o| &o.source);
-        let mut lights = sources.chain([&self.scene.environment]);
+        let mut lights = self.scene.environment_lights();
         lights.any(|light| light.file.as_deref() == Some(path))
     }
 
@@ -519,7 +522,10 @@ impl Session {
                 session.environments.has_read(&path, None);
                 session.error(format!("{why:#}"));
                 session.take_back(&path);
-                session.events.push(Event::NoLight(path));
+                // One that cannot be read as it was told is a light all the same.
+                if session.environments.get(&path).is_none() {
+                    session.events.push(Event::NoLight(path));
+                }
             }
         });
     }

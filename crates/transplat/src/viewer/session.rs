@@ -608,10 +608,14 @@ impl Session {
             // What could not be opened here may be elsewhere.
             if let Some(asset) = &state.asset {
                 object.asset = Some(asset.path.clone());
-                object.source.file = Some(state.source.light.path.clone());
+                let light = &state.source.light;
+                object.source.file = Some(light.path.clone());
+                object.source.layout = light.told;
             }
         }
-        scene.environment.file = Some(self.environment.light.path.clone());
+        let light = &self.environment.light;
+        scene.environment.file = Some(light.path.clone());
+        scene.environment.layout = light.told;
         scene.camera = Some(self.pose);
         scene
     }

@@ -89,11 +89,11 @@ impl Sky {
 }
 
 impl DirectionalAsset {
-    /// Takes a light in, its strength multiplied. `fill` is what a channel gets of the light's mean that the source lacks.
+    /// Takes a light in, its strength multiplied, of which the user told some. `fill` is what a channel gets of the light's mean that the source lacks.
     pub(super) fn light(
         &self,
         (radiance, beams): (&IncidentRadiance, &Beams),
-        gain: f32,
+        (gain, told_gain): (f32, [f32; 3]),
         settings: &TransferSettings,
         fill: [f32; 3],
     ) -> DirectionalLight {
@@ -119,7 +119,7 @@ impl DirectionalAsset {
         DirectionalLight {
             sky,
             suns,
-            told_gain: [1.0; 3],
+            told_gain,
             mean: std::array::from_fn(|c| means[c] + fill[c] * mean),
             least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
         }

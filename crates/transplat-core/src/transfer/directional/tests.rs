@@ -157,7 +157,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let asset = asset_of(&cloud);
         let settings = TransferSettings::default();
         let beams = source.for_directional().expect("with beams");
-        let light = asset.light(beams, 1.0, &settings, [0.0; 3]);
+        let light = asset.light(beams, (1.0, [1.0; 3]), &settings, [0.0; 3]);
         let light = asset.incident(light, &settings, None);
         let radiance = asset.captured_radiance();
         let mut rays = Rays::default();
@@ -512,6 +512,23 @@ fn the_limit_of_glow_and_how_far_the_light_is_known_say_what_a_lamp_is() {
     // Where the light is not known, it may have been as bright as that.
     assert!(glow(white_lamp, GLOW_ABOVE, 0.5).1 == 0.0);
     assert!(glow(blue_lamp, GLOW_ABOVE, 0.5).0 > 0.95);
+    // And what the user makes of the new light is nothing to a lamp.
+    let (cloud, lamp) = with_lamp(blue_lamp);
+    let half = Illumination { trust: 0.5, ..even };
+    let transfer = prepared(&asset_of(&cloud), &half);
+    let tau = transfer.relight_by(&half.told([0.01; 3])).tau;
+    for i in lamp.into_iter().filter(|i| transfer.glow_of(*i) > 0.999) {
+        assert!(tau[i].iter().all(|t| *t > 0.97), "{:?}", tau[i]);
+    }
+    // A surfel that does not glow is darker as told; light that stays as it is, however told, changes nothing.
+    assert!(
+        tau[0].iter().all(|t| (t - 0.01).abs() < 2e-3),
+        "{:?}",
+        tau[0]
+    );
+    let told = half.told([0.5, 2.0, 1.0]);
+    let same = prepared(&asset_of(&cloud), &told).relight_by(&told).tau;
+    assert!(same.iter().flatten().all(|t| (t - 1.0).abs() < 1e-3));
 }
 
 #[test]

@@ -537,7 +537,7 @@ impl Snapshot {
         let delit = Delit::of(prepared, &self.cloud, settings.delit_as, whitest)?;
         handle_step(handle, 0, 1)?;
         delit.write(&self.file, settings.materials, path)?;
-        Ok(Made::Delit(path.to_owned(), delit.warning(whitest)))
+        Ok(Made::Delit(path.to_owned(), delit.warnings(whitest)))
     }
 
     fn write_splat(&self, path: &Path, handle: &Handle<Outcome>) -> Result<Made> {

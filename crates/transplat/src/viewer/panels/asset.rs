@@ -51,6 +51,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             ));
             if chosen.clicked() && up != axis {
                 session.object_mut().up = Some(axis);
+                if session.selected > 0 && !session.object().locked {
+                    session.stand_upright(session.selected);
+                }
                 let size = session.viewport;
                 let alone = !session.is_composed();
                 if let Some(asset) = session.asset().filter(|_| alone) {
@@ -136,7 +139,7 @@ fn front(ui: &mut Ui, viewer: &mut Viewer) {
 /// That what is seen of the light is only rough, where it is.
 fn noise(ui: &mut Ui, session: &Session) {
     let noise = session.bake_so_far().and_then(|b| b.normal_noise());
-    if let Some(degrees) = noise.filter(|degrees| *degrees > DOUBTFUL_NORMAL_NOISE) {
+    if let Some(degrees) = noise.filter(|degrees| *degrees >= DOUBTFUL_NORMAL_NOISE) {
         ui.colored_label(
             ui.visuals().warn_fg_color,
             tr_format!("Its normals are noisy (half of what is seen by {degrees:.0} degrees and more): shading and highlights are only rough.", degrees = degrees),

@@ -30,7 +30,12 @@ impl Session {
         at: usize,
         (settings, last): (&EnvironmentLight, &Resolved),
     ) -> Option<Resolved> {
-        let light = self.light_of(at, settings.file.as_ref()?)?;
+        let file = settings.file.as_ref()?;
+        let light = self.light_of(at, file)?;
+        if light.is_file() && light.told != self.scene.layout_of(file) {
+            // It is being read otherwise.
+            return None;
+        }
         let is_new = light.id != last.light.id || *settings != last.settings;
         is_new.then(|| Resolved {
             light,
