@@ -7,6 +7,7 @@ mod map;
 mod radiance;
 #[cfg(test)]
 mod tests;
+mod unfold;
 
 pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
 pub use illumination::Illumination;

@@ -14,7 +14,7 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::files::{AssetFile, is_same_file, load_asset, load_bake};
+use transplat_core::files::{AssetFile, CameraFile, is_same_file, load_asset, load_bake};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{Object, Scene, kept};
 use transplat_core::settings::{Method, TransferSettings};
@@ -23,7 +23,7 @@ use transplat_core::transfer::PreparedTransfer;
 
 use super::bake::{self, PartOf, Wanted};
 use super::estimate::estimate_as_json;
-use super::warnings::{asset_warnings, up_warning};
+use super::warnings::{asset_warnings, up_warning, up_warning_by_cameras};
 use crate::device::Device;
 use crate::summary::Summary;
 
@@ -106,6 +106,13 @@ impl LoadedObject {
             ));
         }
         Ok(Self::of(cloud, file, settings))
+    }
+
+    /// That it lies on its side by its cameras, where nobody said which way is up.
+    pub fn up_warning_by_cameras(&self, cameras: &CameraFile) -> Option<String> {
+        let is_told = self.file.report.up.is_some() || self.settings.up.is_some();
+        let warning = || up_warning_by_cameras(&self.file.path, self.cloud.up, cameras);
+        (!is_told).then(warning).flatten()
     }
 
     /// A splat as its settings say.

@@ -7,8 +7,6 @@ use transplat_core::files::{AssetFile, CameraFile};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::upright::{UpEvidence, proposed_up, up_from_cameras};
 
-use super::object::LoadedObject;
-
 /// Noise of the normals, in degrees, above which relighting is only rough. Trained objects have 0.3 to 1.2, of chrome 2.2; a plant made rounder,
 /// its turns jittered by 15 degrees, has 3.8 and is relit 0.4 dB worse; captures from nature have 2 to 5.
 pub const DOUBTFUL_NORMAL_NOISE: f32 = 3.0;
@@ -59,11 +57,10 @@ pub fn up_warning(path: &Path, cloud: &SurfelCloud, file: &AssetFile) -> Option<
 }
 
 /// The same by the cameras of a file.
-pub fn up_warning_by_cameras(object: &LoadedObject, cameras: &CameraFile) -> Option<String> {
-    let is_told = object.file.report.up.is_some() || object.settings.up.is_some();
-    let up = up_from_cameras(cameras.frames.iter().map(|f| f.world_from_camera))?;
-    let why = format!("its cameras were held with {} up", up.name());
-    (!is_told && up != object.cloud.up).then(|| lies_on_its_side(&object.file.path, &why, up))
+pub fn up_warning_by_cameras(path: &Path, up: UpAxis, cameras: &CameraFile) -> Option<String> {
+    let held = up_from_cameras(cameras.frames.iter().map(|f| f.world_from_camera))?;
+    let why = format!("its cameras were held with {} up", held.name());
+    (held != up).then(|| lies_on_its_side(path, &why, held))
 }
 
 fn lies_on_its_side(path: &Path, why: &str, up: UpAxis) -> String {

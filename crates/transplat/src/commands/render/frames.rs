@@ -13,7 +13,6 @@ use transplat_core::present::Background;
 use crate::cli::RenderArgs;
 use crate::picture::{MAX_SAMPLES, photographs_named};
 use crate::pipeline::Pipeline;
-use crate::pipeline::warnings::up_warning_by_cameras;
 use crate::summary::Summary;
 
 /// A picture to be taken.
@@ -71,7 +70,7 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let size_of_all = one_for_all.map(|path| plate_size(path)).transpose()?;
     if let Some(path) = &args.camera.cameras {
         let file = load_cameras(path)?;
-        if let Some(warning) = up_warning_by_cameras(pipeline.first(), &file) {
+        if let Some(warning) = pipeline.first().up_warning_by_cameras(&file) {
             summary.warn(warning);
         }
         for warning in &file.warnings {
