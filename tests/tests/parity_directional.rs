@@ -264,7 +264,11 @@ fn a_lamp_keeps_shining_on_both() {
     let bake = DirectionalBake::bake(&cloud, &no_progress).expect("not cancelled");
     let bake = Arc::new(bake);
     // Brighter than white paint; where half of the source is believed, of a colour purer than any.
-    for (color, trust) in [([7.0, 5.5, 4.0], 1.0), ([-1.7, 0.8, 1.35], 0.5)] {
+    // What of that does not glow goes with the light, in which a sun is many times as strong.
+    for (color, trust, least, within) in [
+        ([7.0, 5.5, 4.0], 1.0, 0.99, 0.05),
+        ([0.007, 1.77, 2.66], 0.5, 0.9, 0.5),
+    ] {
         for (f, p) in cloud.sh.iter_mut().zip(&cloud.positions) {
             *f = if is_lamp(p) { color } else { [1.0; 3] };
         }
@@ -279,12 +283,12 @@ fn a_lamp_keeps_shining_on_both() {
         let target = prepared.light(&light).expect("with beams");
         let (cpu, got) = relit_on_both(&gpu, &prepared, &target);
         assert_alike(&cpu, &got, "with a lamp");
-        let glows = |i: &usize| prepared.glow_of(*i) > 0.99;
+        let glows = |i: &usize| prepared.glow_of(*i) > least;
         let lamp: Vec<usize> = (0..cloud.len()).filter(glows).collect();
         assert!(!lamp.is_empty() && lamp.iter().all(|i| is_lamp(&cloud.positions[*i])));
         for i in lamp {
             let tau = got.tau[i];
-            assert!(tau.iter().all(|t| (t - 1.0).abs() < 0.05), "{tau:?}");
+            assert!(tau.iter().all(|t| (t - 1.0).abs() < within), "{tau:?}");
         }
     }
 }
