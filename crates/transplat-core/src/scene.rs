@@ -349,6 +349,19 @@ mod tests {
         let of = |light: &Illumination| light.beams.as_ref().map_or(0.0, |b| b.mean_irradiance());
         let found = of(&target) - of(&even);
         assert!((found / more - 1.0).abs() < 1e-3, "{found} {more}");
+        // What the user makes of the environment counts for its share of all.
+        let told = Scene {
+            environment: EnvironmentLight {
+                strength: -10.0,
+                ..EnvironmentLight::default()
+            },
+            ..scene.clone()
+        };
+        let [_, dimmed] = told.lights_on(&told.objects[0], [&even, &even], UpAxis::MinusY);
+        let expected = dimmed.mean_irradiance() / target.mean_irradiance();
+        for gain in dimmed.told_gain {
+            assert!((gain / expected - 1.0).abs() < 1e-3, "{gain} {expected}");
+        }
         let suns = target.beams.expect("read with them").suns;
         assert_eq!(suns.len(), MAX_SUNS);
         assert_eq!(

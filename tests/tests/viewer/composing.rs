@@ -233,7 +233,7 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
 /// A scene is in the units of its first object, and splats are in any: what is added is as large as what is there, or as its file has it where
 /// that may be meant.
 #[test]
-fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
+fn what_is_added_stands_upright_and_in_other_units_is_made_as_large_as_the_scene() {
     let mut d = ball_over_plate();
     let mut giant = synthetic::sphere(200);
     let mut speck = giant.clone();
@@ -245,15 +245,27 @@ fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
         up: UpAxis::PlusY,
         ..synthetic::sphere(200)
     };
+    // A ball on the ground, on its side, of which the file says nothing.
+    let onto_y = glam::DMat3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    let lying = synthetic::turned(&synthetic::sphere_over_plate(2000), onto_y);
     d.after(|v| v.session.adds_splats = true);
     let radius = |d: &mut Driver| d.viewer().session.scene_bounds().expect("a scene").radius;
-    for (name, cloud, is_scaled) in [
-        ("giant.ply", &giant, true),
-        ("speck.ply", &speck, true),
-        ("meant.ply", &meant, false),
+    for (name, cloud, up, is_scaled) in [
+        ("giant.ply", &giant, UpAxis::PlusZ, true),
+        ("speck.ply", &speck, UpAxis::PlusZ, true),
+        ("meant.ply", &meant, UpAxis::PlusY, false),
+        ("lying.ply", &lying, UpAxis::PlusY, false),
     ] {
         write(&d.folder, name, cloud);
         let (before, file) = (radius(&mut d), d.folder.path(name));
+        if name == "lying.ply" {
+            let bytes = std::fs::read(&file).expect("it was written");
+            let comment = b"comment Vertical axis: +z\n";
+            let at = bytes.windows(comment.len()).position(|w| w == comment);
+            let (head, tail) = bytes.split_at(at.expect("its comment"));
+            let untold = [head, &tail[comment.len()..]].concat();
+            d.folder.write(name, untold);
+        }
         d.viewer().session.messages.clear();
         d.after(|v| v.open(&file));
         let session = &d.viewer().session;
@@ -272,8 +284,8 @@ fn what_is_added_in_other_units_is_made_as_large_as_the_scene() {
         if is_scaled {
             assert!((own.radius / before - 1.0).abs() < 0.01, "{name}");
         }
-        // What is up in its file is up in the scene.
-        let up = object.transform.rotation * cloud.up.direction();
+        // What is up in it is up in the scene.
+        let up = object.transform.rotation * up.direction();
         assert!(up.dot(Vec3::Z) > 0.9999, "{name}: {up}");
         // As large as the others and beside them, not within.
         assert!(!is_scaled || radius(&mut d) > 1.3 * before, "{name}");

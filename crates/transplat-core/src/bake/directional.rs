@@ -627,7 +627,7 @@ mod tests {
             DirectionalBake::all_rays(&ball).normal_noise,
             off[off.len() / 2],
         );
-        // The own normal is part of the average that it is compared with.
+        // It is compared with an average of which it is a part, the smaller one: it counts as four of up to 32 neighbours.
         assert!((0.5 * known..known).contains(&noise), "{noise} of {known}");
     }
 

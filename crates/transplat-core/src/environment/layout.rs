@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// How a picture lays out all directions.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// A panorama: columns are azimuths, rows heights.
@@ -16,14 +16,4 @@ pub enum Layout {
     AngularMap,
     /// A photograph of a mirroring ball, cut to its outline; what is in the middle was behind the camera.
     MirrorBall,
-}
-
-impl Layout {
-    /// All of them, and their names on a command line.
-    pub const ALL: [(&str, Self); 4] = [
-        ("equirectangular", Self::Equirectangular),
-        ("cube-cross", Self::CubeCross),
-        ("angular-map", Self::AngularMap),
-        ("mirror-ball", Self::MirrorBall),
-    ];
 }

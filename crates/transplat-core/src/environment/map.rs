@@ -20,6 +20,7 @@ pub struct EnvironmentMap {
     repaired: usize,
     clipped: bool,
     layout: Layout,
+    picture_size: [usize; 2],
 }
 
 impl EnvironmentMap {
@@ -52,14 +53,15 @@ impl EnvironmentMap {
             repaired,
             clipped: false,
             layout: Layout::default(),
+            picture_size: [width, height],
         }
     }
 
-    /// The same light as a map of another size, given its pixels by column and row.
-    pub(super) fn in_its_place(
+    /// A map, given its pixels by column and row, that this one is a picture of in another layout.
+    pub(super) fn read_as(
         &self,
-        width: usize,
-        height: usize,
+        layout: Layout,
+        [width, height]: [usize; 2],
         pixel: impl Fn(usize, usize) -> [f32; 3] + Sync,
     ) -> Self {
         let pixels = (0..width * height).into_par_iter();
@@ -67,19 +69,20 @@ impl EnvironmentMap {
         Self {
             repaired: self.repaired,
             clipped: self.clipped,
+            layout,
+            picture_size: [self.width, self.height],
             ..Self::new(width, height, pixels)
         }
-    }
-
-    /// Notes how the picture was laid out that it is made from.
-    pub(super) fn read_as(mut self, layout: Layout) -> Self {
-        self.layout = layout;
-        self
     }
 
     /// How the picture was laid out that it was made from.
     pub fn layout(&self) -> Layout {
         self.layout
+    }
+
+    /// Width and height of that picture in pixels.
+    pub fn picture_size(&self) -> [usize; 2] {
+        self.picture_size
     }
 
     /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.
@@ -166,9 +169,7 @@ impl EnvironmentMap {
 
     /// Direction of a pixel's centre.
     pub fn direction(&self, column: usize, row: usize) -> [f64; 3] {
-        let (sin_t, cos_t) = (PI * (row as f64 + 0.5) / self.height as f64).sin_cos();
-        let (sin_p, cos_p) = azimuth(column, self.width).sin_cos();
-        [sin_t * cos_p, sin_t * sin_p, cos_t]
+        direction(column, row, [self.width, self.height])
     }
 
     /// The map with at most `width` columns, twice as wide as high, each pixel the mean over its solid angle: for thumbnails and backgrounds.
@@ -287,13 +288,25 @@ impl EnvironmentMap {
             let y = (row + dy).clamp(0.0, h - 1.0) as usize;
             self.pixels[y * self.width + x]
         };
-        let [[a, b], [c, d]] = [0.0, 1.0].map(|dy| [0.0, 1.0].map(|dx| texel(dx, dy)));
-        std::array::from_fn(|i| {
-            let top = a[i] + (b[i] - a[i]) * fu;
-            let bottom = c[i] + (d[i] - c[i]) * fu;
-            top + (bottom - top) * fv
-        })
+        bilinear(texel, [fu, fv])
     }
+}
+
+/// What lies between four texels, given by how many columns and rows they are further, at a place between them.
+pub(super) fn bilinear(texel: impl Fn(f32, f32) -> [f32; 3], [fu, fv]: [f32; 2]) -> [f32; 3] {
+    let [[a, b], [c, d]] = [0.0, 1.0].map(|dy| [0.0, 1.0].map(|dx| texel(dx, dy)));
+    std::array::from_fn(|i| {
+        let top = a[i] + (b[i] - a[i]) * fu;
+        let bottom = c[i] + (d[i] - c[i]) * fu;
+        top + (bottom - top) * fv
+    })
+}
+
+/// Direction of a pixel's centre in a panorama of that width and height.
+pub(super) fn direction(column: usize, row: usize, [width, height]: [usize; 2]) -> [f64; 3] {
+    let (sin_t, cos_t) = (PI * (row as f64 + 0.5) / height as f64).sin_cos();
+    let (sin_p, cos_p) = azimuth(column, width).sin_cos();
+    [sin_t * cos_p, sin_t * sin_p, cos_t]
 }
 
 /// Azimuth `atan2(y, x)` of a column's centre: u = 1/2 - azimuth / 2 pi.

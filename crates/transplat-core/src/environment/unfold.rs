@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::layout::Layout;
-use super::map::EnvironmentMap;
+use super::map::{EnvironmentMap, bilinear, direction};
 use crate::color::luminance;
 use crate::error::{Error, Result};
 use crate::numeric::quantile;
@@ -46,64 +46,53 @@ impl EnvironmentMap {
         let is_square = width.abs_diff(height) * 50 <= width.max(height);
         let needs =
             |what: &str| Error::Mismatch(format!("{what}, and this has {width} x {height} pixels"));
-        let panorama = match layout {
+        Ok(match layout {
             Layout::Equirectangular => self,
             Layout::CubeCross => {
                 let cross = Cross::of(&self)
                     .ok_or_else(|| needs("a cube cross has 4 x 3 or 3 x 4 squares"))?;
-                self.unfolded(2 * cross.edge, |d| cross.place(d))
+                self.unfolded(layout, 2 * cross.edge, |d| cross.place(d))
             }
             Layout::AngularMap | Layout::MirrorBall if !is_square => {
                 return Err(needs("an angular map and a mirror ball fill a square"));
             }
-            Layout::AngularMap => self.unfolded(height, |d| in_disc(&self, angular_map(d))),
-            Layout::MirrorBall => self.unfolded(height, |d| in_disc(&self, mirror_ball(d))),
-        };
-        Ok(panorama.read_as(layout))
+            Layout::AngularMap => self.unfolded(layout, height, |d| in_disc(&self, angular_map(d))),
+            Layout::MirrorBall => self.unfolded(layout, height, |d| in_disc(&self, mirror_ball(d))),
+        })
     }
 
     /// A panorama of what the picture shows at the place of each direction, in pixels from its upper left corner.
-    fn unfolded(&self, rows: usize, place: impl Fn(DVec3) -> [f64; 2] + Sync) -> Self {
+    fn unfolded(
+        &self,
+        layout: Layout,
+        rows: usize,
+        place: impl Fn(DVec3) -> [f64; 2] + Sync,
+    ) -> Self {
         let rows = rows.clamp(1, MOST_ROWS);
-        let fine = SAMPLES * rows;
-        let turn = |column: f64| PI * (1.0 - column / fine as f64);
-        let tilt = |row: f64| PI * row / fine as f64;
-        let sample = |column: usize, row: usize| {
-            let (sin_p, cos_p) = turn(column as f64 + 0.5).sin_cos();
-            let (sin_t, cos_t) = tilt(row as f64 + 0.5).sin_cos();
-            self.at(place(DVec3::new(sin_t * cos_p, sin_t * sin_p, cos_t)))
-        };
-        let pixel = |column: usize, row: usize| {
+        let [width, height] = [2 * rows, rows];
+        let samples = [SAMPLES * width, SAMPLES * height];
+        self.read_as(layout, [width, height], |column, row| {
             let mut sum = [0f32; 3];
             for i in 0..SAMPLES * SAMPLES {
-                let at = [SAMPLES * column + i % SAMPLES, SAMPLES * row + i / SAMPLES];
-                let color = sample(at[0], at[1]);
+                let [x, y] = [SAMPLES * column + i % SAMPLES, SAMPLES * row + i / SAMPLES];
+                let color = self.at(place(DVec3::from(direction(x, y, samples))));
                 sum = std::array::from_fn(|c| sum[c] + color[c]);
             }
             sum.map(|s| s / (SAMPLES * SAMPLES) as f32)
-        };
-        self.in_its_place(2 * rows, rows, pixel)
+        })
     }
 
     /// The picture between the pixels around a place.
     fn at(&self, [x, y]: [f64; 2]) -> [f32; 3] {
         let (x, y) = (x - 0.5, y - 0.5);
         let (column, row) = (x.floor(), y.floor());
-        let (fx, fy) = ((x - column) as f32, (y - row) as f32);
         let clamped = |v: f64, size: usize| v.clamp(0.0, (size - 1) as f64) as usize;
-        let texel = |dx: f64, dy: f64| {
-            let at = (
-                clamped(column + dx, self.width),
-                clamped(row + dy, self.height),
-            );
-            self.pixels[at.1 * self.width + at.0]
+        let texel = |dx: f32, dy: f32| {
+            let x = clamped(column + f64::from(dx), self.width);
+            let y = clamped(row + f64::from(dy), self.height);
+            self.pixels[y * self.width + x]
         };
-        let [[a, b], [c, d]] = [0.0, 1.0].map(|dy| [0.0, 1.0].map(|dx| texel(dx, dy)));
-        std::array::from_fn(|i| {
-            let top = a[i] + (b[i] - a[i]) * fx;
-            let bottom = c[i] + (d[i] - c[i]) * fx;
-            top + (bottom - top) * fy
-        })
+        bilinear(texel, [(x - column) as f32, (y - row) as f32])
     }
 }
 
@@ -361,8 +350,8 @@ mod tests {
             assert_eq!(read.pixels(), panorama.pixels());
         }
         let map = EnvironmentMap::of_directions(128, 64, sky);
-        for (_, told) in &Layout::ALL[1..] {
-            let refused = map.clone().laid_out(Some(*told));
+        for told in [Layout::CubeCross, Layout::AngularMap, Layout::MirrorBall] {
+            let refused = map.clone().laid_out(Some(told));
             assert!(matches!(refused, Err(Error::Mismatch(_))), "{told:?}");
         }
         // Nor is a square panorama with a sun, beside which all else is black, a disc.

@@ -502,7 +502,7 @@ impl DirectionalTransfer {
     /// What a change is multiplied by beside its power, so that what is told of a light counts in full, against what was told of the source.
     pub fn undamped(&self, told_gain: [f32; 3]) -> [f32; 3] {
         std::array::from_fn(|c| {
-            let told = told_gain[c] / self.told_gain[c].max(LEAST_IRRADIANCE);
+            let told = told_gain[c] / self.told_gain[c].max(f32::MIN_POSITIVE);
             told.min(1e20).powf(1.0 - self.trust)
         })
     }

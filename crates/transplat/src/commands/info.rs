@@ -6,10 +6,10 @@ use anyhow::{Result, bail};
 use glam::Vec3;
 use transplat_core::color::luminance;
 use transplat_core::crop::proposed_crop;
-use transplat_core::environment::{Layout, project_environment};
+use transplat_core::environment::project_environment;
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look, load_lut, look_text, plate_size,
+    load_look, load_lut, look_text,
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
@@ -255,7 +255,7 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     let peak = luminances.fold(0f32, f32::max);
     let share = map.brightest_share(0.001);
     summary.set("kind", "environment");
-    let [width, height] = plate_size(path)?;
+    let [width, height] = map.picture_size();
     summary.set("width", width);
     summary.set("height", height);
     summary.set("mean_radiance", mean.to_vec());
@@ -263,10 +263,8 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     summary.set("peak_luminance", peak);
     summary.set("brightest_thousandth_share", share);
     summary.set("repaired", map.repaired());
-    let told = Layout::ALL
-        .iter()
-        .find(|(_, layout)| *layout == map.layout());
-    let layout = told.map_or("", |(name, _)| name);
+    let layout = serde_json::to_value(map.layout())?;
+    let layout = layout.as_str().unwrap_or_default();
     summary.set("layout", layout);
     lines.push(format!("environment, {width} x {height} pixels, {layout}"));
     lines.push(format!(

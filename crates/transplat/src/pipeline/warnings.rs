@@ -76,7 +76,7 @@ pub fn map_warnings(path: &Path, map: &EnvironmentMap, told: Option<Layout>) -> 
         Layout::Equirectangular => None,
         Layout::CubeCross => Some("a cube that is unfolded to a cross, by its empty squares"),
         Layout::AngularMap | Layout::MirrorBall => Some(
-            "an angular map, as light probes come, by the disc in it; where it is a mirror ball, tell so (layout mirror-ball: Layout in the panel Light, advanced, or --source-layout and --target-layout)",
+            "an angular map, as light probes come, by the disc in it; a mirror ball has to be told (Layout in the panel Light; --source-layout, --target-layout)",
         ),
     };
     if let Some(what) = read_as {

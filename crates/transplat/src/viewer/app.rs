@@ -228,8 +228,7 @@ impl Viewer {
             scene = settings(scene);
         }
         let camera = scene.camera.take();
-        let sources = scene.objects.iter_mut().map(|o| &mut o.source);
-        for light in sources.chain([&mut scene.environment]) {
+        for light in scene.environment_lights_mut() {
             if let Some(file) = light.file.as_mut().filter(|f| is_file(f)) {
                 *file = std::path::absolute(&*file).unwrap_or_else(|_| file.clone());
             }

@@ -135,6 +135,7 @@ pub struct Environment {
     /// As the map lies in its file.
     pub illumination: Illumination,
     pub small: EnvironmentMap,
+    /// Of its picture, in pixels.
     pub size: [usize; 2],
     /// How its picture is laid out, where that was told.
     pub told: Option<Layout>,
@@ -231,7 +232,7 @@ impl Environment {
             is_even: false,
             brightest: illumination.beams.as_ref().and_then(brightest),
             illumination,
-            size: [map.width(), map.height()],
+            size: map.picture_size(),
             told: None,
             warnings,
             thumbnail_gain: 0.18 / mean,

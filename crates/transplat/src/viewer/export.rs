@@ -417,9 +417,9 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
     let work = move |handle: &Handle<Outcome>| snapshot.run(&task, handle);
     session.start(Kind::Export, label, work, |session, made| match made {
         Made::Files(paths) => session.info(saved(&paths)),
-        Made::Delit(path, warning) => {
+        Made::Delit(path, warnings) => {
             session.info(saved(&[path]));
-            warning
+            warnings
                 .into_iter()
                 .for_each(|warning| session.info(warning));
         }

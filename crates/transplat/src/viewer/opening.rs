@@ -331,13 +331,19 @@ impl Session {
             self.info(warning);
         }
         let object = &mut self.scene.objects[at];
-        if let OpenedWith::Object(opened, _) = &opened_with {
-            // A look that came meanwhile tells all there is.
-            let is_as_asked = object.source == asked.source;
-            *object = told((**opened).clone(), asked, object.clone());
-            if is_as_asked {
-                self.propose(at, &asset);
+        let is_untold = match &opened_with {
+            OpenedWith::Object(opened, _) => {
+                // A look that came meanwhile tells all there is.
+                let is_as_asked = object.source == asked.source;
+                *object = told((**opened).clone(), asked, object.clone());
+                is_as_asked
             }
+            // Put into the scene just now.
+            OpenedWith::Listed => self.states[at].seeks_room.is_some(),
+            OpenedWith::Again | OpenedWith::Scene(_) => false,
+        };
+        if is_untold {
+            self.propose(at, &asset);
         }
         let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());

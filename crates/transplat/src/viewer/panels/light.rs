@@ -2,11 +2,12 @@
 
 use eframe::egui::{self, Button, Ui};
 use transplat_core::environment::Layout;
-use transplat_core::scene::{EVEN, is_even, is_file};
+use transplat_core::scene::{EVEN, is_even};
 use transplat_core::surfels::UpAxis;
 
 use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
+use crate::viewer::environments::Environment;
 use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
@@ -41,6 +42,10 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     for warning in &light.warnings {
         ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+    // It is asked where the picture has not the shape of a panorama, and can be said of any.
+    if has_odd_shape(&light) {
+        layout(ui, session, side);
     }
     if side == SOURCE {
         other_sources(ui, session);
@@ -109,7 +114,8 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let mut axes = UpAxis::ALL;
     axes.sort_by_key(|(_, axis)| *axis != UpAxis::default());
     choice(ui, tr("Up in the map"), tip, &mut settings.up, &axes);
-    if settings.file.as_deref().is_some_and(is_file) {
+    let light = session.light(side).clone();
+    if light.is_file() && !has_odd_shape(&light) {
         layout(ui, session, side);
     }
     if side == TARGET {
@@ -125,7 +131,6 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
             tr("Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns."),
         );
     }
-    let light = session.light(side).clone();
     if light.size[0] > 0 {
         let size = tr_format!("{} x {} pixels", light.size[0], light.size[1]);
         fact(ui, tr("holds"), size);
@@ -134,6 +139,11 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     {
         session.set_light(side, EVEN.into());
     }
+}
+
+/// Whether a light's picture is not twice as wide as high.
+fn has_odd_shape(light: &Environment) -> bool {
+    light.is_file() && light.size[0] != 2 * light.size[1]
 }
 
 /// How the picture of a light lays out what is all around.
