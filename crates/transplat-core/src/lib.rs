@@ -44,6 +44,7 @@ pub mod estimate;
 pub mod extremes;
 pub mod files;
 pub mod ground;
+mod lanes;
 pub mod lut;
 mod morton;
 mod nearest;

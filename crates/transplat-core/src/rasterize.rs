@@ -5,17 +5,29 @@
 //! Splatting for Real-Time Radiance Field Rendering", SIGGRAPH 2023, after Zwicker et al., "EWA Volume Splatting", 2001: the projection is
 //! linear around the centre, and widened by a low-pass. Front to back by the centres' depth.
 
-use glam::{Vec2, Vec3};
+mod blend;
+mod project;
+mod shade;
+mod tiles;
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::camera::Camera;
-use crate::color::{Display, Encoding, STORED_OFFSET, radiance};
-use crate::numeric::over;
-use crate::sh::{coefficient_count, evaluate_sh};
-use crate::surfels::{MIN_ALPHA, SurfelCloud, Thickness};
+use blend::{Splat, Tile};
+pub use project::{ProjectedSurfel, project_surfel};
+pub use shade::{ColorSpace, Shading, shade};
+pub use tiles::Placed;
+use tiles::Tiles;
 
-/// Edge of a tile in pixels.
-const TILE: usize = 16;
+use crate::camera::Camera;
+use crate::lanes::LANES;
+use crate::numeric::over;
+use crate::surfels::SurfelCloud;
+
+/// Edge of a tile in pixels: a row is blended at once.
+const TILE: usize = LANES;
 
 /// A surfel never covers more than this.
 pub const MAX_ALPHA: f32 = 0.99;
@@ -36,7 +48,7 @@ pub const LEAST_COMPENSATION: f32 = 2.5e-5;
 pub const NOWHERE: f32 = 1e15;
 
 /// A picture of surfels: premultiplied colour in whatever space the surfels' colours were, alpha, and depth.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Raster {
     /// Pixels across.
     pub width: usize,
@@ -49,6 +61,13 @@ pub struct Raster {
 }
 
 impl Raster {
+    /// Makes room for a picture of a size; what is in it is left.
+    fn resize(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.pixels.resize(width * height, [0.0; 4]);
+        self.depth.resize(width * height, 0.0);
+    }
+
     /// Averages squares of `factor` x `factor` pixels.
     pub fn downsampled(&self, factor: usize) -> Self {
         if factor <= 1 {
@@ -78,191 +97,6 @@ impl Raster {
         }
         out
     }
-}
-
-/// What the colours of a picture are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ColorSpace {
-    /// Display-encoded, after exposure and tone curve: as splats are trained and blended.
-    Display(Display),
-    /// Linear radiance, for EXR.
-    Linear,
-}
-
-/// Colour of each surfel towards `eye`, `[n][3]`: SH once a surfel, towards its centre, clamped below at 0 and not above.
-pub fn shade(
-    positions: &[Vec3],
-    sh: &[[f32; 3]],
-    degree: usize,
-    encoding: Encoding,
-    eye: Vec3,
-    space: ColorSpace,
-) -> Vec<[f32; 3]> {
-    let k = coefficient_count(degree);
-    positions
-        .par_iter()
-        .zip(sh.par_chunks_exact(k))
-        .map(|(position, function)| {
-            let d = (*position - eye).normalize_or(Vec3::Z).to_array();
-            match space {
-                // What was trained for display passes untouched.
-                ColorSpace::Display(display)
-                    if encoding == Encoding::Stored && display.is_identity() =>
-                {
-                    evaluate_sh(function, degree, d).map(|v| (v + STORED_OFFSET).max(0.0))
-                }
-                ColorSpace::Display(display) => {
-                    display.encode(radiance(function, degree, encoding, d))
-                }
-                ColorSpace::Linear => radiance(function, degree, encoding, d),
-            }
-        })
-        .collect()
-}
-
-/// One surfel on the screen. With `s` the homogeneous point (u, v, 1) of the surfel's plane, a pixel is `(t_u.s, t_v.s) / t_w.s`.
-///
-/// A 3D Gaussian is on the screen a surfel that lies parallel to it.
-#[derive(Clone, Copy, Debug)]
-pub struct ProjectedSurfel {
-    /// First row of the map from the surfel's plane to homogeneous pixels.
-    pub t_u: Vec3,
-    /// Second row.
-    pub t_v: Vec3,
-    /// Third row: depth in the view.
-    pub t_w: Vec3,
-    /// Centre of the screen-space low-pass.
-    pub center: Vec2,
-    /// Least and greatest pixel coordinates that it can touch.
-    pub low: Vec2,
-    /// See `low`.
-    pub high: Vec2,
-    /// Peak opacity, 0 to 1.
-    pub opacity: f32,
-    /// Which surfel.
-    pub index: u32,
-}
-
-/// Centre and half extents of the box around the ellipse `u^2 + v^2 = r2`; `None` where it reaches the camera's plane.
-fn ellipse_box(t_u: Vec3, t_v: Vec3, t_w: Vec3, r2: f32) -> Option<(Vec2, Vec2)> {
-    let t = Vec3::new(r2, r2, -1.0);
-    let d = t.dot(t_w * t_w);
-    if d > -1e-12 * t_w.z * t_w.z {
-        return None;
-    }
-    let f = t / d;
-    let center = Vec2::new(f.dot(t_u * t_w), f.dot(t_v * t_w));
-    let square = Vec2::new(f.dot(t_u * t_u), f.dot(t_v * t_v));
-    let half = (center * center - square).max(Vec2::splat(1e-8));
-    Some((center, Vec2::new(half.x.sqrt(), half.y.sqrt())))
-}
-
-/// Projects one surfel; `None` where it is behind the camera, off the screen or too faint.
-pub fn project_surfel(
-    cloud: &SurfelCloud,
-    camera: &Camera,
-    index: usize,
-) -> Option<ProjectedSurfel> {
-    let opacity = cloud.opacities[index];
-    if opacity <= MIN_ALPHA {
-        return None;
-    }
-    let view = camera.view_from_world;
-    let p = view * (cloud.positions[index] - camera.eye);
-    if p.z <= camera.near {
-        return None;
-    }
-    let a = view * (cloud.tangents[index][0] * cloud.scales[index].x);
-    let b = view * (cloud.tangents[index][1] * cloud.scales[index].y);
-    let thickness = cloud.thicknesses[index];
-    let projected = if thickness.is_flat() {
-        project_flat(camera, p, [a, b], opacity)?
-    } else {
-        let c = view * (cloud.stored_normal(index) * thickness.sigma());
-        project_gaussian(camera, p, [a, b, c], opacity, thickness)?
-    };
-    let size = Vec2::new(camera.width as f32, camera.height as f32);
-    let on_screen = projected.high.cmpgt(Vec2::ZERO).all() && projected.low.cmplt(size).all();
-    on_screen.then_some(ProjectedSurfel {
-        index: index as u32,
-        ..projected
-    })
-}
-
-/// A surfel in the camera's coordinates: centre, and half axes of one standard deviation.
-fn project_flat(
-    camera: &Camera,
-    p: Vec3,
-    [a, b]: [Vec3; 2],
-    opacity: f32,
-) -> Option<ProjectedSurfel> {
-    let [cx, cy] = camera.principal_point();
-    let t_w = Vec3::new(a.z, b.z, p.z);
-    let t_u = camera.focal * Vec3::new(a.x, b.x, p.x) + cx * t_w;
-    let t_v = camera.focal * Vec3::new(a.y, b.y, p.y) + cy * t_w;
-    // Where alpha falls to 1/255: u^2 + v^2 = 2 ln(255 opacity).
-    let r2 = 2.0 * (opacity / MIN_ALPHA).max(1.0001).ln();
-    let (center, half) = ellipse_box(t_u, t_v, t_w, r2)?;
-    let (low_pass, _) = ellipse_box(t_u, t_v, t_w, 9.0).unwrap_or((center, half));
-    let reach = Vec2::splat((r2 / 2.0).sqrt());
-    let low = (center - half).min(low_pass - reach);
-    let high = (center + half).max(low_pass + reach);
-    Some(ProjectedSurfel {
-        t_u,
-        t_v,
-        t_w,
-        center: low_pass,
-        low,
-        high,
-        opacity,
-        index: 0,
-    })
-}
-
-/// A 3D Gaussian in the camera's coordinates: centre, and half axes of one standard deviation.
-fn project_gaussian(
-    camera: &Camera,
-    p: Vec3,
-    axes: [Vec3; 3],
-    opacity: f32,
-    thickness: Thickness,
-) -> Option<ProjectedSurfel> {
-    let limit = MARGIN * 0.5 * Vec2::new(camera.width as f32, camera.height as f32) / camera.focal;
-    let slope = p.truncate() / p.z;
-    let held = slope.clamp(-limit, limit);
-    let to_pixels = camera.focal / p.z;
-    // The axes on the screen: columns of the linear projection times the axes.
-    let on_screen = axes.map(|axis| to_pixels * (axis.truncate() - held * axis.z));
-    let [x, y] = [on_screen.map(|v| v.x), on_screen.map(|v| v.y)].map(Vec3::from_array);
-    let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
-    // Without cancellation (Cauchy and Binet), however long and thin it is.
-    let sharp = x.cross(y).length_squared();
-    let determinant = sharp + LOW_PASS_VARIANCE * (xx + yy) + LOW_PASS_VARIANCE * LOW_PASS_VARIANCE;
-    let (wide_x, wide_y) = (xx + LOW_PASS_VARIANCE, yy + LOW_PASS_VARIANCE);
-    let opacity = if thickness.is_antialiased() {
-        opacity * (sharp / determinant).max(LEAST_COMPENSATION).sqrt()
-    } else {
-        opacity
-    };
-    if opacity <= MIN_ALPHA || !determinant.is_finite() {
-        return None;
-    }
-    let [cx, cy] = camera.principal_point();
-    let center = camera.focal * slope + Vec2::new(cx, cy);
-    let r2 = 2.0 * (opacity / MIN_ALPHA).max(1.0001).ln();
-    let half = (r2 * Vec2::new(wide_x, wide_y)).map(f32::sqrt);
-    // A root of the covariance: it takes a disc to the ellipse.
-    let root = wide_x.sqrt();
-    Some(ProjectedSurfel {
-        t_u: p.z * Vec3::new(root, 0.0, center.x),
-        t_v: p.z * Vec3::new(xy / root, (determinant / wide_x).sqrt(), center.y),
-        t_w: p.z * Vec3::Z,
-        center: Vec2::splat(NOWHERE),
-        low: center - half,
-        high: center + half,
-        opacity,
-        index: 0,
-    })
 }
 
 /// Indices of all surfels in front of the camera, nearest centre first; equal depths keep the file's order.
@@ -306,7 +140,7 @@ pub fn pick(
         .filter(|i| hidden.get(*i).is_none_or(|h| !h))
         .filter_map(|i| {
             let projected = project_surfel(cloud, camera, i)?;
-            let (alpha, depth) = hit(&projected, camera.near, x as f32, y as f32)?;
+            let (alpha, depth) = projected.at(x, y, camera.near)?;
             Some((depth, alpha, i))
         })
         .collect();
@@ -345,173 +179,224 @@ pub fn rasterize(
     hidden: &[bool],
 ) -> Raster {
     assert_eq!(colors.len(), cloud.len());
-    let projected: Vec<ProjectedSurfel> = depth_order(&cloud.positions, camera, hidden)
-        .into_par_iter()
-        .filter_map(|i| project_surfel(cloud, camera, i as usize))
-        .collect();
-    let columns = camera.width.div_ceil(TILE);
-    let rows = camera.height.div_ceil(TILE);
-    let tiles = bin(&projected, columns, rows);
-    let mut raster = Raster {
-        width: camera.width,
-        height: camera.height,
-        pixels: vec![[0.0; 4]; camera.width * camera.height],
-        depth: vec![0.0; camera.width * camera.height],
+    let mut rasterizer = Rasterizer::default();
+    rasterizer.project(&[Placed::alone(cloud, camera, hidden)], camera);
+    let mut raster = Raster::default();
+    let of = |surfels: &[usize], out: &mut [[f32; 3]]| {
+        for (surfel, out) in surfels.iter().zip(out) {
+            *out = colors[*surfel];
+        }
     };
+    rasterizer.draw(of, &mut raster);
     raster
-        .pixels
-        .par_chunks_mut(camera.width * TILE)
-        .zip(raster.depth.par_chunks_mut(camera.width * TILE))
-        .enumerate()
-        .for_each(|(row, (pixels, depth))| {
-            for column in 0..columns {
-                let list = tiles.list(row * columns + column);
-                let tile = draw_tile(colors, &projected, list, camera, column, row);
-                for y in 0..pixels.len() / camera.width {
-                    for x in 0..TILE.min(camera.width - column * TILE) {
-                        let out = y * camera.width + column * TILE + x;
-                        let i = y * TILE + x;
-                        let ([r, g, b], alpha) = (tile.color[i], 1.0 - tile.transmittance[i]);
-                        pixels[out] = [r, g, b, alpha];
-                        depth[out] = over(tile.depth[i], alpha);
+}
+
+/// Surfels that are blended before it is looked which pixels are finished.
+const AT_ONCE: usize = 32;
+
+/// The nearest of a tile are put in order first, so many; then twice as many, and so on until all its pixels are finished.
+const FIRST_ORDERED: usize = 128;
+
+/// Draws picture after picture in the same memory.
+///
+/// Tiles list what touches them, in no order; each then puts as many of the nearest in order as it takes until nothing shines through, and only
+/// those are coloured.
+#[derive(Debug, Default)]
+pub struct Rasterizer {
+    tiles: Tiles,
+    /// Of the picture, in pixels.
+    size: [usize; 2],
+    near: f32,
+    /// Of what is projected.
+    colors: Vec<LazyColor>,
+}
+
+impl Rasterizer {
+    /// Puts the objects of a scene on the screen. Their surfels are counted one object after the other.
+    pub fn project(&mut self, objects: &[Placed<'_>], camera: &Camera) {
+        self.size = [camera.width, camera.height];
+        self.near = camera.near;
+        self.tiles.list(objects, self.size);
+    }
+
+    /// Draws what was projected. `color` writes the colours of surfels; it is asked where one is seen, of some at once and hardly of any twice.
+    pub fn draw(&mut self, color: impl Fn(&[usize], &mut [[f32; 3]]) + Sync, raster: &mut Raster) {
+        let [width, height] = self.size;
+        raster.resize(width, height);
+        let surfels = self.tiles.projected.len();
+        self.colors.resize_with(surfels, LazyColor::default);
+        self.colors.par_iter_mut().for_each(LazyColor::forget);
+        let this = &*self;
+        raster
+            .pixels
+            .par_chunks_mut(width * TILE)
+            .zip(raster.depth.par_chunks_mut(width * TILE))
+            .enumerate()
+            .for_each(|(row, (pixels, depth))| {
+                let drawn: Vec<Option<Tile>> = (0..this.tiles.columns)
+                    .into_par_iter()
+                    .map_init(Scratch::default, |scratch, column| {
+                        this.draw_tile([column, row], &color, scratch)
+                    })
+                    .collect();
+                for (y, (pixels, depth)) in pixels
+                    .chunks_exact_mut(width)
+                    .zip(depth.chunks_exact_mut(width))
+                    .enumerate()
+                {
+                    for (x, (pixel, depth)) in pixels.iter_mut().zip(depth).enumerate() {
+                        if let Some(tile) = &drawn[x / TILE] {
+                            let sum;
+                            (*pixel, sum) = tile.pixel(x % TILE, y);
+                            *depth = over(sum, pixel[3]);
+                        } else {
+                            (*pixel, *depth) = ([0.0; 4], 0.0);
+                        }
                     }
                 }
+            });
+    }
+
+    /// A tile, if anything touches it.
+    fn draw_tile<'a>(
+        &'a self,
+        at: [usize; 2],
+        color: &(impl Fn(&[usize], &mut [[f32; 3]]) + Sync),
+        scratch: &mut Scratch<'a>,
+    ) -> Option<Tile> {
+        let entries = self.tiles.of(at[1] * self.tiles.columns + at[0]);
+        if entries.len() == 0 {
+            return None;
+        }
+        let mut order = std::mem::take(&mut scratch.order);
+        order.clear();
+        order.extend(entries);
+        let mut tile = Tile::new(at.map(|i| i * TILE), self.size);
+        let (mut left, mut ordered) = (&mut order[..], FIRST_ORDERED);
+        while !left.is_empty() && !tile.is_finished() {
+            if left.len() > 2 * ordered {
+                left.select_nth_unstable(ordered);
+            } else {
+                ordered = left.len();
             }
-        });
-    raster
-}
-
-/// For each tile the projected surfels that touch it, in drawing order.
-struct TileLists {
-    starts: Vec<usize>,
-    entries: Vec<u32>,
-}
-
-impl TileLists {
-    fn list(&self, tile: usize) -> &[u32] {
-        &self.entries[self.starts[tile]..self.starts[tile + 1]]
-    }
-}
-
-fn bin(projected: &[ProjectedSurfel], columns: usize, rows: usize) -> TileLists {
-    let span = |low: f32, high: f32, count: usize| {
-        let first = (low.max(0.0) as usize / TILE).min(count - 1);
-        let last = (high.max(0.0).ceil() as usize / TILE).min(count - 1);
-        first..=last
-    };
-    let touched = |s: &ProjectedSurfel| {
-        let across = span(s.low.x, s.high.x, columns);
-        span(s.low.y, s.high.y, rows)
-            .flat_map(move |row| across.clone().map(move |column| row * columns + column))
-    };
-    let mut starts = vec![0usize; columns * rows + 1];
-    for s in projected {
-        for tile in touched(s) {
-            starts[tile + 1] += 1;
-        }
-    }
-    for i in 1..starts.len() {
-        starts[i] += starts[i - 1];
-    }
-    let mut next = starts.clone();
-    let mut entries = vec![0u32; starts[columns * rows]];
-    for (i, s) in projected.iter().enumerate() {
-        for tile in touched(s) {
-            entries[next[tile]] = i as u32;
-            next[tile] += 1;
-        }
-    }
-    TileLists { starts, entries }
-}
-
-struct Tile {
-    color: [[f32; 3]; TILE * TILE],
-    depth: [f32; TILE * TILE],
-    transmittance: [f32; TILE * TILE],
-    finished: [bool; TILE * TILE],
-}
-
-/// Opacity and depth of a surfel at a pixel, or `None` where it adds nothing.
-#[inline(always)]
-pub fn hit(s: &ProjectedSurfel, near: f32, x: f32, y: f32) -> Option<(f32, f32)> {
-    let k = x * s.t_w - s.t_u;
-    let l = y * s.t_w - s.t_v;
-    let q = k.cross(l);
-    let offset = s.center - Vec2::new(x, y);
-    let mut rho = 2.0 * offset.length_squared();
-    let mut depth = s.t_w.z;
-    if q.z != 0.0 {
-        let (u, v) = (q.x / q.z, q.y / q.z);
-        let on_plane = u * u + v * v;
-        if on_plane <= rho {
-            rho = on_plane;
-            depth = u * s.t_w.x + v * s.t_w.y + s.t_w.z;
-        }
-    }
-    let alpha = (s.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA);
-    (depth > near && alpha >= MIN_ALPHA).then_some((alpha, depth))
-}
-
-fn draw_tile(
-    colors: &[[f32; 3]],
-    projected: &[ProjectedSurfel],
-    list: &[u32],
-    camera: &Camera,
-    column: usize,
-    row: usize,
-) -> Tile {
-    let mut tile = Tile {
-        color: [[0.0; 3]; TILE * TILE],
-        depth: [0.0; TILE * TILE],
-        transmittance: [1.0; TILE * TILE],
-        finished: [false; TILE * TILE],
-    };
-    let (x0, y0) = (column * TILE, row * TILE);
-    let (x1, y1) = (
-        (x0 + TILE).min(camera.width),
-        (y0 + TILE).min(camera.height),
-    );
-    let mut left = (x1 - x0) * (y1 - y0);
-    for entry in list {
-        let s = &projected[*entry as usize];
-        let color = colors[s.index as usize];
-        let first = |low: f32, start: usize| (low.ceil().max(0.0) as usize).max(start);
-        let until = |high: f32, end: usize| {
-            (high.floor().max(-1.0) as i64 + 1).clamp(0, end as i64) as usize
-        };
-        for y in first(s.low.y, y0)..until(s.high.y, y1) {
-            for x in first(s.low.x, x0)..until(s.high.x, x1) {
-                let i = (y - y0) * TILE + x - x0;
-                if tile.finished[i] {
-                    continue;
+            let (nearest, farther) = left.split_at_mut(ordered);
+            nearest.sort_unstable();
+            for some in nearest.chunks(AT_ONCE) {
+                self.blend(&mut tile, some, color, scratch);
+                if tile.is_finished() {
+                    break;
                 }
-                let Some((alpha, depth)) = hit(s, camera.near, x as f32, y as f32) else {
-                    continue;
-                };
-                let through = tile.transmittance[i] * (1.0 - alpha);
-                if through < MIN_TRANSMITTANCE {
-                    tile.finished[i] = true;
-                    left -= 1;
-                    continue;
+            }
+            (left, ordered) = (farther, 2 * ordered);
+        }
+        scratch.order = order;
+        Some(tile)
+    }
+
+    /// Blends what comes next in a tile.
+    fn blend<'a>(
+        &'a self,
+        tile: &mut Tile,
+        entries: &[u64],
+        color: &(impl Fn(&[usize], &mut [[f32; 3]]) + Sync),
+        scratch: &mut Scratch<'a>,
+    ) {
+        let Scratch {
+            nearest,
+            splats,
+            asked,
+            places,
+            answers,
+            ..
+        } = scratch;
+        splats.clear();
+        asked.clear();
+        places.clear();
+        // All are fetched before one is looked at: the memory's latency is paid once.
+        nearest.clear();
+        nearest.extend(entries.iter().map(|entry| {
+            let place = *entry as u32 as usize;
+            let surfel = &self.tiles.projected[place];
+            (surfel, surfel.touches, self.colors[place].get())
+        }));
+        for (i, (surfel, touches, color)) in nearest.iter().enumerate() {
+            if tile.takes(*touches) {
+                if color.is_none() {
+                    places.push([i, splats.len()]);
+                    asked.push(surfel.index());
                 }
-                let weight = alpha * tile.transmittance[i];
-                for (sum, c) in tile.color[i].iter_mut().zip(color) {
-                    *sum += weight * c;
-                }
-                tile.depth[i] += weight * depth;
-                tile.transmittance[i] = through;
+                splats.push((surfel, color.unwrap_or_default()));
             }
         }
-        if left == 0 {
-            break;
+        if !asked.is_empty() {
+            answers.resize(asked.len(), [0.0; 3]);
+            color(asked, answers);
+            for ([entry, splat], color) in places.iter().zip(answers) {
+                splats[*splat].1 = *color;
+                self.colors[entries[*entry] as u32 as usize].set(*color);
+            }
         }
+        tile.blend(splats, self.near);
     }
-    tile
+}
+
+/// Memory that a thread needs for a tile, used again for the next.
+#[derive(Default)]
+struct Scratch<'a> {
+    order: Vec<u64>,
+    nearest: Vec<(&'a ProjectedSurfel, [u16; 4], Option<[f32; 3]>)>,
+    splats: Vec<Splat<'a>>,
+    /// Surfels whose colour is not known yet.
+    asked: Vec<usize>,
+    /// And where they are among the entries and the splats.
+    places: Vec<[usize; 2]>,
+    answers: Vec<[f32; 3]>,
+}
+
+/// A colour that is made where it is first asked for; all who ask make the same.
+#[derive(Debug)]
+struct LazyColor([AtomicU32; 3]);
+
+/// What is in place of red where nobody has asked yet.
+const UNKNOWN: u32 = u32::MAX;
+
+impl Default for LazyColor {
+    fn default() -> Self {
+        Self([const { AtomicU32::new(UNKNOWN) }; 3])
+    }
+}
+
+impl LazyColor {
+    fn forget(&mut self) {
+        *self.0[0].get_mut() = UNKNOWN;
+    }
+
+    fn get(&self) -> Option<[f32; 3]> {
+        let [r, g, b] = &self.0;
+        let red = r.load(Ordering::Acquire);
+        let rest = || [g, b].map(|channel| channel.load(Ordering::Relaxed));
+        (red != UNKNOWN).then(|| {
+            let [green, blue] = rest();
+            [red, green, blue].map(f32::from_bits)
+        })
+    }
+
+    fn set(&self, color: [f32; 3]) {
+        let [r, g, b] = &self.0;
+        let [red, green, blue] = color.map(f32::to_bits);
+        g.store(green, Ordering::Relaxed);
+        b.store(blue, Ordering::Relaxed);
+        // Last, so that who sees it sees the others.
+        r.store(red, Ordering::Release);
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec2;
+
     use super::*;
+    use crate::surfels::{MIN_ALPHA, Thickness};
     use crate::synthetic;
 
     fn view(size: usize) -> Camera {

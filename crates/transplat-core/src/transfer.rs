@@ -5,7 +5,6 @@
 
 pub mod directional;
 pub mod harmonic;
-mod lanes;
 pub mod materials;
 mod relit;
 pub mod scene;

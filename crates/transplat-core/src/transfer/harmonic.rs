@@ -12,13 +12,13 @@ use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
 
-use super::lanes::LANES;
 use super::materials::{Material, Materials};
 use super::relit::{Part, Relight, Relit, empty_bytes, round_to_half, switched_off};
 use crate::bake::harmonic::HarmonicBake;
 use crate::color::{Encoding, decode_sh};
 use crate::environment::{Illumination, IncidentRadiance};
 use crate::error::{Error, Result};
+use crate::lanes::LANES;
 use crate::numeric::over;
 use crate::settings::TransferSettings;
 use crate::settings::skips::{Skip, Skipped, Stage};

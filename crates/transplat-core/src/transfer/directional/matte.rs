@@ -5,9 +5,9 @@ use multiversion::multiversion;
 use super::asset::{DirectionalAsset, FrontAndBack};
 use super::nodes::{Nodes, SurfelFrame};
 use crate::color::Encoding;
+use crate::lanes::{LANES, Lanes, mirror_of};
 use crate::numeric::smoothstep;
 use crate::sh::{SQRT_4PI, band, coefficient_count};
-use crate::transfer::lanes::{LANES, Lanes, mirror_of};
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
 pub const BACK_RANGE: f32 = 4.0;

@@ -3,11 +3,11 @@
 use glam::Vec3;
 use multiversion::multiversion;
 
+use crate::lanes::{LANES, Lanes, mirror_of};
 use crate::sh::{
     LightOperator, MAX_COEFFICIENTS, Real, SQRT_4PI, band, band_of, coefficient_count,
     cosine_kernel, evaluate_basis,
 };
-use crate::transfer::lanes::{LANES, Lanes, mirror_of};
 
 /// Radiance beyond this is held to it.
 pub const MAX_RADIANCE: f32 = 1e15;

@@ -1,19 +1,51 @@
-//! Many surfels at once, as structure of arrays: code in it is compiled for several instruction sets.
+//! Many surfels or pixels at once, as structure of arrays: code in it is compiled for several instruction sets.
 
-use std::ops::{Add, Mul, Neg, Sub};
+use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::sh::{Mirror, Real};
 
-/// Surfels that are worked on at once.
-pub(super) const LANES: usize = 16;
+/// Values that are worked on at once.
+pub(crate) const LANES: usize = 16;
 
-/// One value of each of them.
+/// One value of each.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Lanes(pub [f32; LANES]);
+pub(crate) struct Lanes(pub [f32; LANES]);
 
 impl Lanes {
     pub const ZERO: Self = Self([0.0; LANES]);
+
+    /// The same value everywhere.
+    #[inline(always)]
+    pub const fn splat(x: f32) -> Self {
+        Self([x; LANES])
+    }
+
+    /// The lower of each two; the other one of what is no number.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        self.map2(other, |a, b| if a < b { a } else { b })
+    }
+
+    /// `yes` where `self <= limit`, else `no`, and where either is no number.
+    #[inline(always)]
+    pub fn where_at_most(self, limit: Self, [yes, no]: [Self; 2]) -> Self {
+        let mut out = no;
+        for i in 0..LANES {
+            out.0[i] = if self.0[i] <= limit.0[i] {
+                yes.0[i]
+            } else {
+                no.0[i]
+            };
+        }
+        out
+    }
+
+    #[inline(always)]
+    pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
+        // `array::map` is not compiled for the caller's instructions.
+        self.map2(self, |a, _| f(a))
+    }
 
     #[inline(always)]
     pub fn map2(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
@@ -49,6 +81,14 @@ impl Mul for Lanes {
     }
 }
 
+impl Div for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.map2(other, |a, b| a / b)
+    }
+}
+
 impl Neg for Lanes {
     type Output = Self;
     #[inline(always)]
@@ -66,7 +106,7 @@ impl Real for Lanes {
 
 /// The mirrors of unit normals, for bands up to a degree.
 #[inline(always)]
-pub(super) fn mirror_of(degree: usize, [x, y, z]: [Lanes; 3]) -> Mirror<Lanes> {
+pub(crate) fn mirror_of(degree: usize, [x, y, z]: [Lanes; 3]) -> Mirror<Lanes> {
     let (mut cos, mut sin, mut sin_theta) = (Lanes::of(1.0), Lanes::ZERO, Lanes::ZERO);
     for i in 0..LANES {
         let r = (x.0[i] * x.0[i] + y.0[i] * y.0[i]).sqrt();

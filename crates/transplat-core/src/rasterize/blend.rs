@@ -1,0 +1,157 @@
+//! Surfels blended over a tile, nearest first, a row of its pixels at once.
+
+use multiversion::multiversion;
+
+use super::project::{ProjectedSurfel, hit};
+use super::{MIN_TRANSMITTANCE, TILE};
+use crate::lanes::Lanes;
+
+/// A row of pixels.
+#[derive(Clone, Copy)]
+struct Row {
+    color: [Lanes; 3],
+    depth: Lanes,
+    transmittance: Lanes,
+    /// 1 where more may come, else 0.
+    open: Lanes,
+}
+
+impl Row {
+    const EMPTY: Self = Self {
+        color: [Lanes::ZERO; 3],
+        depth: Lanes::ZERO,
+        transmittance: Lanes::splat(1.0),
+        open: Lanes::splat(1.0),
+    };
+
+    /// Pixels to which something may be added, a bit each.
+    #[inline(always)]
+    fn open(&self) -> u16 {
+        let mut bits = 0;
+        for (x, open) in self.open.0.iter().enumerate() {
+            bits |= u16::from(*open > 0.0) << x;
+        }
+        bits
+    }
+
+    /// Blends a surfel behind what is there; the pixels are `(x, y)` from the surfel's origin.
+    #[inline(always)]
+    fn blend<const GAUSSIAN: bool>(
+        &mut self,
+        (surfel, color): &Splat<'_>,
+        x: Lanes,
+        y: f32,
+        near: f32,
+    ) {
+        let (alpha, depth) = hit::<GAUSSIAN>(surfel, near, x, y);
+        let weight = alpha * self.open * self.transmittance;
+        let through = self.transmittance - weight;
+        let least = Lanes::splat(MIN_TRANSMITTANCE);
+        let if_open = |of| least.where_at_most(through, of);
+        let weight = if_open([weight, Lanes::ZERO]);
+        self.open = if_open([self.open, Lanes::ZERO]);
+        self.transmittance = self.transmittance - weight;
+        for (sum, c) in self.color.iter_mut().zip(color) {
+            *sum = *sum + weight * Lanes::splat(*c);
+        }
+        self.depth = self.depth + weight * depth;
+    }
+}
+
+/// A surfel with its colour.
+pub(super) type Splat<'a> = (&'a ProjectedSurfel, [f32; 3]);
+
+/// A part of the picture.
+pub(super) struct Tile {
+    rows: [Row; TILE],
+    /// [`Row::open`] of each, as it was last looked at.
+    open: [u16; TILE],
+    /// Of its first pixel in the picture.
+    corner: [usize; 2],
+}
+
+impl Tile {
+    /// One at a place of a picture of a size.
+    pub fn new(corner: [usize; 2], size: [usize; 2]) -> Self {
+        let mut rows = [Row::EMPTY; TILE];
+        let inside = [0, 1].map(|i| (size[i] - corner[i]).min(TILE));
+        for (y, row) in rows.iter_mut().enumerate() {
+            for (x, open) in row.open.0.iter_mut().enumerate() {
+                if x >= inside[0] || y >= inside[1] {
+                    *open = 0.0;
+                }
+            }
+        }
+        let mut tile = Self {
+            rows,
+            open: [0; TILE],
+            corner,
+        };
+        tile.note_open();
+        tile
+    }
+
+    /// Whether nothing can be added any more.
+    pub fn is_finished(&self) -> bool {
+        self.open == [0; TILE]
+    }
+
+    /// Whether a surfel may add something.
+    #[inline(always)]
+    pub fn takes(&self, touches: [u16; 4]) -> bool {
+        let ([top, bottom], columns) = self.touched(touches);
+        let mut open = 0;
+        for row in &self.open[top..=bottom] {
+            open |= row & columns;
+        }
+        open != 0
+    }
+
+    /// First and last row in the tile that a surfel touches, and the columns, a bit each.
+    #[inline(always)]
+    fn touched(&self, [x0, y0, x1, y1]: [u16; 4]) -> ([usize; 2], u16) {
+        let first = |edge: u16, i: usize| usize::from(edge).saturating_sub(self.corner[i]);
+        let last = |edge: u16, i: usize| first(edge, i).min(TILE - 1);
+        let columns = (2u32 << last(x1, 0)) - (1 << first(x0, 0));
+        ([first(y0, 1), last(y1, 1)], columns as u16)
+    }
+
+    fn note_open(&mut self) {
+        self.open = std::array::from_fn(|y| self.rows[y].open());
+    }
+
+    /// Blends surfels behind what is there, nearest first; nothing is seen nearer than `near`.
+    pub fn blend(&mut self, splats: &[Splat<'_>], near: f32) {
+        blend(self, splats, near);
+        self.note_open();
+    }
+
+    /// Premultiplied colour and alpha, and alpha-weighted depth, of a pixel.
+    pub fn pixel(&self, x: usize, y: usize) -> ([f32; 4], f32) {
+        let row = &self.rows[y];
+        let [r, g, b] = row.color.map(|lanes| lanes.0[x]);
+        ([r, g, b, 1.0 - row.transmittance.0[x]], row.depth.0[x])
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn blend(tile: &mut Tile, splats: &[Splat<'_>], near: f32) {
+    for splat in splats {
+        let surfel = splat.0;
+        let ([top, bottom], columns) = tile.touched(surfel.touches);
+        let [x, y] = tile.corner.map(|edge| edge as f32);
+        let (x, y) = (x - surfel.origin.x, y - surfel.origin.y);
+        let x = Lanes(std::array::from_fn(|i| x + i as f32));
+        for at in top..=bottom {
+            if tile.open[at] & columns == 0 {
+                continue;
+            }
+            let (row, y) = (&mut tile.rows[at], y + at as f32);
+            if surfel.is_gaussian() {
+                row.blend::<true>(splat, x, y, near);
+            } else {
+                row.blend::<false>(splat, x, y, near);
+            }
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! The colours of surfels towards an eye.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use crate::color::{Display, Encoding, STORED_OFFSET, ToneMap, srgb_encode_all};
+use crate::lanes::{LANES, Lanes};
+use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis};
+
+/// What the colours of a picture are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ColorSpace {
+    /// Display-encoded, after exposure and tone curve: as splats are trained and blended.
+    Display(Display),
+    /// Linear radiance, for EXR.
+    Linear,
+}
+
+/// Surfels that are shaded at once by [`shade`].
+const AT_ONCE: usize = 1024;
+
+/// Colour of each surfel towards `eye`, `[n][3]`: SH once a surfel, towards its centre, clamped below at 0 and not above.
+pub fn shade(
+    positions: &[Vec3],
+    sh: &[[f32; 3]],
+    degree: usize,
+    encoding: Encoding,
+    eye: Vec3,
+    space: ColorSpace,
+) -> Vec<[f32; 3]> {
+    let shading = Shading {
+        positions,
+        sh,
+        degree,
+        encoding,
+        coefficients: 0..coefficient_count(degree),
+        eye,
+        space,
+    };
+    let mut colors = vec![[0.0; 3]; positions.len()];
+    let chunks = colors.par_chunks_mut(AT_ONCE).enumerate();
+    chunks.for_each(|(i, colors)| {
+        let first = i * AT_ONCE;
+        let surfels: Vec<usize> = (first..first + colors.len()).collect();
+        shading.colors(&surfels, colors);
+    });
+    colors
+}
+
+/// SH colour as it is seen from somewhere.
+#[derive(Clone, Debug)]
+pub struct Shading<'a> {
+    /// Of the surfels, `[n]`.
+    pub positions: &'a [Vec3],
+    /// `[n][K][3]`.
+    pub sh: &'a [[f32; 3]],
+    /// Of `sh`.
+    pub degree: usize,
+    /// What `sh` stands for.
+    pub encoding: Encoding,
+    /// Those coefficients that take part.
+    pub coefficients: Range<usize>,
+    /// In the surfels' coordinates.
+    pub eye: Vec3,
+    /// What the colours are for.
+    pub space: ColorSpace,
+}
+
+impl Shading<'_> {
+    /// The colours of some of the surfels.
+    pub fn colors(&self, surfels: &[usize], out: &mut [[f32; 3]]) {
+        evaluate(self, surfels, out);
+        let values = out.as_flattened_mut();
+        match self.space {
+            // What was trained for display passes untouched.
+            ColorSpace::Display(display)
+                if self.encoding == Encoding::Stored && display.is_identity() =>
+            {
+                for v in values {
+                    *v = (*v + STORED_OFFSET).max(0.0);
+                }
+            }
+            ColorSpace::Linear => self.encoding.decode_all(values),
+            ColorSpace::Display(display) => {
+                self.encoding.decode_all(values);
+                if display.tone_map == ToneMap::Srgb {
+                    let gain = display.exposure.exp2();
+                    for v in &mut *values {
+                        *v = (*v * gain).min(crate::color::MAX_LINEAR);
+                    }
+                    srgb_encode_all(values);
+                } else {
+                    for color in out {
+                        *color = display.encode(*color);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The value of each surfel's SH towards it.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn evaluate(shading: &Shading<'_>, surfels: &[usize], out: &mut [[f32; 3]]) {
+    let k = coefficient_count(shading.degree);
+    let mut basis = [Lanes::ZERO; MAX_COEFFICIENTS];
+    for (surfels, out) in surfels.chunks(LANES).zip(out.chunks_mut(LANES)) {
+        let mut toward = [Lanes::ZERO; 3];
+        for (lane, surfel) in surfels.iter().enumerate() {
+            let d = shading.positions[*surfel] - shading.eye;
+            for (axis, x) in toward.iter_mut().zip(d.to_array()) {
+                axis.0[lane] = x;
+            }
+        }
+        let [x, y, z] = toward;
+        let length = (x * x + y * y + z * z).map(f32::sqrt);
+        let is_place = |of| length.where_at_most(Lanes::ZERO, of);
+        // Where the eye is in the surfel, any direction serves.
+        let z = is_place([Lanes::splat(1.0), z]);
+        let length = is_place([Lanes::splat(1.0), length]);
+        let direction = [x / length, y / length, z / length];
+        // Degrees that are written out compile to straight lines.
+        match shading.degree {
+            0 => evaluate_basis(direction, 0, &mut basis),
+            1 => evaluate_basis(direction, 1, &mut basis),
+            2 => evaluate_basis(direction, 2, &mut basis),
+            3 => evaluate_basis(direction, 3, &mut basis),
+            degree => evaluate_basis(direction, degree, &mut basis),
+        }
+        for (lane, (surfel, out)) in surfels.iter().zip(out).enumerate() {
+            let function = &shading.sh[surfel * k..][..k];
+            let mut sum = [0f32; 3];
+            let part = shading.coefficients.clone();
+            for (c, basis) in function[part.clone()].iter().zip(&basis[part]) {
+                let y = basis.0[lane];
+                sum = [sum[0] + c[0] * y, sum[1] + c[1] * y, sum[2] + c[2] * y];
+            }
+            *out = sum;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::radiance;
+    use crate::synthetic;
+
+    #[test]
+    fn many_are_shaded_as_one() {
+        let eye = Vec3::new(2.0, 1.0, 0.5);
+        for degree in [0, 1, 2, 3, 5] {
+            let mut cloud = synthetic::glossy_sphere_over_plate(40, degree);
+            cloud.positions[7] = eye;
+            for encoding in [Encoding::Stored, Encoding::StoredLinear, Encoding::Linear] {
+                for space in [
+                    ColorSpace::Linear,
+                    ColorSpace::Display(Display::default()),
+                    ColorSpace::Display(Display {
+                        exposure: 0.7,
+                        tone_map: ToneMap::Srgb,
+                    }),
+                    ColorSpace::Display(Display {
+                        exposure: -0.4,
+                        tone_map: ToneMap::Agx,
+                    }),
+                ] {
+                    let got = shade(&cloud.positions, &cloud.sh, degree, encoding, eye, space);
+                    for (i, got) in got.iter().enumerate() {
+                        let d = (cloud.positions[i] - eye).normalize_or(Vec3::Z);
+                        let linear = radiance(cloud.sh_of(i), degree, encoding, d.to_array());
+                        let one = match space {
+                            ColorSpace::Linear => linear,
+                            ColorSpace::Display(display) => display.encode(linear),
+                        };
+                        for (got, one) in got.iter().zip(one) {
+                            // The curve and back is the same to five digits.
+                            assert!(
+                                (got - one).abs() < 2e-5 * (1.0 + one),
+                                "{degree} {encoding:?} {space:?} {i}: {got} {one}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Which surfels touch which tile of the picture.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::TILE;
+use super::project::{ProjectedSurfel, project_surfel};
+use crate::camera::Camera;
+use crate::surfels::SurfelCloud;
+
+/// Pieces that a cloud is projected in: as many for each thread, so that none waits long for the last.
+const PIECES_PER_THREAD: usize = 8;
+
+/// At most so many in all: each counts for all tiles.
+const MOST_PIECES: usize = 64;
+
+/// An object as a camera sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Placed<'a> {
+    /// Its surfels.
+    pub cloud: &'a SurfelCloud,
+    /// The view in its coordinates and unit, [`Camera::seen_from`].
+    pub camera: Camera,
+    /// What 1 in its unit is in the scene's.
+    pub scale: f32,
+    /// Its surfels that are not drawn, `[n]` or empty.
+    pub hidden: &'a [bool],
+}
+
+impl<'a> Placed<'a> {
+    /// The only object, in the scene's own coordinates.
+    pub fn alone(cloud: &'a SurfelCloud, camera: &Camera, hidden: &'a [bool]) -> Self {
+        Self {
+            cloud,
+            camera: *camera,
+            scale: 1.0,
+            hidden,
+        }
+    }
+
+    fn is_hidden(&self, i: usize) -> bool {
+        self.hidden.get(i).is_some_and(|hidden| *hidden)
+    }
+
+    /// Surfel `i` on the screen, with what is counted before it, in the scene's unit.
+    fn project(&self, i: usize, before: usize) -> Option<ProjectedSurfel> {
+        if self.is_hidden(i) {
+            return None;
+        }
+        let projected = project_surfel(self.cloud, &self.camera, i)?;
+        Some(projected.counted(before).scaled(self.scale))
+    }
+}
+
+/// What is projected and listed at once: surfels that follow each other in one object.
+struct Piece<'a, 'b> {
+    object: &'b Placed<'a>,
+    surfels: Range<usize>,
+    /// Surfels of the objects before.
+    before: usize,
+    /// Where its projected ones start.
+    start: usize,
+}
+
+fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
+    let all: usize = objects.iter().map(|o| o.cloud.len()).sum();
+    let count = (PIECES_PER_THREAD * rayon::current_num_threads()).min(MOST_PIECES);
+    let length = all.div_ceil(count).max(1);
+    let mut before = 0;
+    let mut pieces = Vec::new();
+    for object in objects {
+        let n = object.cloud.len();
+        pieces.extend((0..n).step_by(length).map(|first| Piece {
+            object,
+            surfels: first..(first + length).min(n),
+            before,
+            start: before + first,
+        }));
+        before += n;
+    }
+    pieces
+}
+
+/// For each tile the projected surfels that touch it, in no order.
+#[derive(Debug, Default)]
+pub(super) struct Tiles {
+    /// Those that are seen of each piece, at the piece's place; what is between is left from before.
+    pub projected: Vec<ProjectedSurfel>,
+    pub columns: usize,
+    pub rows: usize,
+    starts: Vec<usize>,
+    /// What orders it, its place in `projected` included.
+    entries: Vec<AtomicU64>,
+}
+
+impl Tiles {
+    /// Lists what a camera sees of objects, in the memory that is there.
+    pub fn list(&mut self, objects: &[Placed<'_>], size: [usize; 2]) {
+        let [columns, rows] = size.map(|edge| edge.div_ceil(TILE));
+        (self.columns, self.rows) = (columns, rows);
+        let pieces = pieces(objects);
+        let all = objects.iter().map(|o| o.cloud.len()).sum();
+        self.projected.resize(all, ProjectedSurfel::default());
+        let mut room = &mut self.projected[..];
+        let rooms: Vec<&mut [ProjectedSurfel]> = pieces
+            .iter()
+            .map(|piece| {
+                room.split_off_mut(..piece.surfels.len())
+                    .unwrap_or_default()
+            })
+            .collect();
+        // How many are seen of each piece, and how many of them touch each tile.
+        let mut counted: Vec<(usize, Vec<usize>)> = pieces
+            .par_iter()
+            .zip(rooms)
+            .map(|(piece, room)| {
+                let mut touching = vec![0; columns * rows];
+                let mut seen = 0;
+                for i in piece.surfels.clone() {
+                    if let Some(projected) = piece.object.project(i, piece.before) {
+                        touched(&projected, columns).for_each(|tile| touching[tile] += 1);
+                        room[seen] = projected;
+                        seen += 1;
+                    }
+                }
+                (seen, touching)
+            })
+            .collect();
+        self.starts.clear();
+        let mut next = 0;
+        for tile in 0..columns * rows {
+            self.starts.push(next);
+            for (_, touching) in &mut counted {
+                next += std::mem::replace(&mut touching[tile], next);
+            }
+        }
+        self.starts.push(next);
+        self.entries.resize_with(next, AtomicU64::default);
+        let (projected, entries) = (&self.projected, &self.entries);
+        pieces
+            .par_iter()
+            .zip(counted)
+            .for_each(|(piece, (seen, mut next))| {
+                for at in piece.start..piece.start + seen {
+                    let order = projected[at].order(at);
+                    for tile in touched(&projected[at], columns) {
+                        entries[next[tile]].store(order, Ordering::Relaxed);
+                        next[tile] += 1;
+                    }
+                }
+            });
+    }
+
+    /// What touches a tile, as numbers that order it and hold its place in `projected` in the lower half.
+    pub fn of(&self, tile: usize) -> impl ExactSizeIterator<Item = u64> {
+        let entries = &self.entries[self.starts[tile]..self.starts[tile + 1]];
+        entries.iter().map(|entry| entry.load(Ordering::Relaxed))
+    }
+}
+
+/// The tiles that a surfel touches.
+fn touched(s: &ProjectedSurfel, columns: usize) -> impl Iterator<Item = usize> {
+    let [x0, y0, x1, y1] = s.touches.map(|edge| usize::from(edge) / TILE);
+    (y0..=y1).flat_map(move |row| (x0..=x1).map(move |column| row * columns + column))
+}
