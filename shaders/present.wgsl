@@ -1,5 +1,6 @@
 // Stage present: from pictures of surfels to the picture on the screen. CPU twins: transplat_core::present and transplat_core::ground.
-// The constants in capitals are written in front of this file.
+// The constants in capitals are written in front of this file: what a picture does not need is compiled out, since a driver that computes on the
+// CPU goes through all that is there.
 
 #import shared/color
 
@@ -13,7 +14,7 @@ struct PresentParameters {
     maps: array<array<vec4f, 3>, 2>,
     // Middle of the ground, and half its edge.
     ground: vec4f,
-    // Axes of the ground; in w whether it catches shadows, and the spacing of the grid (0: none).
+    // Axes of the ground; in the second's w the spacing of the grid.
     ground_axes: array<vec4f, 2>,
     // Colours of the background; of a plate the share of its edges that a pixel is.
     colors: array<vec4f, 2>,
@@ -23,12 +24,7 @@ struct PresentParameters {
     // Nearest and farthest depth.
     depth_range: vec2f,
     difference_scale: f32,
-    // LAYOUT_*, BACKGROUND_*, TONE_*
-    arrangement: u32,
-    background: u32,
-    tone_map: u32,
     wipe_column: u32,
-    false_color: u32,
 }
 
 // In storage for the reason that rasterize_shade.wgsl gives.
@@ -79,7 +75,7 @@ fn environment(at: vec2f, after: bool) -> vec3f {
     } else {
         radiance *= textureSampleLevel(before_map, map_sampler, there, 0.0).rgb;
     }
-    return display(radiance * parameters.eye.w, parameters.tone_map);
+    return display(radiance * parameters.eye.w, TONE_MAP);
 }
 
 fn checkerboard(pixel: vec2f) -> vec4f {
@@ -89,7 +85,7 @@ fn checkerboard(pixel: vec2f) -> vec4f {
 }
 
 fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
-    switch parameters.background {
+    switch BACKGROUND {
         case BACKGROUND_COLOR: {
             return vec4f(parameters.colors[0].rgb, 1.0);
         }
@@ -120,6 +116,9 @@ fn background(pixel: vec2f, at: vec2f, after: bool) -> vec4f {
 
 // What lies between background and object: the caught shadow, and the grid.
 fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
+    if !CATCHES_SHADOWS && !HAS_GRID {
+        return behind;
+    }
     let d = ray(at, parameters.view[0].w);
     let normal = cross(parameters.ground_axes[0].xyz, parameters.ground_axes[1].xyz);
     let falls = dot(d, normal);
@@ -128,7 +127,7 @@ fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
     let p = parameters.eye.xyz + d * meets - parameters.ground.xyz;
     let on_plane = vec2f(dot(p, parameters.ground_axes[0].xyz), dot(p, parameters.ground_axes[1].xyz));
     var out = behind;
-    if height > 0.0 && falls < -1e-6 && parameters.ground_axes[0].w > 0.0 {
+    if CATCHES_SHADOWS && height > 0.0 && falls < -1e-6 {
         let uv = on_plane / parameters.ground.w;
         let rim = max(abs(uv.x), abs(uv.y));
         if rim < 1.0 {
@@ -141,7 +140,7 @@ fn with_ground(behind: vec4f, at: vec2f, after: bool) -> vec4f {
         }
     }
     let spacing = parameters.ground_axes[1].w;
-    if spacing > 0.0 && meets > 0.0 {
+    if HAS_GRID && meets > 0.0 {
         // A pixel's width on the plane, which grows with distance and towards the horizon.
         let pixel_width = meets / parameters.view[0].w / max(abs(falls), 0.02);
         let far = clamp(1.0 - length(on_plane) / (24.0 * spacing), 0.0, 1.0);
@@ -241,16 +240,16 @@ fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
     // Which picture, and where in it.
     var after = true;
     var at = pixel;
-    if parameters.arrangement == LAYOUT_BEFORE {
+    if ARRANGEMENT == LAYOUT_BEFORE {
         after = false;
     }
-    if parameters.arrangement == LAYOUT_SPLIT {
+    if ARRANGEMENT == LAYOUT_SPLIT {
         if pixel.x == i32(parameters.wipe_column) && size.x > 2 {
             return WIPE_LINE;
         }
         after = pixel.x >= i32(parameters.wipe_column);
     }
-    if parameters.arrangement == LAYOUT_SIDE_BY_SIDE {
+    if ARRANGEMENT == LAYOUT_SIDE_BY_SIDE {
         let half = size.x / 2;
         after = pixel.x >= half;
         at.x = select(pixel.x, pixel.x - half, after);
@@ -261,20 +260,23 @@ fn present(@builtin(position) position: vec4f) -> @location(0) vec4f {
     } else {
         front = textureLoad(before_color, at, 0);
     }
-    if parameters.arrangement == LAYOUT_DIFFERENCE {
+    if ARRANGEMENT == LAYOUT_DIFFERENCE {
         let before = textureLoad(before_color, at, 0);
         let value = 0.5 * front.a + parameters.difference_scale * (front.rgb - before.rgb);
         front = vec4f(clamp(value, vec3f(0.0), vec3f(front.a)), front.a);
     }
-    if parameters.arrangement == LAYOUT_DEPTH {
+    if ARRANGEMENT == LAYOUT_DEPTH {
         let depth = textureLoad(after_depth, at, 0).r * parameters.view[2].w / max(front.a, 1e-9);
         let range = parameters.depth_range;
         let value = clamp(1.0 - 0.8 * (depth - range.x) / (range.y - range.x), 0.0, 1.0);
         front = vec4f(vec3f(value) * front.a, front.a);
     }
     let behind = with_ground(background(position.xy, vec2f(at), after), vec2f(at), after);
-    var out = grade(over(front, behind).rgb, after);
-    if parameters.false_color != 0u {
+    var out = over(front, behind).rgb;
+    if IS_GRADED {
+        out = grade(out, after);
+    }
+    if FALSE_COLORED {
         out = false_color(out);
     }
     return vec4f(clamp(out, vec3f(0.0), vec3f(1.0)), 1.0);

@@ -93,7 +93,7 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
 }
 
 /// How linear colour is brought into the display's range.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ToneMap {
     /// The sRGB curve alone, clipped at white: with no exposure, what the trainer rendered.

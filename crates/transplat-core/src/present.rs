@@ -12,7 +12,7 @@ use crate::surfels::{Bounds, SurfelCloud};
 use crate::transfer::{Part, PreparedTransfer};
 
 /// What a picture shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum View {
     /// The asset relit.
@@ -427,20 +427,26 @@ pub fn recolor(raster: &mut Raster, color: impl Fn([f32; 3]) -> [f32; 3] + Sync)
 
 /// Normals as surfel colours: each turned to face the eye. For display 0 to 1 stands for -1 to 1. `[n][3]`
 pub fn normal_colors(cloud: &SurfelCloud, eye: Vec3, space: ColorSpace) -> Vec<[f32; 3]> {
-    (0..cloud.len())
-        .map(|i| {
-            let n = cloud.stored_normal(i);
-            let n = if n.dot(cloud.positions[i] - eye) > 0.0 {
-                -n
-            } else {
-                n
-            };
-            match space {
-                ColorSpace::Display(_) => (n * 0.5 + 0.5).to_array(),
-                ColorSpace::Linear => n.to_array(),
-            }
-        })
-        .collect()
+    let each = 0..cloud.len();
+    match space {
+        ColorSpace::Display(_) => each.map(|i| normal_color(cloud, eye, i)).collect(),
+        ColorSpace::Linear => each.map(|i| normal(cloud, eye, i).to_array()).collect(),
+    }
+}
+
+/// Colour of a surfel's normal, turned to the eye.
+pub fn normal_color(cloud: &SurfelCloud, eye: Vec3, i: usize) -> [f32; 3] {
+    (normal(cloud, eye, i) * 0.5 + 0.5).to_array()
+}
+
+/// A surfel's normal, turned to the eye.
+fn normal(cloud: &SurfelCloud, eye: Vec3, i: usize) -> Vec3 {
+    let n = cloud.stored_normal(i);
+    if n.dot(cloud.positions[i] - eye) > 0.0 {
+        -n
+    } else {
+        n
+    }
 }
 
 /// The ratio's heat map: stops on the mean of the channels, -3 blue, 0 white, +3 red.

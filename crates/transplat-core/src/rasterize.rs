@@ -219,6 +219,11 @@ impl Rasterizer {
         self.tiles.list(objects, self.size);
     }
 
+    /// How many surfels are on the screen.
+    pub fn seen(&self) -> usize {
+        self.tiles.seen
+    }
+
     /// Draws what was projected. `color` writes the colours of surfels; it is asked where one is seen, of some at once and hardly of any twice.
     pub fn draw(&mut self, color: impl Fn(&[usize], &mut [[f32; 3]]) + Sync, raster: &mut Raster) {
         let [width, height] = self.size;
@@ -340,11 +345,14 @@ impl Rasterizer {
     }
 }
 
+/// A surfel with what is looked at first: what it touches, and its colour where that is known.
+type Fetched<'a> = (&'a ProjectedSurfel, [u16; 4], Option<[f32; 3]>);
+
 /// Memory that a thread needs for a tile, used again for the next.
 #[derive(Default)]
 struct Scratch<'a> {
     order: Vec<u64>,
-    nearest: Vec<(&'a ProjectedSurfel, [u16; 4], Option<[f32; 3]>)>,
+    nearest: Vec<Fetched<'a>>,
     splats: Vec<Splat<'a>>,
     /// Surfels whose colour is not known yet.
     asked: Vec<usize>,

@@ -3,6 +3,7 @@
 //! Each stage remembers what it last ran with. A frame asks for a picture; a stage whose inputs are the same as last time is left out,
 //! and [`Passes`] counts those that ran.
 
+mod cpu;
 mod frame;
 mod object;
 
@@ -13,18 +14,20 @@ use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::present::View;
+use transplat_core::rasterize::Placed;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Part;
 
 pub use frame::{Frame, Passes, Placement};
-pub use object::LiveAsset;
-use object::{Doubts, LiveObject, Relit, ShadeKey, SidePaint, Versioned};
+use cpu::CpuCanvas;
+pub use object::{Drawing, LiveAsset, LiveSh};
+use object::{Doubts, LiveObject, ShadeKey, Shown, SidePaint, Versioned};
 
 use crate::context::{Context, Result};
 use crate::present::{
     Around, Backdrop, Blit, GroundLit, PresentPass, Presentation, ResidentLut, SCREEN_FORMAT,
 };
-use crate::rasterize::{Canvas, Layer, Order, ResidentSh, ResidentVectors, Target, read_texture};
+use crate::rasterize::{Canvas, Layer, Order, Target, read_texture};
 use crate::transfer::GpuTransfer;
 
 #[derive(Default)]
@@ -44,20 +47,33 @@ struct Screen {
     blit: wgpu::BindGroup,
 }
 
+/// What the surfels are drawn on.
+enum Drawn {
+    Gpu(GpuCanvas),
+    Cpu(CpuCanvas),
+}
+
+#[derive(Default)]
+struct GpuCanvas {
+    /// What all objects share, and for how many surfels it has room.
+    shared: Option<(Canvas, usize)>,
+    /// By eye, direction, whose and where, and what is shown of them.
+    order: Derived<OrderKey, Order>,
+    /// Of the objects, in the scene.
+    positions: Vec<Vec3>,
+}
+
 /// Stages and pictures of one window.
 pub struct Live {
     context: Arc<Context>,
+    drawn: Drawn,
     present: PresentPass,
     blit: Blit,
     /// A place for each of the scene's objects; empty until its asset is there.
     objects: Vec<Option<LiveObject>>,
     objects_made: u64,
-    /// Of the objects: whose and where, and their surfels' places in the scene.
-    placed: Derived<Vec<(u64, Affine3A)>, Vec<Vec3>>,
-    /// What they are drawn on, and for how many surfels it has room.
-    canvas: Option<(Canvas, usize)>,
-    /// By eye, direction, whose and where, and what is shown of them.
-    order: Derived<OrderKey, Order>,
+    /// Of the objects: whose and where.
+    placed: Derived<Vec<(u64, Affine3A)>, ()>,
     backdrops: [Option<Backdrop>; 2],
     ground: [Option<GroundLit>; 2],
     luts: [Option<ResidentLut>; 2],
@@ -70,18 +86,56 @@ pub struct Live {
     passes: Passes,
 }
 
+impl GpuCanvas {
+    /// Gives the objects one that they share, and lists where their surfels are.
+    fn join<'a>(
+        &mut self,
+        context: &Context,
+        objects: impl Iterator<Item = &'a mut LiveObject>,
+    ) {
+        let mut objects: Vec<_> = objects.collect();
+        self.positions.clear();
+        for object in &objects {
+            let there = |p: &Vec3| object.scene_from_object.transform_point3(*p);
+            self.positions.extend(object.asset.cloud.positions.iter().map(there));
+        }
+        // Another order of the objects is not told by the places alone.
+        self.order.ask_again();
+        let surfels = self.positions.len();
+        let canvas = match &self.shared {
+            Some((canvas, room)) if *room == surfels => canvas.clone(),
+            _ => match Canvas::new(context, surfels) {
+                Ok(canvas) => canvas,
+                Err(_) => return,
+            },
+        };
+        let mut first = 0;
+        for object in &mut objects {
+            let scale = object.scale();
+            if let Some(on_gpu) = &mut object.asset.on_gpu {
+                on_gpu.rasterizer.join(&canvas, first, scale);
+            }
+            object.projected.clear();
+            first += object.asset.cloud.len();
+        }
+        self.shared = Some((canvas, surfels));
+    }
+}
+
 impl Live {
     /// Compiles what every frame needs, for a window of a format.
-    pub fn new(context: &Arc<Context>, window: wgpu::TextureFormat) -> Self {
+    pub fn new(context: &Arc<Context>, window: wgpu::TextureFormat, drawing: Drawing) -> Self {
         Self {
+            drawn: match drawing {
+                Drawing::Gpu => Drawn::Gpu(GpuCanvas::default()),
+                Drawing::Cpu => Drawn::Cpu(CpuCanvas::new()),
+            },
             present: PresentPass::new(context),
             blit: Blit::new(context, window),
             context: context.clone(),
             objects: Vec::new(),
             objects_made: 0,
             placed: Derived::default(),
-            canvas: None,
-            order: Derived::default(),
             backdrops: [None, None],
             ground: [None, None],
             luts: [None, None],
@@ -100,7 +154,18 @@ impl Live {
 
     /// How many surfels the last frame drew.
     pub fn drawn(&self) -> usize {
-        self.order.get().map_or(0, |order| order.drawn)
+        match &self.drawn {
+            Drawn::Gpu(canvas) => canvas.order.get().map_or(0, |order| order.drawn),
+            Drawn::Cpu(canvas) => canvas.seen(),
+        }
+    }
+
+    /// Where it draws.
+    pub fn drawing(&self) -> Drawing {
+        match self.drawn {
+            Drawn::Gpu(_) => Drawing::Gpu,
+            Drawn::Cpu(_) => Drawing::Cpu,
+        }
     }
 
     /// Whether there is something relit of an object to be shown.
@@ -138,8 +203,10 @@ impl Live {
         let all = self.objects.iter().enumerate();
         let others = all.filter(|(i, _)| *i != object);
         let others = others.filter_map(|(_, o)| o.as_ref());
-        let surfels: usize = others.map(|o| o.asset.rasterizer.cloud().len()).sum();
-        Canvas::check(&self.context, surfels + asset.rasterizer.cloud().len())?;
+        let surfels: usize = others.map(|o| o.asset.cloud.len()).sum();
+        if self.drawing() == Drawing::Gpu {
+            Canvas::check(&self.context, surfels + asset.cloud.len())?;
+        }
         self.objects_made += 1;
         let made = LiveObject {
             id: self.objects_made,
@@ -167,21 +234,24 @@ impl Live {
     /// Takes an object's surfels where they are held now; they are the same.
     pub fn set_cloud(&mut self, object: usize, cloud: &Arc<SurfelCloud>) {
         if let Some(object) = self.object_mut(object) {
-            object.asset.rasterizer.set_cloud(cloud);
+            object.asset.cloud = cloud.clone();
+            if let Some(on_gpu) = &mut object.asset.on_gpu {
+                on_gpu.rasterizer.set_cloud(cloud);
+            }
         }
     }
 
     /// Takes another preparation of the same asset; shown from the next [`Live::relight`] on.
     pub fn set_transfer(&mut self, object: usize, transfer: GpuTransfer) {
         if let Some(object) = self.object_mut(object) {
-            object.relit.value = Some(Relit::Live(Box::new(transfer)));
+            object.relit.value = Some(Shown::Live(Box::new(transfer)));
         }
     }
 
     /// Shows what was relit on the CPU, with its colours in the channel *tau*.
-    pub fn set_relit(&mut self, object: usize, relit: ResidentSh, tau: Vec<[f32; 3]>) {
+    pub fn set_relit(&mut self, object: usize, relit: LiveSh, tau: Vec<[f32; 3]>) {
         if let Some(object) = self.object_mut(object) {
-            object.relit.set(Some(Relit::Uploaded(relit, tau)));
+            object.relit.set(Some(Shown::Made(relit, tau)));
             self.passes.transfer += 1;
         }
     }
@@ -200,7 +270,7 @@ impl Live {
         let Some(LiveObject { relit, .. }) = self.object_mut(object) else {
             return Ok(());
         };
-        if let Some(Relit::Live(transfer)) = &mut relit.value {
+        if let Some(Shown::Live(transfer)) = &mut relit.value {
             transfer.submit(target, part, unseen)?;
             relit.version += 1;
             self.passes.transfer += 1;
@@ -213,13 +283,13 @@ impl Live {
         let Some(Some(object)) = self.objects.get_mut(object) else {
             return;
         };
-        let relit = object.relit.value.as_ref().map(Relit::sh);
+        let relit = object.relit.value.as_ref();
         let pinned = relit.map(|r| (r.snapshot(&self.context), display));
         object.pinned.set(pinned);
     }
 
     /// The same with what was relit on the CPU.
-    pub fn pin_relit(&mut self, object: usize, relit: ResidentSh, display: Display) {
+    pub fn pin_relit(&mut self, object: usize, relit: LiveSh, display: Display) {
         if let Some(object) = self.object_mut(object) {
             object.pinned.set(Some((relit, display)));
         }
@@ -239,9 +309,9 @@ impl Live {
         colors: Vec<[f32; 3]>,
         marks: impl Iterator<Item = [f32; 4]>,
     ) {
-        let marks = ResidentVectors::upload(&self.context, marks);
+        let doubts = Doubts::new(&self.context, colors, marks.collect(), self.drawing());
         if let Some(object) = self.object_mut(object) {
-            object.doubts.set(Some(Doubts { colors, marks }));
+            object.doubts.set(Some(doubts));
         }
     }
 
@@ -275,7 +345,7 @@ impl Live {
         let presentation = &mut frame.presentation;
         let units = self.present_objects().map(|o| {
             let camera = presentation.camera.seen_from(o.scene_from_object);
-            o.asset.rasterizer.depth_unit(&camera)
+            o.depth_unit(&camera)
         });
         presentation.depth_unit = units.fold(0.0, f32::max);
         presentation.false_color &= presentation.view.is_light();
@@ -306,59 +376,18 @@ impl Live {
         if !self.placed.ask(&key) {
             return;
         }
-        let mut positions = Vec::new();
-        for object in self.present_objects() {
-            let cloud = object.asset.rasterizer.cloud();
-            let there = |p: &Vec3| object.scene_from_object.transform_point3(*p);
-            positions.extend(cloud.positions.iter().map(there));
+        if let Drawn::Gpu(canvas) = &mut self.drawn {
+            canvas.join(&self.context, self.objects.iter_mut().flatten());
         }
-        self.join_objects(positions.len());
-        self.placed.accept(key, positions);
-    }
-
-    /// Gives the objects a canvas that they share.
-    fn join_objects(&mut self, surfels: usize) {
-        let canvas = match &self.canvas {
-            Some((canvas, room)) if *room == surfels => canvas.clone(),
-            _ => match Canvas::new(&self.context, surfels) {
-                Ok(canvas) => canvas,
-                Err(_) => return,
-            },
-        };
-        let mut first = 0;
-        for object in self.objects.iter_mut().flatten() {
-            let (scale, ..) = object.scene_from_object.to_scale_rotation_translation();
-            object.asset.rasterizer.join(&canvas, first, scale.x);
-            object.projected.clear();
-            first += object.asset.rasterizer.cloud().len();
-        }
-        self.canvas = Some((canvas, surfels));
+        self.placed.accept(key, ());
     }
 
     fn draw_sides(&mut self, frame: &Frame) {
         let view = frame.presentation.view;
-        let camera = &frame.presentation.camera;
-        let forward = camera.view_from_world.transpose() * Vec3::Z;
-        let mut moved = false;
-        let placed = self.placed_objects(frame);
-        let shown = placed.map(|(_, p)| (p.shown, p.hidden_version)).collect();
-        let key = (camera.eye, forward, self.placed.version(), shown);
-        if let Some(positions) = self.placed.get().filter(|_| self.order.ask(&key)) {
-            let hidden = self.hidden(frame);
-            let order = Order::of(&self.context, positions, camera, &hidden);
-            self.order.accept(key, order);
-            self.passes.sort += 1;
-            moved = true;
-        }
-        for object in self.objects.iter_mut().flatten() {
-            let camera = object.camera(frame);
-            if object.projected.ask(&camera) {
-                object.asset.rasterizer.project(&camera);
-                object.projected.accept(camera, ());
-                self.passes.project += 1;
-                moved = true;
-            }
-        }
+        let moved = match self.drawing() {
+            Drawing::Gpu => self.project_on_gpu(frame),
+            Drawing::Cpu => self.project_on_cpu(frame),
+        };
         if moved {
             // Neither side is what the camera sees any more, the one not shown now included.
             for side in &mut self.sides {
@@ -373,6 +402,71 @@ impl Live {
         }
     }
 
+    /// Whether and what of each object is shown.
+    fn shown(&self, frame: &Frame) -> Vec<(bool, u64)> {
+        let placed = self.placed_objects(frame);
+        placed.map(|(_, p)| (p.shown, p.hidden_version)).collect()
+    }
+
+    /// Sorts and projects what moved, and tells whether anything did.
+    fn project_on_gpu(&mut self, frame: &Frame) -> bool {
+        let camera = &frame.presentation.camera;
+        let forward = camera.view_from_world.transpose() * Vec3::Z;
+        let key = (camera.eye, forward, self.placed.version(), self.shown(frame));
+        let hidden = self.hidden(frame);
+        let Drawn::Gpu(canvas) = &mut self.drawn else {
+            return false;
+        };
+        let mut moved = false;
+        if canvas.order.ask(&key) {
+            let order = Order::of(&self.context, &canvas.positions, camera, &hidden);
+            canvas.order.accept(key, order);
+            self.passes.sort += 1;
+            moved = true;
+        }
+        for object in self.objects.iter_mut().flatten() {
+            let camera = object.camera(frame);
+            if object.projected.ask(&camera) {
+                if let Some(on_gpu) = &object.asset.on_gpu {
+                    on_gpu.rasterizer.project(&camera);
+                }
+                object.projected.accept(camera, ());
+                self.passes.project += 1;
+                moved = true;
+            }
+        }
+        moved
+    }
+
+    /// Lists what is seen in each part of the picture, where anything moved, and tells whether it did.
+    fn project_on_cpu(&mut self, frame: &Frame) -> bool {
+        let camera = &frame.presentation.camera;
+        let key = (*camera, self.placed.version(), self.shown(frame));
+        let Drawn::Cpu(canvas) = &mut self.drawn else {
+            return false;
+        };
+        if !canvas.projected.ask(&key) {
+            return false;
+        }
+        let each = self.objects.iter().zip(&frame.objects);
+        let placed = each.filter_map(|(object, placement)| {
+            let object = object.as_ref()?;
+            Some(Placed {
+                cloud: &object.asset.cloud,
+                camera: object.camera(frame),
+                scale: object.scale(),
+                hidden: &placement.hidden,
+                shown: placement.shown,
+            })
+        });
+        let placed: Vec<Placed<'_>> = placed.collect();
+        canvas.project(&placed, camera);
+        canvas.projected.accept(key, ());
+        self.passes.sort += 1;
+        self.passes.project += placed.len();
+        true
+    }
+
     /// Which surfels are not drawn, `[n]` of all objects or empty.
     fn hidden(&self, frame: &Frame) -> Vec<bool> {
         let each = self.placed_objects(frame);
@@ -382,7 +476,7 @@ impl Live {
         }
         each.flat_map(|(object, placement)| {
             let mut hidden = placement.hidden.to_vec();
-            hidden.resize(object.asset.rasterizer.cloud().len(), false);
+            hidden.resize(object.asset.cloud.len(), false);
             if !placement.shown {
                 hidden.fill(true);
             }
@@ -410,22 +504,34 @@ impl Live {
         if resized {
             state.target = Some(Target::new(&self.context, size, has_depth));
         }
-        for (object, key) in self.objects.iter().flatten().zip(&keys) {
-            object.shade(&object.camera(frame), key);
-            self.passes.shade += 1;
-        }
-        let drawn = (
-            &state.target,
-            self.order.get(),
-            self.objects.iter().flatten().next(),
-        );
-        if let (Some(target), Some(order), Some(any)) = drawn {
-            let layer = Layer {
-                depth_unit: frame.presentation.depth_unit,
-                ..Layer::default()
-            };
-            any.asset.rasterizer.draw_tile(camera, layer, order, target);
-            self.passes.draw += 1;
+        let Some(target) = &state.target else {
+            return;
+        };
+        let layer = Layer {
+            depth_unit: frame.presentation.depth_unit,
+            ..Layer::default()
+        };
+        let objects = self.objects.iter().flatten().zip(&keys);
+        self.passes.shade += keys.len();
+        match &mut self.drawn {
+            Drawn::Gpu(canvas) => {
+                for (object, key) in objects.clone() {
+                    object.shade(&object.camera(frame), key);
+                }
+                let mut any = objects.filter_map(|(object, _)| object.asset.on_gpu.as_ref());
+                if let (Some(order), Some(any)) = (canvas.order.get(), any.next()) {
+                    any.rasterizer.draw_tile(camera, layer, order, target);
+                    self.passes.draw += 1;
+                }
+            }
+            Drawn::Cpu(canvas) => {
+                let paints = objects.map(|(object, key)| {
+                    (object.asset.cloud.len(), object.paint(&object.camera(frame), key))
+                });
+                let paints: Vec<_> = paints.collect();
+                canvas.draw(&self.context, &paints, layer, target);
+                self.passes.draw += 1;
+            }
         }
         state.drawn.accept(keys, ());
     }

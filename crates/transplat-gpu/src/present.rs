@@ -1,6 +1,9 @@
 //! Stage *present* on the GPU: pictures of surfels, background, ground and comparison to the picture on the screen.
 //! CPU twins: [`transplat_core::present`] and [`transplat_core::ground`].
 
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+
 use glam::{DMat3, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::color::Display;
@@ -15,7 +18,7 @@ use wgpu::BufferUsages;
 use crate::context::{Context, RenderPass, extent};
 use crate::layout::gpu_struct;
 use crate::rasterize::Target;
-use crate::shader;
+use crate::shader::{self, PresentShape};
 
 /// The screen's format: display-encoded values.
 pub const SCREEN_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -40,11 +43,7 @@ gpu_struct! {
         principal: [f32; 2],
         depth_range: [f32; 2],
         difference_scale: f32,
-        arrangement: u32,
-        background: u32,
-        tone_map: u32,
         wipe_column: u32,
-        false_color: u32,
     }
 }
 
@@ -135,7 +134,7 @@ impl Presentation {
             maps: self.lights.map(map),
             ground: wide(ground.center, ground.half),
             ground_axes: [
-                wide(ground.axes[0], if ground.catches { 1.0 } else { 0.0 }),
+                wide(ground.axes[0], 0.0),
                 wide(ground.axes[1], ground.grid.unwrap_or(0.0)),
             ],
             colors: colors.map(|c| [c[0], c[1], c[2], 1.0]),
@@ -143,11 +142,25 @@ impl Presentation {
             principal: camera.principal_point(),
             depth_range: depth_range(camera, &self.bounds),
             difference_scale: self.difference_scale,
-            arrangement: self.view as u32,
-            background: shader::background_number(self.background),
-            tone_map: self.display.tone_map as u32,
             wipe_column: wipe_column(self.wipe, self.size[0]) as u32,
-            false_color: u32::from(self.false_color),
+        }
+    }
+
+    /// What the pass that makes its picture has to do.
+    fn shape(&self) -> PresentShape {
+        let is_arranged = self.view.has_two_sides() || self.view == View::Depth;
+        PresentShape {
+            arrangement: match self.view {
+                View::Before => View::Before,
+                view if is_arranged => view,
+                _ => View::After,
+            },
+            background: shader::background_number(self.background),
+            tone_map: self.display.tone_map,
+            is_graded: self.graded != [None; 2],
+            false_colored: self.false_color,
+            catches_shadows: self.ground.catches,
+            has_grid: self.ground.grid.is_some(),
         }
     }
 }
@@ -248,9 +261,10 @@ pub struct Around<'a> {
     pub luts: [Option<&'a ResidentLut>; 2],
 }
 
-/// The pass and what it samples with.
+/// The passes and what they sample with.
 pub struct PresentPass {
-    pass: RenderPass,
+    /// Each compiled when a picture first needs it.
+    passes: Mutex<HashMap<PresentShape, Arc<RenderPass>>>,
     map_sampler: wgpu::Sampler,
     ground_sampler: wgpu::Sampler,
     /// Stands for a map or ground that is not there.
@@ -260,10 +274,10 @@ pub struct PresentPass {
 }
 
 impl PresentPass {
-    /// Compiles the pass.
+    /// With what all pictures need.
     pub fn new(context: &Context) -> Self {
         Self {
-            pass: fullscreen_pass(context, &shader::PRESENT.source(), "present", SCREEN_FORMAT),
+            passes: Mutex::default(),
             map_sampler: sampler(context, wgpu::AddressMode::Repeat),
             ground_sampler: sampler(context, wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
@@ -280,6 +294,7 @@ impl PresentPass {
         around: &Around<'_>,
         screen: &wgpu::TextureView,
     ) {
+        let pass = self.pass(context, presentation.shape());
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
         let view = |t: &wgpu::Texture| t.create_view(&Default::default());
         let pictures = sides.map(|side| view(&side.color));
@@ -290,7 +305,7 @@ impl PresentPass {
         let texture = wgpu::BindingResource::TextureView;
         let sampler = wgpu::BindingResource::Sampler;
         let group = context.bind_resources(
-            &self.pass,
+            &pass,
             &[
                 ("parameters", parameters.as_entire_binding()),
                 ("before_color", texture(&pictures[0])),
@@ -311,8 +326,16 @@ impl PresentPass {
         );
         let mut encoder = context.encoder();
         let black = wgpu::LoadOp::Clear(wgpu::Color::BLACK);
-        (self.pass).draw(&mut encoder, &[screen], black, &group, (0..3, 0..1));
+        pass.draw(&mut encoder, &[screen], black, &group, (0..3, 0..1));
         context.submit(encoder);
+    }
+
+    fn pass(&self, context: &Context, shape: PresentShape) -> Arc<RenderPass> {
+        let mut passes = self.passes.lock().unwrap_or_else(|p| p.into_inner());
+        let source = || shader::present(shape);
+        let compile = || fullscreen_pass(context, &source(), "present", SCREEN_FORMAT);
+        let pass = passes.entry(shape).or_insert_with(|| Arc::new(compile()));
+        pass.clone()
     }
 }
 

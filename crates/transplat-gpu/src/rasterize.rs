@@ -8,6 +8,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use glam::Vec3;
+use half::slice::HalfFloatSliceExt;
 use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
 use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
@@ -158,9 +159,8 @@ pub struct ResidentVectors(pub(crate) Vec<wgpu::Buffer>);
 
 impl ResidentVectors {
     /// Uploads vectors `[n]`.
-    pub fn upload(context: &Context, vectors: impl Iterator<Item = [f32; 4]>) -> Self {
-        let all: Vec<[f32; 4]> = vectors.collect();
-        let chunks = all.chunks(CHUNK);
+    pub fn upload(context: &Context, vectors: &[[f32; 4]]) -> Self {
+        let chunks = vectors.chunks(CHUNK);
         Self(
             chunks
                 .map(|c| context.upload(c, BufferUsages::STORAGE))
@@ -222,12 +222,25 @@ pub struct Target {
 impl Target {
     /// A target of `size` pixels, which an adapter must be able to hold, with depth or without.
     pub fn new(context: &Context, size: [usize; 2], has_depth: bool) -> Self {
-        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        use wgpu::TextureUsages as Usages;
+        let usage = Usages::RENDER_ATTACHMENT | Usages::COPY_SRC | Usages::COPY_DST;
         let texture = |label, format| context.texture(label, size, format, usage);
         Self {
             color: texture("color", context.color_format),
             depth: has_depth.then(|| texture("depth", context.depth_format)),
             size,
+        }
+    }
+}
+
+impl Target {
+    /// Takes a picture of its size that the CPU drew.
+    pub(crate) fn write(&self, context: &Context, raster: &Raster, depth_unit: f32) {
+        write_texture(context, &self.color, raster.pixels.as_flattened());
+        if let Some(depth) = &self.depth {
+            let pixels = raster.pixels.iter().zip(&raster.depth);
+            let values: Vec<f32> = pixels.map(|([.., a], d)| a * d / depth_unit).collect();
+            write_texture(context, depth, &values);
         }
     }
 }
@@ -299,7 +312,6 @@ impl Canvas {
 pub struct GpuRasterizer {
     context: Arc<Context>,
     cloud: Arc<SurfelCloud>,
-    bounds: Bounds,
     project: Arc<ComputePass>,
     /// By degree of colour and entry point.
     shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
@@ -344,7 +356,6 @@ impl GpuRasterizer {
         let rasterizer = Self {
             context: context.clone(),
             cloud: cloud.clone(),
-            bounds: cloud.bounds(),
             project: context.compute_pass(&shader::RASTERIZE_PROJECT.source(), "project_surfels"),
             shade_passes: Mutex::default(),
             draw: Default::default(),
@@ -401,7 +412,7 @@ impl GpuRasterizer {
                 let layer = Layer {
                     origin: [x, y],
                     is_first: true,
-                    depth_unit: self.depth_unit(camera),
+                    depth_unit: depth_unit(&self.cloud.bounds(), camera),
                 };
                 self.draw_tile(camera, layer, &order, &target);
                 self.read_tile(layer, &target, &mut raster)?;
@@ -464,17 +475,6 @@ impl GpuRasterizer {
     pub(crate) fn join(&mut self, canvas: &Canvas, first: usize, scale: f32) {
         self.canvas = canvas.clone();
         self.place = Place { first, scale };
-    }
-
-    /// Its surfels.
-    pub(crate) fn cloud(&self) -> &Arc<SurfelCloud> {
-        &self.cloud
-    }
-
-    /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
-    pub(crate) fn depth_unit(&self, camera: &Camera) -> f32 {
-        let distance = camera.eye.distance(self.bounds.center);
-        self.place.scale * (distance + self.bounds.radius).max(camera.near)
     }
 
     /// Gives all surfels one colour.
@@ -610,6 +610,33 @@ impl GpuRasterizer {
         }
         Ok(())
     }
+}
+
+/// Writes a target's values `[height][width][channels]`.
+fn write_texture(context: &Context, texture: &wgpu::Texture, values: &[f32]) {
+    let format = texture.format();
+    let mut halves = Vec::new();
+    let bytes: &[u8] = match format {
+        wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float => {
+            halves.resize(values.len(), half::f16::ZERO);
+            halves.convert_from_f32_slice(values);
+            bytemuck::cast_slice(halves.reinterpret_cast())
+        }
+        _ => bytemuck::cast_slice(values),
+    };
+    let pixel_bytes = format.block_copy_size(None).unwrap_or_default();
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(texture.width() * pixel_bytes),
+        rows_per_image: None,
+    };
+    let to = texture.as_image_copy();
+    (context.queue).write_texture(to, bytes, layout, texture.size());
+}
+
+/// An object's distance and size together: depths are around 1 in it, whatever the scene's unit.
+pub(crate) fn depth_unit(bounds: &Bounds, camera: &Camera) -> f32 {
+    (camera.eye.distance(bounds.center) + bounds.radius).max(camera.near)
 }
 
 /// A target's values `[height][width][channels]` as f32.

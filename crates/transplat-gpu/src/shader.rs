@@ -4,13 +4,14 @@ mod files;
 mod generated;
 mod source;
 
-use transplat_core::color::Encoding;
+use transplat_core::color::{Encoding, ToneMap};
+use transplat_core::present::View;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::Nodes;
 
-pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, PRESENT, RASTERIZE_PROJECT};
+pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, RASTERIZE_PROJECT};
 pub use files::{PATCH_BATCH, background_number};
-use files::{PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
+use files::{PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
 pub use generated::directional::{tables, transfer_directional};
 pub use generated::harmonic::{TransferShape, transfer_harmonic};
 pub use generated::sh::sh_basis;
@@ -40,6 +41,39 @@ pub fn rasterize_shade(degree: usize) -> String {
     )
 }
 
+/// What `present.wgsl` has to do for a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct PresentShape {
+    /// Which sides are where.
+    pub arrangement: View,
+    /// By [`background_number`].
+    pub background: u32,
+    /// Of the environment behind.
+    pub tone_map: ToneMap,
+    /// Whether a table of colours is over any side.
+    pub is_graded: bool,
+    /// Whether exposure is shown as colours.
+    pub false_colored: bool,
+    /// Whether there is a ground that does.
+    pub catches_shadows: bool,
+    /// Whether a grid is on the ground.
+    pub has_grid: bool,
+}
+
+/// Source of `present.wgsl` for a picture.
+pub fn present(shape: PresentShape) -> String {
+    PRESENT.after(
+        Source::default()
+            .count("ARRANGEMENT", shape.arrangement as usize)
+            .count("BACKGROUND", shape.background as usize)
+            .count("TONE_MAP", shape.tone_map as usize)
+            .flag("IS_GRADED", shape.is_graded)
+            .flag("FALSE_COLORED", shape.false_colored)
+            .flag("CATCHES_SHADOWS", shape.catches_shadows)
+            .flag("HAS_GRID", shape.has_grid),
+    )
+}
+
 /// Every shader with its file's name, as it is compiled for a splat of degree 3: to be read.
 pub fn usual() -> Vec<(&'static str, String)> {
     let shape = TransferShape {
@@ -59,7 +93,7 @@ pub fn usual() -> Vec<(&'static str, String)> {
         ("rasterize_project", RASTERIZE_PROJECT.source()),
         ("rasterize_draw", rasterize_draw(false)),
         ("rasterize_shade", rasterize_shade(3)),
-        ("present", PRESENT.source()),
+        ("present", present(PresentShape::default())),
         ("blit", BLIT.source()),
     ]
 }
@@ -78,6 +112,21 @@ mod tests {
     static ALL: LazyLock<Vec<(&str, String)>> = LazyLock::new(|| {
         let mut all = usual();
         all.push(("rasterize_draw", rasterize_draw(true)));
+        let views = [View::After, View::Before, View::Split, View::SideBySide];
+        for arrangement in views.into_iter().chain([View::Difference, View::Depth]) {
+            for (background, has_more) in (0..5).zip([false, true].into_iter().cycle()) {
+                let shape = PresentShape {
+                    arrangement,
+                    background,
+                    tone_map: ToneMap::Agx,
+                    is_graded: has_more,
+                    false_colored: has_more,
+                    catches_shadows: has_more,
+                    has_grid: !has_more,
+                };
+                all.push(("present", present(shape)));
+            }
+        }
         for degree in 0..=8 {
             all.push(("project_environment", project_environment(degree)));
             all.push(("rasterize_shade", rasterize_shade(degree)));

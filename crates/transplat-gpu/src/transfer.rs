@@ -142,7 +142,7 @@ impl GpuTransfer {
             By::Harmonic(transfer, source_dc) => {
                 let upload = || {
                     let dc = transfer.prepared.dc.iter().map(|&[r, g, b]| [r, g, b, 0.0]);
-                    ResidentVectors::upload(&self.context, dc)
+                    ResidentVectors::upload(&self.context, &dc.collect::<Vec<_>>())
                 };
                 ResidentPaint::Tau(&self.relit, source_dc.get_or_init(upload))
             }

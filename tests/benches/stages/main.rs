@@ -18,7 +18,7 @@ use transplat_core::camera::{Camera, first_pose};
 use transplat_core::color::Display;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{load_asset, load_environment, write_relit, write_splat};
-use transplat_core::present::{Background, View};
+use transplat_core::present::{Background, View, tau_colors};
 use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, depth_order, rasterize, shade};
 use transplat_core::settings::{Method, TransferSettings};
@@ -27,7 +27,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, PreparedTransfer};
 use transplat_gpu::Context;
 use transplat_gpu::bake::directional::GpuTracer;
-use transplat_gpu::live::{Frame, Live, LiveAsset, Placement};
+use transplat_gpu::live::{Drawing, Frame, Live, LiveAsset, LiveSh, Placement};
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 use transplat_gpu::rasterize::{GpuRasterizer, Layer, ResidentPaint, ResidentSh, Target};
 use transplat_gpu::transfer::GpuTransfer;
@@ -153,6 +153,7 @@ fn main() {
             }
             if let Some(context) = &gpu {
                 subject.on_gpu(context, &prepared, &mut bench);
+                subject.drawn_by_cpu(context, &prepared, &mut bench);
             }
         }
     }
@@ -265,12 +266,12 @@ impl Subject<'_> {
         bench.size([surfels, 0]);
         let done = |context: &Context| context.finish(&context.last_submission());
         let asset = bench.time("gpu", "upload asset", || {
-            LiveAsset::new(context, cloud).expect("it fits")
+            LiveAsset::new(context, cloud, Drawing::Gpu).expect("it fits")
         });
         let transfer = bench.time("gpu", "upload transfer", || {
             GpuTransfer::new(context, prepared).expect("it fits")
         });
-        let mut live = Live::new(context, TextureFormat::Rgba8Unorm);
+        let mut live = Live::new(context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
         live.set_asset(0, asset).expect("it fits");
         live.set_transfer(0, transfer);
         bench.time("gpu", "transfer", || {
@@ -324,6 +325,26 @@ impl Subject<'_> {
                     .expect("read for it");
                 live.frame(&self.frame(camera, size));
                 done(context);
+            });
+        }
+    }
+
+    /// What the window does where the adapter is slower than the CPU.
+    fn drawn_by_cpu(&self, context: &Arc<Context>, prepared: &PreparedTransfer, bench: &mut Bench) {
+        let (cloud, drawing) = (self.cloud, Drawing::Cpu);
+        let mut live = Live::new(context, TextureFormat::Rgba8Unorm, drawing);
+        let asset = LiveAsset::new(context, cloud, drawing).expect("it fits");
+        live.set_asset(0, asset).expect("it fits");
+        let relit = prepared.relight(&self.lights[1], Part::Whole);
+        let relit = Arc::new(relit.expect("read for it"));
+        let tau = tau_colors(&relit.tau);
+        live.set_relit(0, LiveSh::new(context, &relit, drawing), tau);
+        for &size in self.sizes {
+            bench.size([cloud.len(), size[0] * size[1]]);
+            let mut next = self.orbit(size);
+            bench.time_of("cpu", "frame, camera moves", &mut next, |camera| {
+                live.frame(&self.frame(camera, size));
+                context.finish(&context.last_submission());
             });
         }
     }

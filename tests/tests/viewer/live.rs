@@ -1,4 +1,4 @@
-//! What a window shows where the GPU relights, which the adapter of the tests leaves to the CPU.
+//! What a window shows where the GPU relights and draws, which the adapter of the tests leaves to the CPU.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use eframe::wgpu::TextureFormat;
 use glam::{Affine3A, Quat, Vec3};
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::SurfelCloud;
-use transplat_gpu::live::{Live, LiveAsset, Placement};
+use transplat_gpu::live::{Drawing, Live, LiveAsset, Placement};
 use transplat_gpu::transfer::GpuTransfer;
 
 use transplat_tests::driver::Driver;
@@ -21,8 +21,8 @@ fn the_gpu_shows_what_the_cpu_relit() {
     let context = session.context.clone();
     let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
     let prepared = session.prepared().cloned().expect("it is prepared");
-    let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
-    let asset = LiveAsset::new(&context, &cloud).expect("the driver works");
+    let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
+    let asset = LiveAsset::new(&context, &cloud, Drawing::Gpu).expect("the driver works");
     live.set_asset(0, asset).expect("room for it");
     live.set_transfer(
         0,
@@ -65,12 +65,12 @@ fn two_objects_are_drawn_like_one_of_both() {
     let near = session.asset().expect("a splat").cloud.clone();
     let size = session.live().read_screen().expect("the driver works").1;
     let mut frame = session.frame(size, View::Before).expect("a splat");
-    let mut seen = |objects: &[(&SurfelCloud, Affine3A)]| -> Vec<[f32; 3]> {
-        let mut live = Live::new(&context, TextureFormat::Rgba8Unorm);
+    let mut seen = |objects: &[(&SurfelCloud, Affine3A)], drawing: Drawing| -> Vec<[f32; 3]> {
+        let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, drawing);
         frame.objects.clear();
         for (object, (cloud, place)) in objects.iter().enumerate() {
             let cloud = Arc::new((*cloud).clone());
-            let asset = LiveAsset::new(&context, &cloud).expect("the driver works");
+            let asset = LiveAsset::new(&context, &cloud, drawing).expect("the driver works");
             live.set_asset(object, asset).expect("room for both");
             frame.objects.push(Placement {
                 scene_from_object: *place,
@@ -94,15 +94,18 @@ fn two_objects_are_drawn_like_one_of_both() {
     );
     for there in [behind, amidst] {
         let both = SurfelCloud::composed(&[(&near, here), (&near, there)]);
-        let merged = seen(&[(&both, here)]);
+        let merged = seen(&[(&both, here)], Drawing::Gpu);
         assert!(psnr(&one, &merged) < 30.0, "the other one is seen");
         // A surfel is left out where what is before it leaves less than 1e-4 of it: less than a step of eight bits.
-        for objects in [
-            [(&*near, here), (&*near, there)],
-            [(&*near, there), (&*near, here)],
-        ] {
-            let apart = seen(&objects);
-            assert!(psnr(&merged, &apart) > 50.0, "{}", psnr(&merged, &apart));
+        for drawing in [Drawing::Gpu, Drawing::Cpu] {
+            for objects in [
+                [(&*near, here), (&*near, there)],
+                [(&*near, there), (&*near, here)],
+            ] {
+                let apart = seen(&objects, drawing);
+                let psnr = psnr(&merged, &apart);
+                assert!(psnr > 50.0, "{drawing:?}: {psnr}");
+            }
         }
     }
 }

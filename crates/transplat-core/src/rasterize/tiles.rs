@@ -27,6 +27,8 @@ pub struct Placed<'a> {
     pub scale: f32,
     /// Its surfels that are not drawn, `[n]` or empty.
     pub hidden: &'a [bool],
+    /// Whether it is drawn at all.
+    pub shown: bool,
 }
 
 impl<'a> Placed<'a> {
@@ -37,6 +39,7 @@ impl<'a> Placed<'a> {
             camera: *camera,
             scale: 1.0,
             hidden,
+            shown: true,
         }
     }
 
@@ -88,6 +91,8 @@ fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
 pub(super) struct Tiles {
     /// Those that are seen of each piece, at the piece's place; what is between is left from before.
     pub projected: Vec<ProjectedSurfel>,
+    /// How many they are.
+    pub seen: usize,
     pub columns: usize,
     pub rows: usize,
     starts: Vec<usize>,
@@ -118,7 +123,12 @@ impl Tiles {
             .map(|(piece, room)| {
                 let mut touching = vec![0; columns * rows];
                 let mut seen = 0;
-                for i in piece.surfels.clone() {
+                let shown = if piece.object.shown {
+                    piece.surfels.clone()
+                } else {
+                    0..0
+                };
+                for i in shown {
                     if let Some(projected) = piece.object.project(i, piece.before) {
                         touched(&projected, columns).for_each(|tile| touching[tile] += 1);
                         room[seen] = projected;
@@ -128,6 +138,7 @@ impl Tiles {
                 (seen, touching)
             })
             .collect();
+        self.seen = counted.iter().map(|(seen, _)| seen).sum();
         self.starts.clear();
         let mut next = 0;
         for tile in 0..columns * rows {

@@ -8,69 +8,144 @@ use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::present::{PLAIN, View};
-use transplat_core::rasterize::ColorSpace;
-use transplat_core::sh::with_degree;
-use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::Part;
+use transplat_core::rasterize::{ColorSpace, Shading};
+use transplat_core::sh::{coefficient_count, with_degree};
+use transplat_core::surfels::{Bounds, SurfelCloud};
+use transplat_core::transfer::{Part, Relit};
 
+use super::cpu::{Color, Paint};
 use super::frame::Frame;
 use crate::context::{Context, Result};
-use crate::rasterize::{GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors};
+use crate::rasterize::{
+    GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors, depth_unit,
+};
 use crate::transfer::GpuTransfer;
 
-/// An asset on the GPU; made on any thread.
+/// Where a window's objects are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawing {
+    /// By the adapter.
+    Gpu,
+    /// By the CPU's own rasterizer; the adapter shows its pictures.
+    Cpu,
+}
+
+impl Drawing {
+    /// What is fast with an adapter: one that computes on the CPU draws far slower than that can.
+    pub fn fastest(context: &Context) -> Self {
+        if context.is_software() {
+            Self::Cpu
+        } else {
+            Self::Gpu
+        }
+    }
+}
+
+/// An asset where it is drawn; made on any thread.
 pub struct LiveAsset {
-    pub(super) rasterizer: GpuRasterizer,
-    pub(super) stored: ResidentSh,
-    pub(super) normals: ResidentVectors,
+    pub(super) cloud: Arc<SurfelCloud>,
+    pub(super) bounds: Bounds,
+    /// None where the CPU draws, which takes the surfels as they are.
+    pub(super) on_gpu: Option<AssetOnGpu>,
+}
+
+pub(super) struct AssetOnGpu {
+    pub rasterizer: GpuRasterizer,
+    stored: ResidentSh,
+    normals: ResidentVectors,
 }
 
 impl LiveAsset {
-    /// Uploads an asset.
+    /// Brings an asset there.
     ///
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
-    pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>, drawing: Drawing) -> Result<Self> {
+        let on_gpu = (drawing == Drawing::Gpu).then(|| AssetOnGpu::new(context, cloud));
+        Ok(Self {
+            cloud: cloud.clone(),
+            bounds: cloud.bounds(),
+            on_gpu: on_gpu.transpose()?,
+        })
+    }
+}
+
+impl AssetOnGpu {
+    fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
         let degree = cloud.filled_degree();
         let filled = if degree == cloud.sh_degree {
             Cow::Borrowed(&cloud.sh)
         } else {
             Cow::Owned(with_degree(cloud.sh.clone(), cloud.sh_degree, degree))
         };
+        let normals = (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array());
+        let normals: Vec<[f32; 4]> = normals.collect();
         let rasterizer = GpuRasterizer::new(context, cloud)?;
         // What every frame draws with; no frame waits for it.
         rasterizer.draw_pass(false);
         Ok(Self {
             rasterizer,
             stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),
-            normals: ResidentVectors::upload(
-                context,
-                (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array()),
-            ),
+            normals: ResidentVectors::upload(context, &normals),
         })
     }
 }
 
+/// What was relit on the CPU, where it is drawn; made on any thread.
+#[derive(Clone)]
+pub enum LiveSh {
+    /// Uploaded.
+    Gpu(ResidentSh),
+    /// As it is.
+    Cpu(Arc<Relit>),
+}
+
+impl LiveSh {
+    /// Brings it there.
+    pub fn new(context: &Context, relit: &Arc<Relit>, drawing: Drawing) -> Self {
+        match drawing {
+            Drawing::Gpu => Self::Gpu(ResidentSh::upload(
+                context,
+                &relit.sh,
+                relit.degree,
+                relit.encoding,
+            )),
+            Drawing::Cpu => Self::Cpu(relit.clone()),
+        }
+    }
+}
+
 /// Where what is shown relit comes from.
-pub(super) enum Relit {
+pub(super) enum Shown {
     /// From the GPU's own transfer.
     Live(Box<GpuTransfer>),
     /// From the CPU, with the colours of the channel *tau*.
-    Uploaded(ResidentSh, Vec<[f32; 3]>),
+    Made(LiveSh, Vec<[f32; 3]>),
 }
 
-impl Relit {
-    pub fn sh(&self) -> &ResidentSh {
+impl Shown {
+    /// A copy that later transfers do not change.
+    pub fn snapshot(&self, context: &Context) -> LiveSh {
         match self {
-            Self::Live(transfer) => transfer.resident(),
-            Self::Uploaded(sh, _) => sh,
+            Self::Live(transfer) => LiveSh::Gpu(transfer.resident().snapshot(context)),
+            // That is never written again.
+            Self::Made(sh, _) => sh.clone(),
         }
     }
 
-    pub fn paint(&self, part: Part) -> ResidentPaint<'_> {
+    fn paint(&self, part: Part) -> Option<ResidentPaint<'_>> {
         match self {
-            Self::Live(transfer) => transfer.paint(part),
-            Self::Uploaded(sh, _) => ResidentPaint::Sh(sh, Part::Whole),
+            Self::Live(transfer) => Some(transfer.paint(part)),
+            Self::Made(sh, _) => sh.paint(),
+        }
+    }
+}
+
+impl LiveSh {
+    fn paint(&self) -> Option<ResidentPaint<'_>> {
+        match self {
+            Self::Gpu(sh) => Some(ResidentPaint::Sh(sh, Part::Whole)),
+            Self::Cpu(_) => None,
         }
     }
 }
@@ -120,7 +195,20 @@ impl<T> Versioned<T> {
 /// Surfel colours of the channel *doubts*, and the marks with their weight.
 pub(super) struct Doubts {
     pub colors: Vec<[f32; 3]>,
-    pub marks: ResidentVectors,
+    /// `[n]`
+    pub marks: Vec<[f32; 4]>,
+    marks_on_gpu: Option<ResidentVectors>,
+}
+
+impl Doubts {
+    pub fn new(context: &Context, colors: Vec<[f32; 3]>, marks: Vec<[f32; 4]>, drawing: Drawing) -> Self {
+        let on_gpu = (drawing == Drawing::Gpu).then(|| ResidentVectors::upload(context, &marks));
+        Self {
+            colors,
+            marks,
+            marks_on_gpu: on_gpu,
+        }
+    }
 }
 
 /// An object with all that may be shown of it.
@@ -129,8 +217,8 @@ pub(super) struct LiveObject {
     pub id: u64,
     pub asset: LiveAsset,
     /// Its version is 0 until there is something relit.
-    pub relit: Versioned<Option<Relit>>,
-    pub pinned: Versioned<Option<(ResidentSh, Display)>>,
+    pub relit: Versioned<Option<Shown>>,
+    pub pinned: Versioned<Option<(LiveSh, Display)>>,
     /// Surfel colours of the channel that was made last.
     pub channel: Versioned<Option<(View, Vec<[f32; 3]>)>>,
     pub doubts: Versioned<Option<Doubts>>,
@@ -207,29 +295,88 @@ impl LiveObject {
         }
     }
 
-    /// Colours the surfels.
+    /// The object's distance and size together: depths are around 1 in it, whatever the scene's unit.
+    pub fn depth_unit(&self, camera: &Camera) -> f32 {
+        self.scale() * depth_unit(&self.asset.bounds, camera)
+    }
+
+    /// What 1 in its unit is in the scene's.
+    pub fn scale(&self) -> f32 {
+        self.scene_from_object.to_scale_rotation_translation().0.x
+    }
+
+    /// Colours that are a surfel's own, whoever looks.
+    fn own_colors(&self, paint: SidePaint) -> Option<&[[f32; 3]]> {
+        match (paint, &self.relit.value) {
+            (SidePaint::Channel(view), _) => self.channel_of(view),
+            (SidePaint::Doubts, _) => self.doubts.value.as_ref().map(|d| &d.colors[..]),
+            (SidePaint::Tau, Some(Shown::Made(_, tau))) => Some(tau),
+            _ => None,
+        }
+    }
+
+    /// Colours the surfels on the GPU.
     pub fn shade(&self, camera: &Camera, key: &ShadeKey) {
-        let rasterizer = &self.asset.rasterizer;
+        let Some(AssetOnGpu {
+            rasterizer,
+            stored,
+            normals,
+        }) = &self.asset.on_gpu
+        else {
+            return;
+        };
         let resident = match (key.paint, &self.relit.value, &self.pinned.value) {
-            (SidePaint::Relit(part), Some(relit), _) => Some(relit.paint(part)),
-            (SidePaint::Tau, Some(Relit::Live(transfer)), _) => Some(transfer.ratio_paint()),
-            (SidePaint::Pinned, _, Some((sh, _))) => Some(ResidentPaint::Sh(sh, Part::Whole)),
-            (SidePaint::Stored, ..) => Some(ResidentPaint::Sh(&self.asset.stored, Part::Whole)),
-            (SidePaint::Normals, ..) => Some(ResidentPaint::Normals(&self.asset.normals)),
+            (SidePaint::Relit(part), Some(relit), _) => relit.paint(part),
+            (SidePaint::Tau, Some(Shown::Live(transfer)), _) => Some(transfer.ratio_paint()),
+            (SidePaint::Pinned, _, Some((sh, _))) => sh.paint(),
+            (SidePaint::Stored, ..) => Some(ResidentPaint::Sh(stored, Part::Whole)),
+            (SidePaint::Normals, ..) => Some(ResidentPaint::Normals(normals)),
             _ => None,
         };
-        let doubts = &self.doubts.value;
-        match (resident, key.paint, &self.relit.value, doubts) {
-            (Some(resident), ..) => rasterizer.shade(camera, resident, key.space),
-            (None, SidePaint::Channel(view), ..) => {
-                rasterizer.set_colors(self.channel_of(view).unwrap_or_default());
-            }
-            (None, SidePaint::Doubts, _, Some(doubts)) => rasterizer.set_colors(&doubts.colors),
-            (None, SidePaint::Tau, Some(Relit::Uploaded(_, tau)), _) => rasterizer.set_colors(tau),
-            (None, ..) => rasterizer.fill_colors([1.0; 3]),
+        match (resident, self.own_colors(key.paint)) {
+            (Some(resident), _) => rasterizer.shade(camera, resident, key.space),
+            (None, Some(colors)) => rasterizer.set_colors(colors),
+            (None, None) => rasterizer.fill_colors([1.0; 3]),
         }
-        if let (Some(_), Some(doubts)) = (key.marks, doubts) {
-            rasterizer.shade(camera, ResidentPaint::Marks(&doubts.marks), PLAIN);
+        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
+        if let Some(marks) = doubts.and_then(|d| d.marks_on_gpu.as_ref()) {
+            rasterizer.shade(camera, ResidentPaint::Marks(marks), PLAIN);
+        }
+    }
+
+    /// What colours the surfels on the CPU.
+    pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> Paint<'a> {
+        let cloud = &*self.asset.cloud;
+        let shading = |sh: &'a [[f32; 3]], [degree, filled]: [usize; 2], encoding| Shading {
+            positions: &cloud.positions,
+            sh,
+            degree,
+            encoding,
+            coefficients: 0..coefficient_count(filled),
+            eye: camera.eye,
+            space: key.space,
+        };
+        let shading = match (key.paint, &self.relit.value, &self.pinned.value) {
+            (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Cpu(relit), _)), _)
+            | (SidePaint::Pinned, _, Some((LiveSh::Cpu(relit), _))) => {
+                Some(shading(&relit.sh, [relit.degree; 2], relit.encoding))
+            }
+            (SidePaint::Stored, ..) => {
+                let degrees = [cloud.sh_degree, cloud.filled_degree()];
+                Some(shading(&cloud.sh, degrees, cloud.encoding))
+            }
+            _ => None,
+        };
+        let color = match (shading, self.own_colors(key.paint)) {
+            (Some(shading), _) => Color::Sh(shading),
+            (None, Some(colors)) => Color::Own(colors),
+            (None, None) if key.paint == SidePaint::Normals => Color::Normals(cloud, camera.eye),
+            (None, None) => Color::White,
+        };
+        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
+        Paint {
+            color,
+            marks: doubts.map(|d| &d.marks[..]),
         }
     }
 }

@@ -15,6 +15,12 @@ impl Source {
         self
     }
 
+    /// Whether something is so.
+    pub fn flag(mut self, name: &str, value: bool) -> Self {
+        self.constant(name, value);
+        self
+    }
+
     /// A number.
     pub fn number(mut self, name: &str, value: f32) -> Self {
         self.constant(name, literal(f64::from(value)));

@@ -11,7 +11,7 @@ use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
 use transplat_core::upright::UpEvidence;
-use transplat_gpu::live::LiveAsset;
+use transplat_gpu::live::{Drawing, LiveAsset};
 
 use super::asset::{Asset, OpenedWith, name_of, reading_of, told};
 use super::capture::Capture;
@@ -238,7 +238,7 @@ impl Session {
                 },
                 None => Asset::load(path, &object, capture)?,
             };
-            let live = LiveAsset::new(&context, &asset.cloud)?;
+            let live = LiveAsset::new(&context, &asset.cloud, Drawing::fastest(&context))?;
             let estimate = estimate::kept(&asset.path, asset.whole_cloud());
             Ok((asset, live, estimate))
         };

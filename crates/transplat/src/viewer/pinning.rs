@@ -1,10 +1,12 @@
 //! A look that others are compared with, beside what it shows relit.
 
+use std::sync::Arc;
+
 use transplat_core::color::Display;
 use transplat_core::present::View;
 use transplat_core::scene::Scene;
-use transplat_core::transfer::Part;
-use transplat_gpu::rasterize::ResidentSh;
+use transplat_core::transfer::{Part, Relit};
+use transplat_gpu::live::{Drawing, LiveSh};
 
 use super::language::tr;
 use super::session::{Pinned, Session};
@@ -114,9 +116,7 @@ impl Session {
         match scene.relight_objects(&target.light.rotated(turn), Part::Whole, &[]) {
             Ok(relit) => {
                 for (at, relit) in members.into_iter().zip(relit) {
-                    let resident =
-                        ResidentSh::upload(&self.context, &relit.sh, relit.degree, relit.encoding);
-                    self.live().pin_relit(at, resident, display);
+                    self.pin_relit(at, relit, display);
                 }
                 true
             }
@@ -125,6 +125,12 @@ impl Session {
                 false
             }
         }
+    }
+
+    fn pin_relit(&self, at: usize, relit: Relit, display: Display) {
+        let drawing = Drawing::fastest(&self.context);
+        let sh = LiveSh::new(&self.context, &Arc::new(relit), drawing);
+        self.live().pin_relit(at, sh, display);
     }
 
     /// Keeps what is shown relit of an object, all parts of it.
@@ -149,8 +155,7 @@ impl Session {
         } else {
             let whole = made.prepared.relight(target, Part::Whole);
             whole.map(|relit| {
-                let sh = ResidentSh::upload(&self.context, &relit.sh, relit.degree, relit.encoding);
-                self.live().pin_relit(at, sh, display);
+                self.pin_relit(at, relit, display);
             })
         };
         if let Err(error) = &pinned {

@@ -20,7 +20,7 @@ use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_gpu::Context;
-use transplat_gpu::live::{Live, Passes};
+use transplat_gpu::live::{Drawing, Live, Passes};
 
 use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
@@ -256,7 +256,7 @@ impl Session {
         scene: Scene,
     ) -> Self {
         Self {
-            live: Arc::new(Mutex::new(Live::new(&context, window))),
+            live: Arc::new(Mutex::new(Live::new(&context, window, Drawing::fastest(&context)))),
             background: BackgroundDevice::new(&context),
             context,
             jobs: Jobs::new(egui),

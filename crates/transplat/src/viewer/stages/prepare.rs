@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use transplat_core::settings::Method;
 use transplat_core::transfer::PreparedTransfer;
+use transplat_gpu::live::Drawing;
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
@@ -89,17 +90,16 @@ impl Session {
     }
 }
 
-/// A transfer on the GPU, if that is where it runs: the directional method is many times faster without a driver that computes on the CPU, and
-/// what the adapter has no room for is relit on the CPU as well.
+/// A transfer on the GPU, if that is where it is drawn; what the adapter has no room for is relit on the CPU as well.
 fn on_gpu(
     context: &Arc<Context>,
     prepared: &PreparedTransfer,
 ) -> Result<Option<GpuTransfer>, GpuError> {
-    let serves = match prepared {
-        PreparedTransfer::Directional(_) => !context.is_software(),
-        PreparedTransfer::Harmonic(_) => true,
+    let is_of_one = match prepared {
+        PreparedTransfer::Directional(_) | PreparedTransfer::Harmonic(_) => true,
         PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_) => false,
     };
+    let serves = is_of_one && Drawing::fastest(context) == Drawing::Gpu;
     match serves
         .then(|| GpuTransfer::new(context, prepared))
         .transpose()

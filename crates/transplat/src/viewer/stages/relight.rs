@@ -6,7 +6,7 @@ use std::time::Instant;
 use transplat_core::present;
 use transplat_core::settings::skips::Skip;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
-use transplat_gpu::rasterize::ResidentSh;
+use transplat_gpu::live::{Drawing, LiveSh};
 
 use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::language::tr;
@@ -24,7 +24,10 @@ impl Session {
         let mut key = RelitKey {
             prepared: state.prepared.version(),
             target,
-            part: prepared.computed_part(self.scene.view.part()),
+            part: match self.scene.view.part() {
+                shown if on_gpu => prepared.computed_part(shown),
+                shown => shown,
+            },
             unseen: state.unseen.version,
             surroundings: 0,
         };
@@ -67,8 +70,9 @@ impl Session {
             let start = Instant::now();
             let relit = prepared.relight_seen(&wanted.target.light, wanted.part, &unseen)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
-            let resident = ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding);
-            Ok((resident, Arc::new(relit), ms))
+            let relit = Arc::new(relit);
+            let there = LiveSh::new(&context, &relit, Drawing::fastest(&context));
+            Ok((there, relit, ms))
         };
         self.start(kind, tr("relighting"), work, move |session, relit| {
             session.show_relit(id, key, relit);
@@ -79,7 +83,7 @@ impl Session {
         &mut self,
         id: u64,
         key: RelitKey,
-        (resident, relit, ms): (ResidentSh, Arc<Relit>, f64),
+        (there, relit, ms): (LiveSh, Arc<Relit>, f64),
     ) {
         // One of the last preparation is not shown any more.
         let is_of = |at: &usize| self.states[*at].prepared.version() == key.prepared;
@@ -94,7 +98,7 @@ impl Session {
             if is_whole && !state.unseen.has_hidden {
                 state.readout.set(shown, relit);
             }
-            self.live().set_relit(at, resident, tau);
+            self.live().set_relit(at, there, tau);
         }
     }
 

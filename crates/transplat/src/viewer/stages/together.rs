@@ -12,7 +12,7 @@ use transplat_core::scene::Transform;
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
-use transplat_gpu::rasterize::ResidentSh;
+use transplat_gpu::live::{Drawing, LiveSh};
 
 use crate::viewer::jobs::{Handle, Kind};
 use crate::viewer::language::tr;
@@ -225,16 +225,18 @@ impl Session {
             let start = Instant::now();
             let light = target.light.rotated(turn);
             let shown = scene.relight_objects(&light, part, &[])?;
+            let shown: Vec<Arc<Relit>> = shown.into_iter().map(Arc::new).collect();
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let uploaded = shown.iter().map(|relit| {
-                let upload = ResidentSh::upload(&context, &relit.sh, relit.degree, relit.encoding);
-                (upload, present::tau_colors(&relit.tau))
+                let there = LiveSh::new(&context, relit, Drawing::fastest(&context));
+                (there, present::tau_colors(&relit.tau))
             });
             let uploaded = uploaded.collect::<Vec<_>>();
             let whole = if part == Part::Whole {
                 shown
             } else if wants_whole {
-                scene.relight_objects(&light, Part::Whole, &[])?
+                let whole = scene.relight_objects(&light, Part::Whole, &[])?;
+                whole.into_iter().map(Arc::new).collect()
             } else {
                 Vec::new()
             };
@@ -247,7 +249,7 @@ impl Session {
             work,
             move |session, (shown, whole, ms)| {
                 if session.relit_together.accept(key, ()) {
-                    let mut whole = whole.into_iter().map(Arc::new);
+                    let mut whole = whole.into_iter();
                     for (of, shown) in of.into_iter().zip(shown) {
                         session.show_member(of, shown, whole.next(), ms);
                     }
@@ -281,7 +283,7 @@ impl Session {
     fn show_member(
         &mut self,
         (id, key): (u64, RelitKey),
-        (resident, tau): (ResidentSh, Vec<[f32; 3]>),
+        (there, tau): (LiveSh, Vec<[f32; 3]>),
         whole: Option<Arc<Relit>>,
         ms: f64,
     ) {
@@ -295,6 +297,6 @@ impl Session {
         if let Some(whole) = whole {
             state.readout.set(shown, whole);
         }
-        self.live().set_relit(at, resident, tau);
+        self.live().set_relit(at, there, tau);
     }
 }
