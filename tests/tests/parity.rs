@@ -9,7 +9,7 @@ use transplat_core::color::{Display, Encoding, ToneMap};
 use transplat_core::environment::{EnvironmentMap, IncidentRadiance, project_environment};
 use transplat_core::oracle::{self, OracleHarmonic, relight_surfel};
 use transplat_core::progress::no_progress;
-use transplat_core::rasterize::{ColorSpace, Raster, rasterize, shade};
+use transplat_core::rasterize::{ColorSpace, Raster, depth_order, rasterize, shade};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::Thickness;
@@ -388,5 +388,63 @@ fn rasterize_3d_gaussians_among_surfels() {
         println!("3D Gaussians from {eye}: {psnr:.1} dB");
         // f32 on either side: what differs is where alpha ends at 1/255.
         assert!(psnr > 55.0, "{psnr}");
+    }
+}
+
+/// A million depths, of which many are equal, in one picture after the other; some surfels are hidden, some behind the camera, some aside.
+#[test]
+fn the_adapter_orders_surfels_as_the_cpu_does() {
+    let gpu = gpu();
+    let mut seed = 1u32;
+    let mut random = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (seed >> 8) as f32 / (1 << 24) as f32
+    };
+    for (n, pictures) in [(1, 1), (255, 2), (4097, 3), (1_000_000, 100)] {
+        let mut points: Vec<Vec3> = (0..n)
+            .map(|_| Vec3::new(random(), random(), random()) * 4.0 - 2.0)
+            .collect();
+        // Equal ones keep their order.
+        for i in (3..n).step_by(3) {
+            points[i] = points[i - 3];
+        }
+        let cloud = synthetic::from_points(&points, &vec![Vec3::Z; n], 1e-3);
+        let hidden: Vec<bool> = (0..n).map(|i| i % 17 == 3).collect();
+        let on_gpu = GpuRasterizer::new(&gpu, &Arc::new(cloud.clone())).expect("it fits");
+        for picture in 0..pictures {
+            let around = Vec3::new((picture as f32).cos(), (picture as f32).sin(), 0.3);
+            let (eye, to) = (2.5 * around, Vec3::ZERO);
+            let camera = Camera::look_at(eye, to, Vec3::Z, 0.9, [64, 48], 0.02);
+            let got = on_gpu
+                .order_on_adapter(&camera, &hidden)
+                .expect("the driver works");
+            // Depths are rounded in other places there.
+            let depth = |i: &u32| camera.project(points[*i as usize]).1;
+            let (mut sorted, mut there) = (vec![false; n], 0);
+            for i in &got {
+                assert!(
+                    !std::mem::replace(&mut sorted[*i as usize], true),
+                    "{i} twice"
+                );
+                assert!(!hidden[*i as usize] && depth(i) > 0.0);
+            }
+            for pair in got.windows(2) {
+                let [far, near] = [0, 1].map(|k| depth(&pair[k]));
+                assert!(far >= near - 1e-5, "{n}: {far} before {near}");
+                let is_twin = points[pair[0] as usize] == points[pair[1] as usize];
+                assert!(!is_twin || pair[0] > pair[1], "{n}: {pair:?}");
+            }
+            for i in depth_order(&points, &camera, &hidden) {
+                let ([x, y], _) = camera.project(points[i as usize]);
+                // A pixel inside of the edge there is no doubt.
+                let is_inside = (1.0..62.0).contains(&x) && (1.0..46.0).contains(&y);
+                assert!(
+                    !is_inside || depth(&i) < 0.03 || sorted[i as usize],
+                    "{n}: {i}"
+                );
+                there += usize::from(is_inside);
+            }
+            assert!(got.len() >= there, "{n}: {} of {there}", got.len());
+        }
     }
 }

@@ -573,6 +573,14 @@ impl Context {
     }
 }
 
+/// What a pass draws.
+pub(crate) enum Draws<'a> {
+    /// Vertices of instances.
+    Direct(Range<u32>, Range<u32>),
+    /// What a buffer says.
+    Indirect(&'a wgpu::Buffer),
+}
+
 impl RenderPass {
     /// Draws into targets, over what is in them or cleared before.
     pub(crate) fn draw(
@@ -581,7 +589,7 @@ impl RenderPass {
         targets: &[&wgpu::TextureView],
         load: wgpu::LoadOp<wgpu::Color>,
         group: &wgpu::BindGroup,
-        (vertices, instances): (Range<u32>, Range<u32>),
+        draws: Draws<'_>,
     ) {
         let store = wgpu::StoreOp::Store;
         let attachments: Vec<_> = targets
@@ -600,7 +608,7 @@ impl RenderPass {
             color_attachments: &attachments,
             ..Default::default()
         });
-        self.draw_in(&mut pass, group, (vertices, instances));
+        self.draw_in(&mut pass, group, &draws);
     }
 
     /// Draws in a pass that has begun.
@@ -608,11 +616,14 @@ impl RenderPass {
         &self,
         pass: &mut wgpu::RenderPass<'_>,
         group: &wgpu::BindGroup,
-        (vertices, instances): (Range<u32>, Range<u32>),
+        draws: &Draws<'_>,
     ) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, group, &[]);
-        pass.draw(vertices, instances);
+        match draws {
+            Draws::Direct(vertices, instances) => pass.draw(vertices.clone(), instances.clone()),
+            Draws::Indirect(count) => pass.draw_indirect(count, 0),
+        }
     }
 }
 

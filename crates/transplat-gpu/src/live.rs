@@ -9,7 +9,8 @@ mod object;
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec3};
+use glam::Affine3A;
+use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
@@ -18,15 +19,16 @@ use transplat_core::rasterize::Placed;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Part;
 
-pub use frame::{Frame, Passes, Placement};
 use cpu::CpuCanvas;
-pub use object::{Drawing, LiveAsset, LiveSh};
+pub use frame::{Frame, Passes, Placement};
 use object::{Doubts, LiveObject, ShadeKey, Shown, SidePaint, Versioned};
+pub use object::{Drawing, LiveAsset, LiveSh};
 
 use crate::context::{Context, Result};
 use crate::present::{
     Around, Backdrop, Blit, GroundLit, PresentPass, Presentation, ResidentLut, SCREEN_FORMAT,
 };
+use crate::rasterize::order::Sorter;
 use crate::rasterize::{Canvas, Layer, Order, Target, read_texture};
 use crate::transfer::GpuTransfer;
 
@@ -36,9 +38,6 @@ struct Side {
     /// How each object was drawn into that.
     drawn: Derived<Vec<ShadeKey>, ()>,
 }
-
-/// Eye and direction, the version of the places, and whether and what of each object is shown.
-type OrderKey = (Vec3, Vec3, u64, Vec<(bool, u64)>);
 
 struct Screen {
     view: wgpu::TextureView,
@@ -55,12 +54,11 @@ enum Drawn {
 
 #[derive(Default)]
 struct GpuCanvas {
-    /// What all objects share, and for how many surfels it has room.
-    shared: Option<(Canvas, usize)>,
-    /// By eye, direction, whose and where, and what is shown of them.
-    order: Derived<OrderKey, Order>,
-    /// Of the objects, in the scene.
-    positions: Vec<Vec3>,
+    /// What all objects share, and what puts them in order.
+    shared: Option<(Canvas, Sorter)>,
+    /// Whether and what of each object is shown.
+    hidden: Derived<(u64, Vec<(bool, u64)>), usize>,
+    order: Option<Order>,
 }
 
 /// Stages and pictures of one window.
@@ -87,38 +85,32 @@ pub struct Live {
 }
 
 impl GpuCanvas {
-    /// Gives the objects one that they share, and lists where their surfels are.
-    fn join<'a>(
-        &mut self,
-        context: &Context,
-        objects: impl Iterator<Item = &'a mut LiveObject>,
-    ) {
+    /// Gives the objects one that they share.
+    fn join<'a>(&mut self, context: &Context, objects: impl Iterator<Item = &'a mut LiveObject>) {
         let mut objects: Vec<_> = objects.collect();
-        self.positions.clear();
-        for object in &objects {
-            let there = |p: &Vec3| object.scene_from_object.transform_point3(*p);
-            self.positions.extend(object.asset.cloud.positions.iter().map(there));
+        let surfels = objects.iter().map(|o| o.asset.cloud.len()).sum();
+        if self
+            .shared
+            .as_ref()
+            .is_none_or(|(_, s)| s.count() != surfels)
+        {
+            let Ok(canvas) = Canvas::new(context, surfels) else {
+                return;
+            };
+            self.shared = Some((canvas, Sorter::new(context, surfels)));
         }
-        // Another order of the objects is not told by the places alone.
-        self.order.ask_again();
-        let surfels = self.positions.len();
-        let canvas = match &self.shared {
-            Some((canvas, room)) if *room == surfels => canvas.clone(),
-            _ => match Canvas::new(context, surfels) {
-                Ok(canvas) => canvas,
-                Err(_) => return,
-            },
+        let Some((canvas, _)) = &self.shared else {
+            return;
         };
         let mut first = 0;
         for object in &mut objects {
             let scale = object.scale();
             if let Some(on_gpu) = &mut object.asset.on_gpu {
-                on_gpu.rasterizer.join(&canvas, first, scale);
+                on_gpu.rasterizer.join(canvas, first, scale);
             }
             object.projected.clear();
             first += object.asset.cloud.len();
         }
-        self.shared = Some((canvas, surfels));
     }
 }
 
@@ -155,7 +147,7 @@ impl Live {
     /// How many surfels the last frame drew.
     pub fn drawn(&self) -> usize {
         match &self.drawn {
-            Drawn::Gpu(canvas) => canvas.order.get().map_or(0, |order| order.drawn),
+            Drawn::Gpu(canvas) => canvas.hidden.get().map_or(0, |shown| *shown),
             Drawn::Cpu(canvas) => canvas.seen(),
         }
     }
@@ -410,20 +402,7 @@ impl Live {
 
     /// Sorts and projects what moved, and tells whether anything did.
     fn project_on_gpu(&mut self, frame: &Frame) -> bool {
-        let camera = &frame.presentation.camera;
-        let forward = camera.view_from_world.transpose() * Vec3::Z;
-        let key = (camera.eye, forward, self.placed.version(), self.shown(frame));
-        let hidden = self.hidden(frame);
-        let Drawn::Gpu(canvas) = &mut self.drawn else {
-            return false;
-        };
         let mut moved = false;
-        if canvas.order.ask(&key) {
-            let order = Order::of(&self.context, &canvas.positions, camera, &hidden);
-            canvas.order.accept(key, order);
-            self.passes.sort += 1;
-            moved = true;
-        }
         for object in self.objects.iter_mut().flatten() {
             let camera = object.camera(frame);
             if object.projected.ask(&camera) {
@@ -434,6 +413,34 @@ impl Live {
                 self.passes.project += 1;
                 moved = true;
             }
+        }
+        let shown = (self.placed.version(), self.shown(frame));
+        let is_other = match &mut self.drawn {
+            Drawn::Gpu(canvas) => canvas.hidden.ask(&shown),
+            Drawn::Cpu(_) => false,
+        };
+        let hidden = is_other.then(|| self.hidden(frame));
+        let all = self
+            .present_objects()
+            .map(|o| o.asset.cloud.len())
+            .sum::<usize>();
+        let Drawn::Gpu(canvas) = &mut self.drawn else {
+            return false;
+        };
+        let Some((projected, sorter)) = &canvas.shared else {
+            return false;
+        };
+        if let Some(hidden) = hidden {
+            sorter.hide(&self.context, &hidden);
+            let count = hidden.iter().filter(|hidden| **hidden).count();
+            canvas.hidden.accept(shown, all - count);
+            moved = true;
+        }
+        if moved {
+            let Camera { width, height, .. } = frame.presentation.camera;
+            let order = sorter.sort(&self.context, &projected.projected, [width, height]);
+            canvas.order = Some(order);
+            self.passes.sort += 1;
         }
         moved
     }
@@ -519,14 +526,17 @@ impl Live {
                     object.shade(&object.camera(frame), key);
                 }
                 let mut any = objects.filter_map(|(object, _)| object.asset.on_gpu.as_ref());
-                if let (Some(order), Some(any)) = (canvas.order.get(), any.next()) {
+                if let (Some(order), Some(any)) = (&canvas.order, any.next()) {
                     any.rasterizer.draw_tile(camera, layer, order, target);
                     self.passes.draw += 1;
                 }
             }
             Drawn::Cpu(canvas) => {
                 let paints = objects.map(|(object, key)| {
-                    (object.asset.cloud.len(), object.paint(&object.camera(frame), key))
+                    (
+                        object.asset.cloud.len(),
+                        object.paint(&object.camera(frame), key),
+                    )
                 });
                 let paints: Vec<_> = paints.collect();
                 canvas.draw(&self.context, &paints, layer, target);

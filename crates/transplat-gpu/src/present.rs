@@ -15,7 +15,7 @@ use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
 
-use crate::context::{Context, RenderPass, extent};
+use crate::context::{Context, Draws, RenderPass, extent};
 use crate::layout::gpu_struct;
 use crate::rasterize::Target;
 use crate::shader::{self, PresentShape};
@@ -326,7 +326,13 @@ impl PresentPass {
         );
         let mut encoder = context.encoder();
         let black = wgpu::LoadOp::Clear(wgpu::Color::BLACK);
-        pass.draw(&mut encoder, &[screen], black, &group, (0..3, 0..1));
+        pass.draw(
+            &mut encoder,
+            &[screen],
+            black,
+            &group,
+            Draws::Direct(0..3, 0..1),
+        );
         context.submit(encoder);
     }
 
@@ -373,7 +379,7 @@ impl Blit {
     }
 
     pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>, group: &wgpu::BindGroup) {
-        self.pass.draw_in(pass, group, (0..3, 0..1));
+        self.pass.draw_in(pass, group, &Draws::Direct(0..3, 0..1));
     }
 }
 

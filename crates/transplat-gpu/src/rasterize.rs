@@ -1,25 +1,28 @@
 //! Stage *rasterize* on the GPU. CPU twin: [`transplat_core::rasterize::rasterize`].
 //!
-//! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order comes from
-//! the CPU's sort, which on a software driver is far faster than one in a compute shader.
+//! Surfels are projected and shaded by compute passes and blended back to front as quads, in f32 where the adapter can. The order of a single
+//! picture comes from the CPU's sort, which on a software driver is far faster than one in a compute shader; a window's from the adapter.
+
+pub(crate) mod order;
 
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock};
 
-use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
 use transplat_core::camera::Camera;
 use transplat_core::color::Encoding;
-use transplat_core::rasterize::{ColorSpace, Raster, depth_order};
+use transplat_core::rasterize::{ColorSpace, Raster};
 use transplat_core::sh::coefficient_count;
 use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, Relit};
 use wgpu::BufferUsages;
 
-use crate::context::{ComputePass, Context, RenderPass, Result};
+use crate::context::{ComputePass, Context, Draws, RenderPass, Result};
 use crate::layout::gpu_struct;
 use crate::{CHUNK, shader};
+pub use order::Order;
+use order::{Drawn, Sorter};
 
 /// Longest edge of one draw; larger pictures are drawn in tiles.
 const MAX_TILE: usize = 4096;
@@ -184,31 +187,6 @@ pub enum ResidentPaint<'a> {
     Marks(&'a ResidentVectors),
 }
 
-/// Surfels in the order in which they are drawn, farthest first.
-#[derive(Clone, Debug)]
-pub struct Order {
-    buffer: wgpu::Buffer,
-    /// How many are in front of the camera and not hidden.
-    pub drawn: usize,
-}
-
-impl Order {
-    /// Sorts what is in front of the camera and not hidden; `hidden` `[n]` or empty.
-    pub(crate) fn of(
-        context: &Context,
-        positions: &[Vec3],
-        camera: &Camera,
-        hidden: &[bool],
-    ) -> Self {
-        let mut order = depth_order(positions, camera, hidden);
-        order.reverse();
-        Self {
-            drawn: order.len(),
-            buffer: context.upload(&order, BufferUsages::STORAGE),
-        }
-    }
-}
-
 /// What is drawn into: premultiplied colour, and depth times alpha.
 #[derive(Clone, Debug)]
 pub struct Target {
@@ -284,7 +262,7 @@ struct Place {
 /// Surfels on the screen, of one asset or of several.
 #[derive(Clone)]
 pub(crate) struct Canvas {
-    projected: wgpu::Buffer,
+    pub projected: wgpu::Buffer,
     colors: wgpu::Buffer,
 }
 
@@ -426,6 +404,19 @@ impl GpuRasterizer {
         Order::of(&self.context, &self.cloud.positions, camera, hidden)
     }
 
+    /// What the adapter draws in which order, farthest first: what a window is drawn by, to be held against the CPU's sort.
+    ///
+    /// # Errors
+    /// The driver failed.
+    pub fn order_on_adapter(&self, camera: &Camera, hidden: &[bool]) -> Result<Vec<u32>> {
+        self.project(camera);
+        let sorter = Sorter::new(&self.context, self.cloud.len());
+        sorter.hide(&self.context, hidden);
+        let size = [camera.width, camera.height];
+        sorter.sort(&self.context, &self.canvas.projected, size);
+        sorter.read(&self.context)
+    }
+
     /// Sets the colour of each surfel.
     ///
     /// # Panics
@@ -563,7 +554,7 @@ impl GpuRasterizer {
             ("view", &view),
             ("projected", &self.canvas.projected),
             ("colors", &self.canvas.colors),
-            ("order", &order.buffer),
+            ("order", &order.surfels),
         ];
         let draw = self.draw_pass(target.depth.is_some());
         let group = self.context.bind(draw, &bindings);
@@ -572,14 +563,33 @@ impl GpuRasterizer {
             .map(|t| t.create_view(&Default::default()))
             .collect();
         let targets: Vec<_> = views.iter().collect();
-        for first in (0..order.drawn.max(1)).step_by(DRAW_AT_ONCE) {
-            let load = if first == 0 && layer.is_first {
-                wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT)
+        let clear = match layer.is_first {
+            true => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+            false => wgpu::LoadOp::Load,
+        };
+        let count = match &order.drawn {
+            Drawn::Count(count) => *count,
+            Drawn::Indirect(drawn) => {
+                let mut encoder = self.context.encoder();
+                draw.draw(
+                    &mut encoder,
+                    &targets,
+                    clear,
+                    &group,
+                    Draws::Indirect(drawn),
+                );
+                self.context.submit(encoder);
+                return;
+            }
+        };
+        for first in (0..count.max(1)).step_by(DRAW_AT_ONCE) {
+            let load = if first == 0 {
+                clear
             } else {
                 wgpu::LoadOp::Load
             };
-            let last = order.drawn.min(first + DRAW_AT_ONCE);
-            let quads = (0..4, first as u32..last as u32);
+            let last = count.min(first + DRAW_AT_ONCE);
+            let quads = Draws::Direct(0..4, first as u32..last as u32);
             let mut encoder = self.context.encoder();
             draw.draw(&mut encoder, &targets, load, &group, quads);
             self.context.submit(encoder);

@@ -9,7 +9,7 @@ use transplat_core::present::View;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::Nodes;
 
-pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, RASTERIZE_PROJECT};
+pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, RASTERIZE_ORDER, RASTERIZE_PROJECT};
 pub use files::{PATCH_BATCH, background_number};
 use files::{PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
 pub use generated::directional::{tables, transfer_directional};
@@ -91,6 +91,7 @@ pub fn usual() -> Vec<(&'static str, String)> {
         ("transfer_harmonic", transfer_harmonic(shape)),
         ("transfer_directional", directional),
         ("rasterize_project", RASTERIZE_PROJECT.source()),
+        ("rasterize_order", RASTERIZE_ORDER.source()),
         ("rasterize_draw", rasterize_draw(false)),
         ("rasterize_shade", rasterize_shade(3)),
         ("present", present(PresentShape::default())),

@@ -111,7 +111,9 @@ fn colors_of_all(objects: &[(usize, Paint<'_>)], surfels: &[usize], out: &mut [[
     let mut first = 0;
     for (count, paint) in objects {
         let is_own = |i: usize| (first..first + count).contains(&i);
-        let places: Vec<usize> = (0..surfels.len()).filter(|at| is_own(surfels[*at])).collect();
+        let places: Vec<usize> = (0..surfels.len())
+            .filter(|at| is_own(surfels[*at]))
+            .collect();
         let own: Vec<usize> = places.iter().map(|at| surfels[*at] - first).collect();
         let mut colors = vec![[0.0; 3]; own.len()];
         paint.colors(&own, &mut colors);

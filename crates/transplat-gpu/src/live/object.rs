@@ -16,9 +16,7 @@ use transplat_core::transfer::{Part, Relit};
 use super::cpu::{Color, Paint};
 use super::frame::Frame;
 use crate::context::{Context, Result};
-use crate::rasterize::{
-    GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors, depth_unit,
-};
+use crate::rasterize::{GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors, depth_unit};
 use crate::transfer::GpuTransfer;
 
 /// Where a window's objects are drawn.
@@ -201,7 +199,12 @@ pub(super) struct Doubts {
 }
 
 impl Doubts {
-    pub fn new(context: &Context, colors: Vec<[f32; 3]>, marks: Vec<[f32; 4]>, drawing: Drawing) -> Self {
+    pub fn new(
+        context: &Context,
+        colors: Vec<[f32; 3]>,
+        marks: Vec<[f32; 4]>,
+        drawing: Drawing,
+    ) -> Self {
         let on_gpu = (drawing == Drawing::Gpu).then(|| ResidentVectors::upload(context, &marks));
         Self {
             colors,

@@ -27,6 +27,7 @@ use transplat_core::transfer::directional::{
 use transplat_core::transfer::harmonic::MAX_RADIANCE;
 
 use super::source::Source;
+use crate::rasterize::order::{DIGIT_BITS, SORT_KEYS, SORT_WORKGROUP};
 use crate::{CHUNK, WORKGROUP};
 
 /// Patches that one dispatch of the bake for the directional method traces.
@@ -107,6 +108,11 @@ pub static RASTERIZE_PROJECT: File = file!("rasterize_project", |s| s
     .number("LEAST_COMPENSATION", LEAST_COMPENSATION)
     .number("NOWHERE", NOWHERE)
     .count("WORKGROUP", WORKGROUP));
+
+pub static RASTERIZE_ORDER: File = file!("rasterize_order", |s| s
+    .count("WORKGROUP", SORT_WORKGROUP)
+    .count("KEYS", SORT_KEYS)
+    .count("DIGITS", 1usize << DIGIT_BITS));
 
 pub(super) static RASTERIZE_DRAW: File = file!("rasterize_draw", |s| s
     .number("MIN_ALPHA", MIN_ALPHA)

@@ -256,7 +256,11 @@ impl Session {
         scene: Scene,
     ) -> Self {
         Self {
-            live: Arc::new(Mutex::new(Live::new(&context, window, Drawing::fastest(&context)))),
+            live: Arc::new(Mutex::new(Live::new(
+                &context,
+                window,
+                Drawing::fastest(&context),
+            ))),
             background: BackgroundDevice::new(&context),
             context,
             jobs: Jobs::new(egui),
