@@ -444,7 +444,10 @@ fn the_adapter_orders_surfels_as_the_cpu_does() {
                 );
                 there += usize::from(is_inside);
             }
-            assert!(got.len() >= there, "{n}: {} of {there}", got.len());
+            assert!(
+                got.len() >= there && (n < 1000 || there > n / 10),
+                "{n}: {there}"
+            );
         }
     }
 }

@@ -509,7 +509,11 @@ impl Live {
             return;
         }
         if resized {
-            state.target = Some(Target::new(&self.context, size, has_depth));
+            let target = match self.drawn {
+                Drawn::Gpu(_) => Target::of_screen,
+                Drawn::Cpu(_) => Target::new,
+            };
+            state.target = Some(target(&self.context, size, has_depth));
         }
         let Some(target) = &state.target else {
             return;

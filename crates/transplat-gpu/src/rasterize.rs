@@ -198,13 +198,27 @@ pub struct Target {
 }
 
 impl Target {
-    /// A target of `size` pixels, which an adapter must be able to hold, with depth or without.
+    /// A target of `size` pixels, which an adapter must be able to hold, with depth or without: as exact as the adapter blends.
     pub fn new(context: &Context, size: [usize; 2], has_depth: bool) -> Self {
+        Self::of(context, size, has_depth, context.color_format)
+    }
+
+    /// One for a screen of eight bits. Half floats are blended twice as fast as whole ones, and what they lose is far below a step of those.
+    pub fn of_screen(context: &Context, size: [usize; 2], has_depth: bool) -> Self {
+        Self::of(context, size, has_depth, wgpu::TextureFormat::Rgba16Float)
+    }
+
+    fn of(
+        context: &Context,
+        size: [usize; 2],
+        has_depth: bool,
+        color_format: wgpu::TextureFormat,
+    ) -> Self {
         use wgpu::TextureUsages as Usages;
         let usage = Usages::RENDER_ATTACHMENT | Usages::COPY_SRC | Usages::COPY_DST;
         let texture = |label, format| context.texture(label, size, format, usage);
         Self {
-            color: texture("color", context.color_format),
+            color: texture("color", color_format),
             depth: has_depth.then(|| texture("depth", context.depth_format)),
             size,
         }
@@ -293,8 +307,8 @@ pub struct GpuRasterizer {
     project: Arc<ComputePass>,
     /// By degree of colour and entry point.
     shade_passes: Mutex<HashMap<(usize, &'static str), Arc<ComputePass>>>,
-    /// Without depth and with it, each compiled when it is first drawn with.
-    draw: [OnceLock<RenderPass>; 2],
+    /// By half floats and depth, each compiled when it is first drawn with.
+    draw: [[OnceLock<RenderPass>; 2]; 2],
     chunks: Vec<SurfelChunk>,
     canvas: Canvas,
     place: Place,
@@ -556,7 +570,7 @@ impl GpuRasterizer {
             ("colors", &self.canvas.colors),
             ("order", &order.surfels),
         ];
-        let draw = self.draw_pass(target.depth.is_some());
+        let draw = self.draw_pass(target.color.format(), target.depth.is_some());
         let group = self.context.bind(draw, &bindings);
         let textures = std::iter::once(&target.color).chain(&target.depth);
         let views: Vec<_> = textures
@@ -596,9 +610,16 @@ impl GpuRasterizer {
         }
     }
 
-    /// What draws into targets with depth, or without.
-    pub(crate) fn draw_pass(&self, has_depth: bool) -> &RenderPass {
-        self.draw[usize::from(has_depth)].get_or_init(|| draw_pass(&self.context, has_depth))
+    /// What draws into targets of a format, with depth or without.
+    fn draw_pass(&self, color_format: wgpu::TextureFormat, has_depth: bool) -> &RenderPass {
+        let is_half = color_format == wgpu::TextureFormat::Rgba16Float;
+        let pass = &self.draw[usize::from(is_half)][usize::from(has_depth)];
+        pass.get_or_init(|| draw_pass(&self.context, color_format, has_depth))
+    }
+
+    /// Compiles what every frame of a window draws with; no frame waits for it.
+    pub(crate) fn warm_up(&self) {
+        self.draw_pass(wgpu::TextureFormat::Rgba16Float, false);
     }
 
     fn read_tile(&self, layer: Layer, target: &Target, raster: &mut Raster) -> Result<()> {
@@ -680,9 +701,9 @@ pub(crate) fn read_texture(context: &Context, texture: &wgpu::Texture) -> Result
     })
 }
 
-fn draw_pass(context: &Context, has_depth: bool) -> RenderPass {
-    let half_float = context.color_format == wgpu::TextureFormat::Rgba16Float;
-    let formats = [context.color_format, context.depth_format];
+fn draw_pass(context: &Context, color_format: wgpu::TextureFormat, has_depth: bool) -> RenderPass {
+    let half_float = color_format == wgpu::TextureFormat::Rgba16Float;
+    let formats = [color_format, context.depth_format];
     let targets = formats.map(|format| {
         let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
         wgpu::ColorTargetState {

@@ -34,6 +34,7 @@ use transplat_gpu::transfer::GpuTransfer;
 use transplat_tests::root;
 
 use measure::{Bench, read_rows};
+use subject::rough_ball_over_slab;
 
 /// What is measured.
 #[derive(Parser)]
@@ -42,6 +43,9 @@ struct Args {
     /// Surfels, such as 30k or 1M
     #[arg(long, value_delimiter = ',', value_parser = count, default_value = "10k,30k,100k,300k")]
     surfels: Vec<usize>,
+    /// Splats of one's own in place of made-up ones
+    #[arg(long, value_delimiter = ',')]
+    assets: Vec<PathBuf>,
     /// Degrees of colour
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(0..=3), default_value = "3")]
     degrees: Vec<u8>,
@@ -124,37 +128,48 @@ fn main() {
                 .expect("the driver works")
         });
     }
-    for &degree in &args.degrees {
-        for &surfels in &args.surfels {
-            let cloud = Arc::new(subject::rough_ball_over_slab(surfels, degree.into()));
-            let subject = Subject {
-                cloud: &cloud,
-                bounds: cloud.bounds(),
-                lights: &lights,
-                sizes: &args.sizes,
-            };
-            bench.at(&format!("degree {degree}"), [cloud.len(), 0]);
-            if args.device != Devices::Gpu {
-                subject.files(&mut bench);
-            }
-            let bake = match &gpu {
-                Some(context) => subject.bake_on(context, &mut bench),
-                None => subject.bake(&mut bench),
-            };
-            if args.device == Devices::Both {
-                subject.bake(&mut bench);
-            }
-            let settings = TransferSettings::of(Method::Directional);
-            let prepared = bench.time("cpu", "prepare", || {
-                PreparedTransfer::new(&cloud, &bake, &lights[0], &settings).expect("it fits")
-            });
-            if args.device != Devices::Gpu {
-                subject.on_cpu(&prepared, &mut bench);
-            }
-            if let Some(context) = &gpu {
-                subject.on_gpu(context, &prepared, &mut bench);
-                subject.drawn_by_cpu(context, &prepared, &mut bench);
-            }
+    let made_up = args.degrees.iter().flat_map(|degree| {
+        let degree = usize::from(*degree);
+        let each = args.surfels.iter();
+        each.map(move |n| (format!("degree {degree}"), rough_ball_over_slab(*n, degree)))
+    });
+    let own = args.assets.iter().map(|path| {
+        let (cloud, _) = load_asset(path).expect("a splat");
+        (path.display().to_string(), cloud)
+    });
+    let subjects: Box<dyn Iterator<Item = (String, SurfelCloud)>> = match args.assets.is_empty() {
+        true => Box::new(made_up),
+        false => Box::new(own),
+    };
+    for (name, cloud) in subjects {
+        let cloud = Arc::new(cloud);
+        let subject = Subject {
+            cloud: &cloud,
+            bounds: cloud.bounds(),
+            lights: &lights,
+            sizes: &args.sizes,
+        };
+        bench.at(&name, [cloud.len(), 0]);
+        if args.device != Devices::Gpu {
+            subject.files(&mut bench);
+        }
+        let bake = match &gpu {
+            Some(context) => subject.bake_on(context, &mut bench),
+            None => subject.bake(&mut bench),
+        };
+        if args.device == Devices::Both {
+            subject.bake(&mut bench);
+        }
+        let settings = TransferSettings::of(Method::Directional);
+        let prepared = bench.time("cpu", "prepare", || {
+            PreparedTransfer::new(&cloud, &bake, &lights[0], &settings).expect("it fits")
+        });
+        if args.device != Devices::Gpu {
+            subject.on_cpu(&prepared, &mut bench);
+        }
+        if let Some(context) = &gpu {
+            subject.on_gpu(context, &prepared, &mut bench);
+            subject.drawn_by_cpu(context, &prepared, &mut bench);
         }
     }
     bench.tell_growth();
@@ -306,7 +321,7 @@ impl Subject<'_> {
             let order = rasterizer.sort(&camera, &[]);
             rasterizer.project(&camera);
             for (stage, has_depth) in [("draw", false), ("draw with depth", true)] {
-                let target = Target::new(context, size, has_depth);
+                let target = Target::of_screen(context, size, has_depth);
                 bench.time("gpu", stage, || {
                     rasterizer.draw_tile(&camera, Layer::default(), &order, &target);
                     done(context);

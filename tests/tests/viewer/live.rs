@@ -40,8 +40,8 @@ fn the_gpu_shows_what_the_cpu_relit() {
             .expect("read for best");
         assert!(live.frame(&frame));
         let (gpu, _) = live.read_screen().expect("the driver works");
-        // Both round to eight bits.
-        assert!(psnr(&cpu, &gpu) > 60.0, "{view:?}: {}", psnr(&cpu, &gpu));
+        // Both round to eight bits, which blending in half floats (a tenth of a step off) brings to the other side of one pixel in ten: 58 dB.
+        assert!(psnr(&cpu, &gpu) > 58.0, "{view:?}: {}", psnr(&cpu, &gpu));
         pictures.push(gpu);
     }
     for (i, a) in pictures.iter().enumerate() {

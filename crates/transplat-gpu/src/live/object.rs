@@ -79,8 +79,7 @@ impl AssetOnGpu {
         let normals = (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array());
         let normals: Vec<[f32; 4]> = normals.collect();
         let rasterizer = GpuRasterizer::new(context, cloud)?;
-        // What every frame draws with; no frame waits for it.
-        rasterizer.draw_pass(false);
+        rasterizer.warm_up();
         Ok(Self {
             rasterizer,
             stored: ResidentSh::upload(context, &filled, degree, cloud.encoding),

@@ -52,7 +52,7 @@ impl Viewer {
             let total = assets.map(|a| a.cloud.len()).sum();
             let drawn = session.live().drawn();
             ui.label(tr_format!("{} of {} surfels", thousands(drawn), thousands(total)))
-                .on_hover_text(tr("Drawn, of all that there are: what is hidden or behind the camera is not drawn."));
+                .on_hover_text(tr("Drawn, of all that there are: what is hidden is not drawn."));
             ui.separator();
             ui.label(tr_format!("frame {}", milliseconds(session.timers.frame.ms())))
                 .on_hover_text(tr("From the first command of the last changed picture to its end on the graphics adapter."));
