@@ -5,6 +5,25 @@ use std::num::NonZeroUsize;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+/// The `count` points that are nearest to each of some places, `[places][count]`: there must be so many.
+pub(crate) fn nearest_to<const D: usize>(
+    points: &[[f32; D]],
+    places: &[[f32; D]],
+    count: usize,
+) -> Vec<u32> {
+    let (Some(count), Ok(tree)) = (
+        NonZeroUsize::new(count),
+        ImmutableKdTree::<f32, D>::new_from_slice(points),
+    ) else {
+        return Vec::new();
+    };
+    let near = |place: &[f32; D]| -> Vec<u32> {
+        let nearest = tree.query(place).nearest_n::<SquaredEuclidean<f32>>(count);
+        nearest.execute().into_iter().map(|f| f.item).collect()
+    };
+    places.par_iter().flat_map_iter(near).collect()
+}
+
 /// The points nearest to each, itself left out.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::neighbors::neighbors;
+use super::neighbors::Neighbors;
 use super::nodes::{Nodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
@@ -47,7 +47,7 @@ pub struct DirectionalAsset {
     pub(super) colors: Vec<[f32; 3]>,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     pub means: Vec<FrontAndBack>,
-    pub(super) neighbors: Vec<u32>,
+    pub(super) neighbors: Neighbors,
 }
 
 /// A light as the transfer takes it in.
@@ -87,7 +87,7 @@ impl DirectionalAsset {
             .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
             .unzip();
         Self {
-            neighbors: neighbors(&bake.tracer.surfels, &bake.normals),
+            neighbors: Neighbors::new(&bake.tracer.surfels, &bake.normals),
             nodes,
             encoding,
             bake,
@@ -112,7 +112,7 @@ impl DirectionalAsset {
             colors: rows_of(&self.colors, q, surfels),
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
-            neighbors: Vec::new(),
+            neighbors: Neighbors::default(),
         }
     }
 

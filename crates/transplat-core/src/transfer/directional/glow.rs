@@ -101,15 +101,13 @@ pub(super) fn find_glow(
         return Vec::new();
     }
     let prominence = &asset.bake.prominence;
-    let width = asset.neighbors.len() / alone.len().max(1);
     let together = alone.par_iter().enumerate().map(|(i, [own, _])| {
         if *own <= 0.0 {
             return 0.0;
         }
-        let around = &asset.neighbors[i * width..][..width];
-        let weighed = around.iter().map(|j| {
-            let weight = prominence[*j as usize];
-            (alone[*j as usize][1] * weight, weight)
+        let weighed = asset.neighbors.of(i).map(|j| {
+            let weight = prominence[j];
+            (alone[j][1] * weight, weight)
         });
         let (glow, seen) = weighed.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
         own * smoothstep(TOGETHER[0], TOGETHER[1], glow / seen.max(1e-12))

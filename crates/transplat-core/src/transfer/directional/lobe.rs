@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, Radiance};
 use super::incident::Incident;
+use super::neighbors::Neighbors;
 use super::nodes::{BLOCK, Nodes, SurfelFrame, weighted_mean};
 use super::rays::Rays;
 use crate::numeric::smoothstep;
@@ -193,26 +194,24 @@ pub(super) fn find_gloss(
 /// Means over each surfel and its neighbours, by how much they make up of what is seen. `[n]`
 pub(super) fn pooled<const N: usize>(
     values: &[[f32; N]],
-    neighbors: &[u32],
+    neighbors: &Neighbors,
     prominence: &[f32],
 ) -> Vec<[f32; N]> {
-    let each = neighbors.len() / values.len().max(1);
-    (0..values.len())
-        .into_par_iter()
-        .map(|i| {
-            let around = &neighbors[i * each..][..each];
-            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
-            let total: f32 = with_self().map(|j| prominence[j]).sum();
-            let mut sum = [0f32; N];
-            for j in with_self() {
-                let share = share_of(prominence[j], total, each + 1);
-                for (s, v) in sum.iter_mut().zip(values[j]) {
-                    *s += share * v;
-                }
+    let mean = |around: &[u32]| {
+        let each = || around.iter().map(|j| *j as usize);
+        let total: f32 = each().map(|j| prominence[j]).sum();
+        let mut sum = [0f32; N];
+        for j in each() {
+            let share = share_of(prominence[j], total, around.len());
+            for (s, v) in sum.iter_mut().zip(values[j]) {
+                *s += share * v;
             }
-            sum
-        })
-        .collect()
+        }
+        sum
+    };
+    let means: Vec<[f32; N]> = neighbors.of_groups().map(mean).collect();
+    let surfels = (0..values.len()).into_par_iter();
+    surfels.map(|i| means[neighbors.group_of(i)]).collect()
 }
 
 /// What one of `count` surfels counts of all; alike where nothing of any is seen.
@@ -275,33 +274,45 @@ fn regress(
     variances: &[[f32; 3]],
     kind: usize,
 ) -> Vec<Regressed> {
-    let each = asset.neighbors.len() / moments.len();
+    let prominence = &asset.bake.prominence;
+    let of_group = |around: &[u32]| -> [Sums; WIDTHS.len()] {
+        let each = || around.iter().map(|j| *j as usize);
+        let total: f32 = each().map(|j| prominence[j]).sum();
+        let mut sums = [Sums::default(); WIDTHS.len()];
+        for j in each() {
+            let share = share_of(prominence[j], total, around.len());
+            let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
+            let unit = share / brightness.max(1e-6);
+            for (sums, m) in sums.iter_mut().zip(&moments[j][kind]) {
+                for c in 0..3 {
+                    sums.num[c] += share * m.covariance[c];
+                    sums.den[c] += share * m.variance[c];
+                    sums.var[c] += share * variances[j][c];
+                    sums.relative[0] += unit * m.covariance[c];
+                    sums.relative[1] += unit * m.variance[c];
+                    sums.relative[2] += unit * variances[j][c];
+                }
+            }
+        }
+        sums
+    };
+    let sums: Vec<_> = asset.neighbors.of_groups().map(of_group).collect();
     (0..moments.len())
         .into_par_iter()
         .map(|i| {
-            let around = &asset.neighbors[i * each..][..each];
-            let with_self = || around.iter().map(|j| *j as usize).chain([i]);
-            let total: f32 = with_self().map(|j| asset.bake.prominence[j]).sum();
-            let share = |j: usize| share_of(asset.bake.prominence[j], total, each + 1);
             let mut best: Option<(f32, Regressed)> = None;
-            for w in 0..WIDTHS.len() {
-                let (mut num, mut den, mut var) = ([0f32; 3], [0f32; 3], [0f32; 3]);
-                let mut relative = [0f32; 3];
-                for j in with_self() {
-                    let m = &moments[j][kind][w];
-                    let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
-                    let share = share(j);
-                    let unit = share / brightness.max(1e-6);
-                    for c in 0..3 {
-                        num[c] += share * m.covariance[c];
-                        den[c] += share * m.variance[c];
-                        var[c] += share * variances[j][c];
-                        relative[0] += unit * m.covariance[c];
-                        relative[1] += unit * m.variance[c];
-                        relative[2] += unit * variances[j][c];
-                    }
-                }
-                let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
+            let sums = &sums[asset.neighbors.group_of(i)];
+            for (
+                w,
+                Sums {
+                    num,
+                    den,
+                    var,
+                    relative,
+                },
+            ) in sums.iter().enumerate()
+            {
+                let mean = |v: &[f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
                 let reflectance: [f32; 3] = std::array::from_fn(|c| {
                     let k = (num[c] + mean(num)) / (den[c] + mean(den) + RIDGE);
                     let most =
@@ -330,6 +341,16 @@ fn regress(
             best.unwrap_or_default().1
         })
         .collect()
+}
+
+/// Of surfels around one, by how much they make up of what is seen: covariance of what is seen and what the lobe sees, and their variances;
+/// and the three with each surfel's brightness divided out, all channels together.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    num: [f32; 3],
+    den: [f32; 3],
+    var: [f32; 3],
+    relative: [f32; 3],
 }
 
 /// Which of the two each surfel is, and how much of it is believed.
