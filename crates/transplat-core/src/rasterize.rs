@@ -16,7 +16,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use blend::{Splat, Tile};
-pub use project::{ProjectedSurfel, project_surfel};
+use project::{ProjectedSurfel, project_surfel};
 pub use shade::{ColorSpace, Shading, shade};
 pub use tiles::Placed;
 use tiles::Tiles;
@@ -43,9 +43,6 @@ pub const MARGIN: f32 = 1.3;
 
 /// Where the opacity is compensated for the low-pass, at least this share of its square is left.
 pub const LEAST_COMPENSATION: f32 = 2.5e-5;
-
-/// Where no pixel is: the centre of a low-pass that is not to be seen.
-pub const NOWHERE: f32 = 1e15;
 
 /// A picture of surfels: premultiplied colour in whatever space the surfels' colours were, alpha, and depth.
 #[derive(Clone, Debug, Default)]
@@ -276,7 +273,7 @@ impl Rasterizer {
         let mut order = std::mem::take(&mut scratch.order);
         order.clear();
         order.extend(entries);
-        let mut tile = Tile::new(at.map(|i| i * TILE), self.size);
+        let mut tile = Tile::new(at.map(|i| i * TILE), self.size, self.tiles.grain);
         let (mut left, mut ordered) = (&mut order[..], FIRST_ORDERED);
         while !left.is_empty() && !tile.is_finished() {
             if left.len() > 2 * ordered {
@@ -561,6 +558,22 @@ mod tests {
             let raster = rasterize(&cloud, &view(50), &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], &[]);
             let middle = raster.pixels[25 * 50 + 25];
             assert!(middle[0] > 0.9 && middle[1] < 0.06, "{middle:?}");
+        }
+    }
+
+    /// Columns beyond what 16 bits count.
+    #[test]
+    fn a_very_wide_picture_is_drawn_to_its_end() {
+        let at = |y: f32| Vec3::new(0.0, y, 0.0);
+        let cloud = synthetic::from_points(&[at(1.5), at(-1.5), at(0.0)], &[Vec3::X; 3], 1e-3);
+        let eye = Vec3::new(4.0, 0.0, 0.0);
+        let camera = Camera::look_at(eye, Vec3::ZERO, Vec3::Z, 1.0, [150_000, 40], 0.02);
+        let raster = rasterize(&cloud, &camera, &[[1.0; 3]; 3], &[]);
+        for position in &cloud.positions {
+            let ([x, y], _) = camera.project(*position);
+            assert!((0.0..150_000.0).contains(&x), "{x}");
+            let pixel = raster.pixels[y.round() as usize * 150_000 + x.round() as usize];
+            assert!(pixel[3] > 0.9, "{x}: {pixel:?}");
         }
     }
 

@@ -68,11 +68,13 @@ pub(super) struct Tile {
     open: [u16; TILE],
     /// Of its first pixel in the picture.
     corner: [usize; 2],
+    /// Pixels that places are told by.
+    grain: usize,
 }
 
 impl Tile {
-    /// One at a place of a picture of a size.
-    pub fn new(corner: [usize; 2], size: [usize; 2]) -> Self {
+    /// One at a place of a picture of a size, in which places are told by so many pixels.
+    pub fn new(corner: [usize; 2], size: [usize; 2], grain: usize) -> Self {
         let mut rows = [Row::EMPTY; TILE];
         let inside = [0, 1].map(|i| (size[i] - corner[i]).min(TILE));
         for (y, row) in rows.iter_mut().enumerate() {
@@ -86,6 +88,7 @@ impl Tile {
             rows,
             open: [0; TILE],
             corner,
+            grain,
         };
         tile.note_open();
         tile
@@ -110,8 +113,9 @@ impl Tile {
     /// First and last row in the tile that a surfel touches, and the columns, a bit each.
     #[inline(always)]
     fn touched(&self, [x0, y0, x1, y1]: [u16; 4]) -> ([usize; 2], u16) {
-        let first = |edge: u16, i: usize| usize::from(edge).saturating_sub(self.corner[i]);
-        let last = |edge: u16, i: usize| first(edge, i).min(TILE - 1);
+        let pixel = |edge: u16| usize::from(edge) * self.grain;
+        let first = |edge: u16, i: usize| pixel(edge).saturating_sub(self.corner[i]);
+        let last = |edge: u16, i: usize| (first(edge, i) + self.grain - 1).min(TILE - 1);
         let columns = (2u32 << last(x1, 0)) - (1 << first(x0, 0));
         ([first(y0, 1), last(y1, 1)], columns as u16)
     }

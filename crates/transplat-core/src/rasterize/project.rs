@@ -17,12 +17,12 @@ const GAUSSIAN: u32 = 1 << 31;
 /// `c` is 1.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
-pub struct ProjectedSurfel {
+pub(super) struct ProjectedSurfel {
     /// From pixels to the surfel's plane.
     pub to_plane: [Vec3; 3],
     /// A pixel near its middle: of a surfel, the centre of the screen-space low-pass.
     pub origin: Vec2,
-    /// First column and row that it can touch, last column and row.
+    /// First column and row that it can touch, last column and row, in grains of the picture ([`grain`]).
     pub touches: [u16; 4],
     /// Peak opacity, 0 to 1.
     pub opacity: f32,
@@ -133,6 +133,11 @@ fn exp_of_half(rho: f32) -> f32 {
     f32::from_bits(series.to_bits().wrapping_add(exponent))
 }
 
+/// Pixels that places are told by: one, and more where a picture is so large that its columns or rows are no 16-bit numbers.
+pub(super) fn grain(size: [usize; 2]) -> usize {
+    size[0].max(size[1]).div_ceil(1 << 16).next_power_of_two()
+}
+
 /// Centre and half extents of the box around the ellipse `u^2 + v^2 = r2`; `None` where it reaches the camera's plane.
 fn ellipse_box(t_u: Vec3, t_v: Vec3, t_w: Vec3, r2: f32) -> Option<(Vec2, Vec2)> {
     let t = Vec3::new(r2, r2, -1.0);
@@ -149,7 +154,7 @@ fn ellipse_box(t_u: Vec3, t_v: Vec3, t_w: Vec3, r2: f32) -> Option<(Vec2, Vec2)>
 
 /// Projects one surfel; `None` where it is behind the camera, off the screen or too faint.
 #[inline]
-pub fn project_surfel(
+pub(super) fn project_surfel(
     cloud: &SurfelCloud,
     camera: &Camera,
     index: usize,
@@ -175,7 +180,8 @@ pub fn project_surfel(
     let size = Vec2::new(camera.width as f32, camera.height as f32);
     let on_screen = high.cmpgt(Vec2::ZERO).all() && low.cmplt(size).all();
     let (first, last) = (low.ceil().max(Vec2::ZERO), high.min(size - 1.0));
-    let touches = [first.x, first.y, last.x, last.y].map(|v| v as u16);
+    let grain = grain([camera.width, camera.height]);
+    let touches = [first.x, first.y, last.x, last.y].map(|v| (v as usize / grain) as u16);
     // A speck between pixels touches none.
     let is_seen = on_screen && first.cmple(last).all();
     is_seen.then_some(ProjectedSurfel {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 
 use super::TILE;
-use super::project::{ProjectedSurfel, project_surfel};
+use super::project::{ProjectedSurfel, grain, project_surfel};
 use crate::camera::Camera;
 use crate::surfels::SurfelCloud;
 
@@ -95,6 +95,8 @@ pub(super) struct Tiles {
     pub seen: usize,
     pub columns: usize,
     pub rows: usize,
+    /// Pixels that places are told by.
+    pub grain: usize,
     starts: Vec<usize>,
     /// What orders it, its place in `projected` included.
     entries: Vec<AtomicU64>,
@@ -105,6 +107,8 @@ impl Tiles {
     pub fn list(&mut self, objects: &[Placed<'_>], size: [usize; 2]) {
         let [columns, rows] = size.map(|edge| edge.div_ceil(TILE));
         (self.columns, self.rows) = (columns, rows);
+        self.grain = grain(size);
+        let per_tile = TILE / self.grain;
         let pieces = pieces(objects);
         let all = objects.iter().map(|o| o.cloud.len()).sum();
         self.projected.resize(all, ProjectedSurfel::default());
@@ -130,7 +134,7 @@ impl Tiles {
                 };
                 for i in shown {
                     if let Some(projected) = piece.object.project(i, piece.before) {
-                        touched(&projected, columns).for_each(|tile| touching[tile] += 1);
+                        touched(&projected, columns, per_tile).for_each(|tile| touching[tile] += 1);
                         room[seen] = projected;
                         seen += 1;
                     }
@@ -156,7 +160,7 @@ impl Tiles {
             .for_each(|(piece, (seen, mut next))| {
                 for at in piece.start..piece.start + seen {
                     let order = projected[at].order(at);
-                    for tile in touched(&projected[at], columns) {
+                    for tile in touched(&projected[at], columns, per_tile) {
                         entries[next[tile]].store(order, Ordering::Relaxed);
                         next[tile] += 1;
                     }
@@ -171,8 +175,8 @@ impl Tiles {
     }
 }
 
-/// The tiles that a surfel touches.
-fn touched(s: &ProjectedSurfel, columns: usize) -> impl Iterator<Item = usize> {
-    let [x0, y0, x1, y1] = s.touches.map(|edge| usize::from(edge) / TILE);
+/// The tiles that a surfel touches, each of so many grains.
+fn touched(s: &ProjectedSurfel, columns: usize, per_tile: usize) -> impl Iterator<Item = usize> {
+    let [x0, y0, x1, y1] = s.touches.map(|edge| usize::from(edge) / per_tile);
     (y0..=y1).flat_map(move |row| (x0..=x1).map(move |column| row * columns + column))
 }

@@ -17,9 +17,7 @@ use transplat_core::ground::GROUND_FADE;
 use transplat_core::present::{
     Background, CHECKER_EDGE, CHECKER_GREYS, FALSE_COLORS, View, WIPE_LINE,
 };
-use transplat_core::rasterize::{
-    LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA, NOWHERE,
-};
+use transplat_core::rasterize::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use transplat_core::surfels::MIN_ALPHA;
 use transplat_core::transfer::directional::{
     BACK_RANGE, HORIZON, LEAST_IRRADIANCE, RESIDUAL_FLOOR,
@@ -32,6 +30,9 @@ use crate::{CHUNK, WORKGROUP};
 
 /// Patches that one dispatch of the bake for the directional method traces.
 pub const PATCH_BATCH: usize = 8;
+
+/// Where no pixel is: the centre of a low-pass that is not to be seen.
+const NOWHERE: f32 = 1e15;
 
 /// Number of a background in WGSL; on a screen, what is transparent shows the checkerboard.
 pub fn background_number(background: Background) -> u32 {
