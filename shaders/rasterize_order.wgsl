@@ -43,27 +43,36 @@ const UNSEEN = 0x7fffffffu;
 
 var<workgroup> seen: atomic<u32>;
 
+fn key_of(index: u32) -> u32 {
+    let bounds = projected[index].bounds;
+    let is_hidden = (hidden[index / 32u] >> (index % 32u) & 1u) == 1u;
+    let on_screen = all(bounds.xy <= bounds.zw) && all(bounds.zw > vec2f(0.0))
+        && all(bounds.xy < vec2f(parameters.width, parameters.height));
+    if is_hidden || !on_screen {
+        return UNSEEN;
+    }
+    // Positive floats sort as their bits do.
+    return UNSEEN - bitcast<u32>(projected[index].t_w.z);
+}
+
 @compute @workgroup_size(WORKGROUP)
-fn make_keys(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) thread: u32) {
+fn make_keys(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     if thread == 0u {
         atomicStore(&seen, 0u);
     }
     workgroupBarrier();
-    if id.x < parameters.count {
-        let index = parameters.count - 1u - id.x;
-        let bounds = projected[index].bounds;
-        let depth = projected[index].t_w.z;
-        let is_hidden = (hidden[index / 32u] >> (index % 32u) & 1u) == 1u;
-        let on_screen = all(bounds.xy <= bounds.zw) && all(bounds.zw > vec2f(0.0))
-            && all(bounds.xy < vec2f(parameters.width, parameters.height));
-        var key = UNSEEN;
-        if on_screen && !is_hidden {
-            // Positive floats sort as their bits do.
-            key = UNSEEN - bitcast<u32>(depth);
-            atomicAdd(&seen, 1u);
+    let first = group.x * WORKGROUP * KEYS + thread;
+    var own = 0u;
+    for (var i = 0u; i < KEYS; i++) {
+        let at = first + i * WORKGROUP;
+        if at < parameters.count {
+            let index = parameters.count - 1u - at;
+            let key = key_of(index);
+            own += u32(key != UNSEEN);
+            moved[at] = vec2u(key, index);
         }
-        moved[id.x] = vec2u(key, index);
     }
+    atomicAdd(&seen, own);
     workgroupBarrier();
     if thread == 0u {
         atomicAdd(&drawn.surfels, atomicLoad(&seen));

@@ -15,34 +15,16 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use blend::{Splat, Tile};
+use blend::{Splat, TILE, Tile};
+pub use project::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use project::{ProjectedSurfel, project_surfel};
 pub use shade::{ColorSpace, Shading, shade};
 pub use tiles::Placed;
 use tiles::Tiles;
 
 use crate::camera::Camera;
-use crate::lanes::LANES;
 use crate::numeric::over;
 use crate::surfels::SurfelCloud;
-
-/// Edge of a tile in pixels: a row is blended at once.
-const TILE: usize = LANES;
-
-/// A surfel never covers more than this.
-pub const MAX_ALPHA: f32 = 0.99;
-
-/// A pixel is finished when less than this would pass through.
-pub const MIN_TRANSMITTANCE: f32 = 1e-4;
-
-/// Variance, in pixels squared, that the low-pass adds to a 3D Gaussian on the screen.
-pub const LOW_PASS_VARIANCE: f32 = 0.3;
-
-/// Outside of the picture by more than this, a 3D Gaussian is projected as if it were there: its linear projection holds no longer.
-pub const MARGIN: f32 = 1.3;
-
-/// Where the opacity is compensated for the low-pass, at least this share of its square is left.
-pub const LEAST_COMPENSATION: f32 = 2.5e-5;
 
 /// A picture of surfels: premultiplied colour in whatever space the surfels' colours were, alpha, and depth.
 #[derive(Clone, Debug, Default)]

@@ -11,6 +11,7 @@ use std::thread::ThreadId;
 use wgpu::naga;
 
 use crate::WORKGROUP;
+use crate::shader::SORT_WORKGROUP;
 
 /// What can go wrong on the GPU.
 #[derive(Debug, thiserror::Error)]
@@ -692,7 +693,8 @@ fn is_capable(adapter: &wgpu::Adapter) -> bool {
     reads_storage_in_vertices
         && limits.max_storage_buffers_per_shader_stage >= 6
         && limits.max_uniform_buffer_binding_size >= 64 << 10
-        && limits.max_compute_invocations_per_workgroup >= 64
+        && limits.max_compute_invocations_per_workgroup as usize >= SORT_WORKGROUP
+        && limits.max_compute_workgroup_size_x as usize >= SORT_WORKGROUP
         && limits.max_storage_buffer_binding_size >= 128 << 20
         && blends(wgpu::TextureFormat::Rgba16Float)
         && blends(wgpu::TextureFormat::R16Float)

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use glam::{DMat3, Vec3};
 use transplat_core::camera::Camera;
-use transplat_core::color::Display;
+use transplat_core::color::{Display, ToneMap};
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::ground::GROUND_CELLS;
 use transplat_core::lut::Lut;
@@ -156,7 +156,11 @@ impl Presentation {
                 _ => View::After,
             },
             background: shader::background_number(self.background),
-            tone_map: self.display.tone_map,
+            // Nothing else has one: the rest is display-encoded already.
+            tone_map: match self.background {
+                Background::Environment => self.display.tone_map,
+                _ => ToneMap::default(),
+            },
             is_graded: self.graded != [None; 2],
             false_colored: self.false_color,
             catches_shadows: self.ground.catches,

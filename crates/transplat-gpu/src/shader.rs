@@ -10,7 +10,7 @@ use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::Nodes;
 
 pub(crate) use files::{BAKE_DIRECTIONAL, BAKE_HARMONIC, BLIT, RASTERIZE_ORDER, RASTERIZE_PROJECT};
-pub use files::{PATCH_BATCH, background_number};
+pub use files::{DIGIT_BITS, PATCH_BATCH, SORT_KEYS, SORT_WORKGROUP, background_number};
 use files::{PRESENT, PROJECT_ENVIRONMENT, RASTERIZE_DRAW, RASTERIZE_SHADE};
 pub use generated::directional::{tables, transfer_directional};
 pub use generated::harmonic::{TransferShape, transfer_harmonic};

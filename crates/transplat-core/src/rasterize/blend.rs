@@ -3,8 +3,13 @@
 use multiversion::multiversion;
 
 use super::project::{ProjectedSurfel, hit};
-use super::{MIN_TRANSMITTANCE, TILE};
-use crate::lanes::Lanes;
+use crate::lanes::{LANES, Lanes};
+
+/// Edge of a tile in pixels: a row is blended at once.
+pub(super) const TILE: usize = LANES;
+
+/// A pixel is finished when less than this would pass through.
+const MIN_TRANSMITTANCE: f32 = 1e-4;
 
 /// A row of pixels.
 #[derive(Clone, Copy)]

@@ -2,10 +2,21 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use crate::camera::Camera;
 use crate::lanes::Lanes;
 use crate::surfels::{MIN_ALPHA, SurfelCloud, Thickness};
+
+/// A surfel never covers more than this.
+pub const MAX_ALPHA: f32 = 0.99;
+
+/// Variance, in pixels squared, that the low-pass adds to a 3D Gaussian on the screen.
+pub const LOW_PASS_VARIANCE: f32 = 0.3;
+
+/// Outside of the picture by more than this, a 3D Gaussian is projected as if it were there: its linear projection holds no longer.
+pub const MARGIN: f32 = 1.3;
+
+/// Where the opacity is compensated for the low-pass, at least this share of its square is left.
+pub const LEAST_COMPENSATION: f32 = 2.5e-5;
 
 /// Marks a 3D Gaussian in [`ProjectedSurfel::index`].
 const GAUSSIAN: u32 = 1 << 31;

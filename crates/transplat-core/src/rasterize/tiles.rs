@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use super::TILE;
+use super::blend::TILE;
 use super::project::{ProjectedSurfel, grain, project_surfel};
 use crate::camera::Camera;
 use crate::surfels::SurfelCloud;

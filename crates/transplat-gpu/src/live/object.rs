@@ -43,6 +43,8 @@ impl Drawing {
 pub struct LiveAsset {
     pub(super) cloud: Arc<SurfelCloud>,
     pub(super) bounds: Bounds,
+    /// Of its colour, empty bands left out.
+    degree: usize,
     /// None where the CPU draws, which takes the surfels as they are.
     pub(super) on_gpu: Option<AssetOnGpu>,
 }
@@ -63,6 +65,7 @@ impl LiveAsset {
         Ok(Self {
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
+            degree: cloud.filled_degree(),
             on_gpu: on_gpu.transpose()?,
         })
     }
@@ -364,7 +367,7 @@ impl LiveObject {
                 Some(shading(&relit.sh, [relit.degree; 2], relit.encoding))
             }
             (SidePaint::Stored, ..) => {
-                let degrees = [cloud.sh_degree, cloud.filled_degree()];
+                let degrees = [cloud.sh_degree, self.asset.degree];
                 Some(shading(&cloud.sh, degrees, cloud.encoding))
             }
             _ => None,

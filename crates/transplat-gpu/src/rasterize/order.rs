@@ -9,16 +9,7 @@ use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
 use crate::layout::gpu_struct;
-use crate::shader;
-
-/// Threads that sort a block of keys.
-pub const SORT_WORKGROUP: usize = 256;
-
-/// Keys of each of them.
-pub const SORT_KEYS: usize = 16;
-
-/// Bits of a key that a round sorts by.
-pub const DIGIT_BITS: usize = 4;
+use crate::shader::{self, DIGIT_BITS, SORT_KEYS, SORT_WORKGROUP};
 
 /// Of a key: a positive float has no sign.
 const KEY_BITS: usize = 31;
@@ -150,8 +141,8 @@ impl Sorter {
             ("drawn", drawn),
         ];
         let group = context.bind(&self.make_keys, &bindings);
-        let groups = [self.count.div_ceil(SORT_WORKGROUP), 1, 1];
-        self.make_keys.dispatch(&mut encoder, &group, groups);
+        self.make_keys
+            .dispatch(&mut encoder, &group, [blocks, 1, 1]);
         let (mut from, mut to) = (first, second);
         for shift in (0..KEY_BITS).step_by(DIGIT_BITS) {
             let is_last = shift + DIGIT_BITS >= KEY_BITS;

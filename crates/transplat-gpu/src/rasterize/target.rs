@@ -62,7 +62,8 @@ fn write_texture(context: &Context, texture: &wgpu::Texture, values: &[f32]) {
     let bytes: &[u8] = match format {
         wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float => {
             halves.resize(values.len(), half::f16::ZERO);
-            halves.convert_from_f32_slice(values);
+            let held: Vec<f32> = values.iter().map(|v| v.min(65504.0)).collect();
+            halves.convert_from_f32_slice(&held);
             bytemuck::cast_slice(halves.reinterpret_cast())
         }
         _ => bytemuck::cast_slice(values),

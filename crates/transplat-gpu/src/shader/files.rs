@@ -25,11 +25,19 @@ use transplat_core::transfer::directional::{
 use transplat_core::transfer::harmonic::MAX_RADIANCE;
 
 use super::source::Source;
-use crate::rasterize::order::{DIGIT_BITS, SORT_KEYS, SORT_WORKGROUP};
 use crate::{CHUNK, WORKGROUP};
 
 /// Patches that one dispatch of the bake for the directional method traces.
 pub const PATCH_BATCH: usize = 8;
+
+/// Threads that sort a block of keys.
+pub const SORT_WORKGROUP: usize = 256;
+
+/// Keys of each of them.
+pub const SORT_KEYS: usize = 16;
+
+/// Bits of a key that a round sorts by.
+pub const DIGIT_BITS: usize = 4;
 
 /// Where no pixel is: the centre of a low-pass that is not to be seen.
 const NOWHERE: f32 = 1e15;

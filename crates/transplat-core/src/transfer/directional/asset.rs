@@ -112,7 +112,7 @@ impl DirectionalAsset {
             colors: rows_of(&self.colors, q, surfels),
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
-            neighbors: Neighbors::default(),
+            neighbors: Neighbors::alone(surfels.len()),
         }
     }
 

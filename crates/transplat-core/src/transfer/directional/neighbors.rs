@@ -18,17 +18,13 @@ const TOGETHER: usize = 8;
 /// Place and normal, in units in which both tell alike.
 type Point = [f32; 6];
 
-/// Surfels that share their neighbours.
-#[derive(Clone, Debug)]
-struct Group {
-    /// Those nearest to it in place and normal, itself among them.
-    around: Vec<u32>,
-}
-
 /// The surfels nearest to each in place and normal: probably of the same stuff.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Neighbors {
-    groups: Vec<Group>,
+    /// Of one group of surfels that share them after the other: those nearest to the group, itself among them.
+    all: Vec<u32>,
+    /// Where in `all` each group's end.
+    ends: Vec<u32>,
     /// Which one a surfel is of, `[n]`.
     group_of: Vec<u32>,
 }
@@ -48,13 +44,8 @@ impl Neighbors {
             .collect();
         if n <= EACH_OWN {
             let nearest = Nearest::new(&points, NEIGHBORS);
-            let group = |i: usize| Group {
-                around: nearest.of(i).chain([i]).map(|j| j as u32).collect(),
-            };
-            return Self {
-                groups: (0..n).map(group).collect(),
-                group_of: (0..n as u32).collect(),
-            };
+            let around = |i: usize| nearest.of(i).chain([i]).map(|j| j as u32);
+            return Self::of_lists((0..n).map(around), (0..n as u32).collect());
         }
         let mut order: Vec<u32> = (0..n as u32).collect();
         let members = grouped(&points, &mut order);
@@ -70,22 +61,49 @@ impl Neighbors {
                 group_of[*member as usize] = group as u32;
             }
         }
-        let each = members.iter().zip(nearest.chunks(NEIGHBORS + 1));
-        let groups = each.map(|(members, nearest)| {
+        // None, where points cannot be told apart.
+        let nearest = nearest
+            .chunks(NEIGHBORS + 1)
+            .chain(std::iter::repeat(&[][..]));
+        let lists = members.iter().zip(nearest).map(|(members, nearest)| {
             let aside = members.iter().filter(|member| !nearest.contains(member));
-            Group {
-                around: nearest.iter().chain(aside).copied().collect(),
-            }
+            nearest.iter().chain(aside).copied()
         });
+        Self::of_lists(lists, group_of)
+    }
+
+    /// So many surfels, each alone.
+    pub fn alone(n: usize) -> Self {
+        let each = 0..n as u32;
+        Self::of_lists(each.clone().map(std::iter::once), each.collect())
+    }
+
+    fn of_lists(
+        lists: impl Iterator<Item = impl Iterator<Item = u32>>,
+        group_of: Vec<u32>,
+    ) -> Self {
+        let (mut all, mut ends) = (Vec::new(), Vec::new());
+        for list in lists {
+            all.extend(list);
+            ends.push(all.len() as u32);
+        }
         Self {
-            groups: groups.collect(),
+            all,
+            ends,
             group_of,
         }
     }
 
+    fn of_group(&self, group: usize) -> &[u32] {
+        let start = group.checked_sub(1).map_or(0, |last| self.ends[last]);
+        &self.all[start as usize..self.ends[group] as usize]
+    }
+
     /// Those of each group, itself among them, in parallel.
     pub fn of_groups(&self) -> impl IndexedParallelIterator<Item = &[u32]> {
-        self.groups.par_iter().map(|group| &group.around[..])
+        (0..self.ends.len())
+            .into_par_iter()
+            .map(|group| self.of_group(group))
     }
 
     /// Which group surfel `i` is of.
@@ -95,7 +113,7 @@ impl Neighbors {
 
     /// Those around surfel `i`, itself left out.
     pub fn of(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
-        let around = &self.groups[self.group_of(i)].around;
+        let around = self.of_group(self.group_of(i));
         around.iter().map(|j| *j as usize).filter(move |j| *j != i)
     }
 }
@@ -120,4 +138,52 @@ fn grouped<'a>(points: &[Point], of: &'a mut [u32]) -> Vec<&'a [u32]> {
     let (mut low, high) = rayon::join(|| grouped(points, low), || grouped(points, high));
     low.extend(high);
     low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::directional::DirectionalBake;
+    use crate::progress::no_progress;
+    use crate::synthetic;
+
+    #[test]
+    fn those_that_are_shared_are_hardly_farther() {
+        let cloud = synthetic::sphere(2 * EACH_OWN);
+        let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("nobody cancels");
+        let normals = &cloud.positions;
+        let shared = Neighbors::new(&tracer.surfels, normals);
+        assert!(shared.ends.len() * (TOGETHER / 2) <= cloud.len());
+        let points: Vec<[f32; 3]> = normals.iter().map(Vec3::to_array).collect();
+        let exact = Nearest::new(&points, NEIGHBORS);
+        for i in 0..cloud.len() {
+            let far = |j: usize| normals[i].distance(normals[j]);
+            let (mut of_shared, of_exact): (Vec<f32>, Vec<f32>) = (
+                shared.of(i).map(far).collect(),
+                exact.of(i).map(far).collect(),
+            );
+            assert!(shared.of_group(shared.group_of(i)).contains(&(i as u32)));
+            of_shared.sort_by(f32::total_cmp);
+            let sum = |all: &[f32]| all[..NEIGHBORS].iter().sum::<f32>();
+            let ratio = sum(&of_shared) / sum(&of_exact);
+            assert!(ratio < 1.4, "{i}: {ratio}");
+        }
+    }
+
+    /// A thousand groups of surfels at one place each, and all at one.
+    #[test]
+    fn surfels_at_one_place_have_neighbors() {
+        for places in [1, 1000] {
+            let points: Vec<Vec3> = (0..2 * EACH_OWN)
+                .map(|i| Vec3::X * (i % places) as f32)
+                .collect();
+            let cloud = synthetic::from_points(&points, &vec![Vec3::Z; points.len()], 0.1);
+            let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("nobody cancels");
+            let shared = Neighbors::new(&tracer.surfels, &vec![Vec3::Z; points.len()]);
+            for i in 0..cloud.len() {
+                assert!(shared.of(i).count() > 0);
+                assert!(shared.of_groups().len() > shared.group_of(i));
+            }
+        }
+    }
 }
