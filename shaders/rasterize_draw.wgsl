@@ -7,8 +7,8 @@
 @group(0) @binding(1) var<storage, read> projected: array<ProjectedSurfel>;
 // Colour of each surfel.
 @group(0) @binding(2) var<storage, read> colors: array<vec4f>;
-// Surfels, farthest first.
-@group(0) @binding(3) var<storage, read> order: array<u32>;
+// What orders them, and surfels: farthest first.
+@group(0) @binding(3) var<storage, read> order: array<vec2u>;
 
 struct Corner {
     @builtin(position) position: vec4f,
@@ -20,7 +20,7 @@ struct Corner {
 
 @vertex
 fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Corner {
-    let index = order[instance];
+    let index = order[instance].y;
     let surfel = projected[index];
     var out: Corner;
     out.t_u = surfel.t_u;

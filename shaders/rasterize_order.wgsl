@@ -36,7 +36,6 @@ struct DrawnQuads {
 @group(0) @binding(5) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(6) var<storage, read_write> totals: array<u32>;
 @group(0) @binding(7) var<storage, read_write> drawn: DrawnQuads;
-@group(0) @binding(8) var<storage, read_write> order: array<u32>;
 
 // Behind all that is seen.
 const UNSEEN = 0x7fffffffu;
@@ -203,19 +202,6 @@ fn move_keys(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
         if first + i < parameters.count {
             let pair = pairs[first + i];
             moved[next_place(pair.x, thread)] = pair;
-        }
-    }
-}
-
-// The last round keeps the surfels alone.
-@compute @workgroup_size(WORKGROUP)
-fn move_surfels(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    rank_keys(group.x, thread);
-    let first = (group.x * WORKGROUP + thread) * KEYS;
-    for (var i = 0u; i < KEYS; i++) {
-        if first + i < parameters.count {
-            let pair = pairs[first + i];
-            order[next_place(pair.x, thread)] = pair.y;
         }
     }
 }

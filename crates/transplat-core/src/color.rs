@@ -139,7 +139,7 @@ impl Display {
 
     /// Display-encoded colour of linear colour. Not clipped above, except by the curve itself.
     pub fn encode(&self, linear: [f32; 3]) -> [f32; 3] {
-        let gain = self.exposure.exp2();
+        let gain = self.gain();
         let c = linear.map(|v| (v * gain).clamp(0.0, MAX_LINEAR));
         match self.tone_map {
             ToneMap::Srgb => c.map(srgb_encode),
@@ -151,6 +151,26 @@ impl Display {
                 .map(|x| srgb_encode(x.clamp(0.0, 1.0))),
             ToneMap::None => c,
         }
+    }
+
+    /// [`Display::encode`] of many colours, in place.
+    pub fn encode_all(&self, colors: &mut [[f32; 3]]) {
+        if self.tone_map != ToneMap::Srgb {
+            for color in colors {
+                *color = self.encode(*color);
+            }
+            return;
+        }
+        let (gain, values) = (self.gain(), colors.as_flattened_mut());
+        for v in values.iter_mut() {
+            *v = (*v * gain).clamp(0.0, MAX_LINEAR);
+        }
+        srgb_encode_all(values);
+    }
+
+    /// What light is multiplied by.
+    fn gain(&self) -> f32 {
+        self.exposure.exp2()
     }
 }
 

@@ -5,23 +5,23 @@ use std::num::NonZeroUsize;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// The `count` points that are nearest to each of some places, `[places][count]`: there must be so many.
+/// The `count` points that are nearest to each of some places, `[places]`; none where points cannot be told apart.
 pub(crate) fn nearest_to<const D: usize>(
     points: &[[f32; D]],
     places: &[[f32; D]],
     count: usize,
-) -> Vec<u32> {
+) -> Vec<Vec<u32>> {
     let (Some(count), Ok(tree)) = (
         NonZeroUsize::new(count),
         ImmutableKdTree::<f32, D>::new_from_slice(points),
     ) else {
-        return Vec::new();
+        return vec![Vec::new(); places.len()];
     };
-    let near = |place: &[f32; D]| -> Vec<u32> {
+    let near = |place: &[f32; D]| {
         let nearest = tree.query(place).nearest_n::<SquaredEuclidean<f32>>(count);
         nearest.execute().into_iter().map(|f| f.item).collect()
     };
-    places.par_iter().flat_map_iter(near).collect()
+    places.par_iter().map(near).collect()
 }
 
 /// The points nearest to each, itself left out.
@@ -37,23 +37,16 @@ impl Nearest {
     /// `count` neighbours of each point.
     pub fn new<const D: usize>(points: &[[f32; D]], count: usize) -> Self {
         let each = count.min(points.len().saturating_sub(1));
-        let (Some(wanted), Ok(tree)) = (
-            NonZeroUsize::new(each + 1).filter(|_| each > 0),
-            ImmutableKdTree::<f32, D>::new_from_slice(points),
-        ) else {
-            return Self {
-                all: Vec::new(),
-                each: 0,
-            };
-        };
-        let near = |(i, p): (usize, &[f32; D])| -> Vec<u32> {
-            let nearest = tree.query(p).nearest_n::<SquaredEuclidean<f32>>(wanted);
-            let found = nearest.execute().into_iter().map(|f| f.item);
-            found.filter(|j| *j as usize != i).take(each).collect()
-        };
+        let found = nearest_to(points, points, each + 1);
+        let others = found.into_iter().enumerate().flat_map(|(i, found)| {
+            let others = found.into_iter().filter(move |j| *j as usize != i);
+            others.take(each)
+        });
+        let all: Vec<u32> = others.collect();
+        let is_known = all.len() == each * points.len();
         Self {
-            all: points.par_iter().enumerate().flat_map_iter(near).collect(),
-            each,
+            each: if is_known { each } else { 0 },
+            all,
         }
     }
 

@@ -543,6 +543,75 @@ mod tests {
         }
     }
 
+    /// What each pixel meets, nearest centre first, one after the other.
+    fn plainly(cloud: &SurfelCloud, camera: &Camera, colors: &[[f32; 3]]) -> Vec<[f64; 4]> {
+        let order = depth_order(&cloud.positions, camera, &[]);
+        let projected: Vec<ProjectedSurfel> = order
+            .iter()
+            .filter_map(|i| project_surfel(cloud, camera, *i as usize))
+            .collect();
+        let pixels = 0..camera.width * camera.height;
+        let pixel = |at: usize| {
+            let (x, y) = (at % camera.width, at / camera.width);
+            let (mut sum, mut through) = ([0f64; 4], 1f64);
+            for s in &projected {
+                let Some((alpha, _)) = s.at(x, y, camera.near) else {
+                    continue;
+                };
+                let left = through * (1.0 - f64::from(alpha));
+                if left < 1e-4 {
+                    break;
+                }
+                for (sum, c) in sum
+                    .iter_mut()
+                    .zip(colors[s.index()].into_iter().chain([1.0]))
+                {
+                    *sum += through * f64::from(alpha) * f64::from(c);
+                }
+                through = left;
+            }
+            sum
+        };
+        pixels.map(pixel).collect()
+    }
+
+    /// So many in a tile that they are put in order a part at a time, some pixels are finished long before others, and colours are asked for by
+    /// several tiles.
+    #[test]
+    fn tiles_are_what_their_pixels_meet_one_after_the_other() {
+        let mut cloud = synthetic::glossy_sphere_over_plate(3000, 1);
+        let n = cloud.len();
+        for i in 0..n {
+            cloud.opacities[i] = [0.05, 0.4, 0.95][i % 3];
+            cloud.scales[i] *= [0.5, 1.0, 3.0][i / 3 % 3];
+            if i % 2 == 0 {
+                cloud.thicknesses[i] = Thickness::of_gaussian(0.02, i % 4 == 0);
+            }
+        }
+        let colors: Vec<[f32; 3]> = (0..n).map(|i| [i as f32 / n as f32, 0.5, 1.0]).collect();
+        let camera = Camera::look_at(
+            Vec3::new(3.0, 1.0, 1.5),
+            Vec3::ZERO,
+            Vec3::Z,
+            0.9,
+            // No whole tiles.
+            [75, 41],
+            0.02,
+        );
+        let expected = plainly(&cloud, &camera, &colors);
+        let raster = rasterize(&cloud, &camera, &colors, &[]);
+        assert!(expected.iter().any(|p| p[3] > 0.999) && expected.iter().any(|p| p[3] == 0.0));
+        for (i, (got, expected)) in raster.pixels.iter().zip(&expected).enumerate() {
+            for (got, expected) in got.iter().zip(expected) {
+                // Where f32 finishes a pixel one surfel earlier or later, a ten-thousandth is left.
+                assert!(
+                    (f64::from(*got) - expected).abs() < 2e-4,
+                    "{i}: {got} {expected}"
+                );
+            }
+        }
+    }
+
     /// Columns beyond what 16 bits count.
     #[test]
     fn a_very_wide_picture_is_drawn_to_its_end() {

@@ -5,22 +5,23 @@
 
 mod cpu;
 mod frame;
+mod gpu;
 mod object;
+mod paint;
 
 use std::sync::Arc;
 
 use glam::Affine3A;
-use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::present::View;
-use transplat_core::rasterize::Placed;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Part;
 
 use cpu::CpuCanvas;
 pub use frame::{Frame, Passes, Placement};
+use gpu::GpuCanvas;
 use object::{Doubts, LiveObject, ShadeKey, Shown, SidePaint, Versioned};
 pub use object::{Drawing, LiveAsset, LiveSh};
 
@@ -28,8 +29,7 @@ use crate::context::{Context, Result};
 use crate::present::{
     Around, Backdrop, Blit, GroundLit, PresentPass, Presentation, ResidentLut, SCREEN_FORMAT,
 };
-use crate::rasterize::order::Sorter;
-use crate::rasterize::{Canvas, Layer, Order, Target, read_texture};
+use crate::rasterize::{Canvas, Target, read_texture};
 use crate::transfer::GpuTransfer;
 
 #[derive(Default)]
@@ -50,15 +50,6 @@ struct Screen {
 enum Drawn {
     Gpu(GpuCanvas),
     Cpu(CpuCanvas),
-}
-
-#[derive(Default)]
-struct GpuCanvas {
-    /// What all objects share, and what puts them in order.
-    shared: Option<(Canvas, Sorter)>,
-    /// Whether and what of each object is shown.
-    hidden: Derived<(u64, Vec<(bool, u64)>), usize>,
-    order: Option<Order>,
 }
 
 /// Stages and pictures of one window.
@@ -82,36 +73,6 @@ pub struct Live {
     /// From the sides' versions and that of what is around them.
     presented: Derived<(Presentation, [u64; 2], u64), ()>,
     passes: Passes,
-}
-
-impl GpuCanvas {
-    /// Gives the objects one that they share.
-    fn join<'a>(&mut self, context: &Context, objects: impl Iterator<Item = &'a mut LiveObject>) {
-        let mut objects: Vec<_> = objects.collect();
-        let surfels = objects.iter().map(|o| o.asset.cloud.len()).sum();
-        if self
-            .shared
-            .as_ref()
-            .is_none_or(|(_, s)| s.count() != surfels)
-        {
-            let Ok(canvas) = Canvas::new(context, surfels) else {
-                return;
-            };
-            self.shared = Some((canvas, Sorter::new(context, surfels)));
-        }
-        let Some((canvas, _)) = &self.shared else {
-            return;
-        };
-        let mut first = 0;
-        for object in &mut objects {
-            let scale = object.scale();
-            if let Some(on_gpu) = &mut object.asset.on_gpu {
-                on_gpu.rasterizer.join(canvas, first, scale);
-            }
-            object.projected.clear();
-            first += object.asset.cloud.len();
-        }
-    }
 }
 
 impl Live {
@@ -144,10 +105,10 @@ impl Live {
         self.passes
     }
 
-    /// How many surfels the last frame drew.
+    /// How many surfels the last frame drew: where the CPU does, those on the screen, else all that are shown.
     pub fn drawn(&self) -> usize {
         match &self.drawn {
-            Drawn::Gpu(canvas) => canvas.hidden.get().map_or(0, |shown| *shown),
+            Drawn::Gpu(canvas) => canvas.shown(),
             Drawn::Cpu(canvas) => canvas.seen(),
         }
     }
@@ -176,15 +137,6 @@ impl Live {
     /// Those that are there.
     fn present_objects(&self) -> impl Iterator<Item = &LiveObject> + Clone {
         self.objects.iter().flatten()
-    }
-
-    /// Those with how they stand.
-    fn placed_objects<'a>(
-        &'a self,
-        frame: &'a Frame,
-    ) -> impl Iterator<Item = (&'a LiveObject, &'a Placement)> + Clone {
-        let each = self.objects.iter().zip(&frame.objects);
-        each.filter_map(|(object, placement)| Some((object.as_ref()?, placement)))
     }
 
     /// Shows another asset as an object; what was made of the last one is dropped.
@@ -376,11 +328,15 @@ impl Live {
 
     fn draw_sides(&mut self, frame: &Frame) {
         let view = frame.presentation.view;
-        let moved = match self.drawing() {
-            Drawing::Gpu => self.project_on_gpu(frame),
-            Drawing::Cpu => self.project_on_cpu(frame),
-        };
-        if moved {
+        let (objects, places) = (&mut self.objects, self.placed.version());
+        let before = self.passes;
+        match &mut self.drawn {
+            Drawn::Gpu(canvas) => {
+                canvas.project(&self.context, objects, frame, places, &mut self.passes);
+            }
+            Drawn::Cpu(canvas) => canvas.project(objects, frame, places, &mut self.passes),
+        }
+        if self.passes != before {
             // Neither side is what the camera sees any more, the one not shown now included.
             for side in &mut self.sides {
                 side.drawn.ask_again();
@@ -392,104 +348,6 @@ impl Live {
         if view != View::Before {
             self.draw_side(frame, 1, |object| object.right_paint(view));
         }
-    }
-
-    /// Whether and what of each object is shown.
-    fn shown(&self, frame: &Frame) -> Vec<(bool, u64)> {
-        let placed = self.placed_objects(frame);
-        placed.map(|(_, p)| (p.shown, p.hidden_version)).collect()
-    }
-
-    /// Sorts and projects what moved, and tells whether anything did.
-    fn project_on_gpu(&mut self, frame: &Frame) -> bool {
-        let mut moved = false;
-        for object in self.objects.iter_mut().flatten() {
-            let camera = object.camera(frame);
-            if object.projected.ask(&camera) {
-                if let Some(on_gpu) = &object.asset.on_gpu {
-                    on_gpu.rasterizer.project(&camera);
-                }
-                object.projected.accept(camera, ());
-                self.passes.project += 1;
-                moved = true;
-            }
-        }
-        let shown = (self.placed.version(), self.shown(frame));
-        let is_other = match &mut self.drawn {
-            Drawn::Gpu(canvas) => canvas.hidden.ask(&shown),
-            Drawn::Cpu(_) => false,
-        };
-        let hidden = is_other.then(|| self.hidden(frame));
-        let all = self
-            .present_objects()
-            .map(|o| o.asset.cloud.len())
-            .sum::<usize>();
-        let Drawn::Gpu(canvas) = &mut self.drawn else {
-            return false;
-        };
-        let Some((projected, sorter)) = &canvas.shared else {
-            return false;
-        };
-        if let Some(hidden) = hidden {
-            sorter.hide(&self.context, &hidden);
-            let count = hidden.iter().filter(|hidden| **hidden).count();
-            canvas.hidden.accept(shown, all - count);
-            moved = true;
-        }
-        if moved {
-            let Camera { width, height, .. } = frame.presentation.camera;
-            let order = sorter.sort(&self.context, &projected.projected, [width, height]);
-            canvas.order = Some(order);
-            self.passes.sort += 1;
-        }
-        moved
-    }
-
-    /// Lists what is seen in each part of the picture, where anything moved, and tells whether it did.
-    fn project_on_cpu(&mut self, frame: &Frame) -> bool {
-        let camera = &frame.presentation.camera;
-        let key = (*camera, self.placed.version(), self.shown(frame));
-        let Drawn::Cpu(canvas) = &mut self.drawn else {
-            return false;
-        };
-        if !canvas.projected.ask(&key) {
-            return false;
-        }
-        let each = self.objects.iter().zip(&frame.objects);
-        let placed = each.filter_map(|(object, placement)| {
-            let object = object.as_ref()?;
-            Some(Placed {
-                cloud: &object.asset.cloud,
-                camera: object.camera(frame),
-                scale: object.scale(),
-                hidden: &placement.hidden,
-                shown: placement.shown,
-            })
-        });
-        let placed: Vec<Placed<'_>> = placed.collect();
-        canvas.project(&placed, camera);
-        canvas.projected.accept(key, ());
-        self.passes.sort += 1;
-        self.passes.project += placed.len();
-        true
-    }
-
-    /// Which surfels are not drawn, `[n]` of all objects or empty.
-    fn hidden(&self, frame: &Frame) -> Vec<bool> {
-        let each = self.placed_objects(frame);
-        let mut placements = each.clone().map(|(_, p)| p);
-        if placements.all(|p| p.shown && p.hidden.is_empty()) {
-            return Vec::new();
-        }
-        each.flat_map(|(object, placement)| {
-            let mut hidden = placement.hidden.to_vec();
-            hidden.resize(object.asset.cloud.len(), false);
-            if !placement.shown {
-                hidden.fill(true);
-            }
-            hidden
-        })
-        .collect()
     }
 
     /// Draws the objects of a side as one.
@@ -518,34 +376,12 @@ impl Live {
         let Some(target) = &state.target else {
             return;
         };
-        let layer = Layer {
-            depth_unit: frame.presentation.depth_unit,
-            ..Layer::default()
-        };
         let objects = self.objects.iter().flatten().zip(&keys);
         self.passes.shade += keys.len();
+        self.passes.draw += 1;
         match &mut self.drawn {
-            Drawn::Gpu(canvas) => {
-                for (object, key) in objects.clone() {
-                    object.shade(&object.camera(frame), key);
-                }
-                let mut any = objects.filter_map(|(object, _)| object.asset.on_gpu.as_ref());
-                if let (Some(order), Some(any)) = (&canvas.order, any.next()) {
-                    any.rasterizer.draw_tile(camera, layer, order, target);
-                    self.passes.draw += 1;
-                }
-            }
-            Drawn::Cpu(canvas) => {
-                let paints = objects.map(|(object, key)| {
-                    (
-                        object.asset.cloud.len(),
-                        object.paint(&object.camera(frame), key),
-                    )
-                });
-                let paints: Vec<_> = paints.collect();
-                canvas.draw(&self.context, &paints, layer, target);
-                self.passes.draw += 1;
-            }
+            Drawn::Gpu(canvas) => canvas.draw(objects, frame, target),
+            Drawn::Cpu(canvas) => canvas.draw(&self.context, objects, frame, target),
         }
         state.drawn.accept(keys, ());
     }

@@ -2,7 +2,6 @@
 //! CPU twins: [`transplat_core::present`] and [`transplat_core::ground`].
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex};
 
 use glam::{DMat3, Vec3};
 use transplat_core::camera::Camera;
@@ -15,9 +14,9 @@ use transplat_core::present::{Background, View, depth_range, wipe_column};
 use transplat_core::surfels::Bounds;
 use wgpu::BufferUsages;
 
-use crate::context::{Context, Draws, RenderPass, extent};
+use crate::context::{Context, Draws, RenderPass};
 use crate::layout::gpu_struct;
-use crate::rasterize::Target;
+use crate::rasterize::{Target, write_texture};
 use crate::shader::{self, PresentShape};
 
 /// The screen's format: display-encoded values.
@@ -194,10 +193,9 @@ impl Backdrop {
     }
 
     fn of(context: &Context, size: [usize; 2], pixels: &[[f32; 3]]) -> Self {
-        let texels = pixels.iter();
-        let texels = texels.flat_map(|&[r, g, b]| [r, g, b, 1.0].map(|v| v.min(65504.0)));
+        let texels: Vec<[f32; 4]> = pixels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
         let format = wgpu::TextureFormat::Rgba16Float;
-        Self(half_floats(context, size, format, texels))
+        Self(half_floats(context, size, format, texels.as_flattened()))
     }
 }
 
@@ -210,7 +208,7 @@ impl GroundLit {
     pub fn new(context: &Context, lit: &[f32]) -> Self {
         let size = [GROUND_CELLS, GROUND_CELLS];
         let format = wgpu::TextureFormat::R16Float;
-        Self(half_floats(context, size, format, lit.iter().copied()))
+        Self(half_floats(context, size, format, lit))
     }
 }
 
@@ -218,21 +216,10 @@ fn half_floats(
     context: &Context,
     size: [usize; 2],
     format: wgpu::TextureFormat,
-    values: impl Iterator<Item = f32>,
+    values: &[f32],
 ) -> wgpu::TextureView {
     let texture = context.texture("map", size, format, wgpu::TextureUsages::COPY_DST);
-    let bytes: Vec<u8> = values
-        .flat_map(|v| half::f16::from_f32(v).to_le_bytes())
-        .collect();
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some((bytes.len() / size[1]) as u32),
-        rows_per_image: None,
-    };
-    let whole = texture.as_image_copy();
-    context
-        .queue
-        .write_texture(whole, &bytes, layout, extent(size));
+    write_texture(context, &texture, values);
     texture.create_view(&Default::default())
 }
 
@@ -268,7 +255,7 @@ pub struct Around<'a> {
 /// The passes and what they sample with.
 pub struct PresentPass {
     /// Each compiled when a picture first needs it.
-    passes: Mutex<HashMap<PresentShape, Arc<RenderPass>>>,
+    passes: HashMap<PresentShape, RenderPass>,
     map_sampler: wgpu::Sampler,
     ground_sampler: wgpu::Sampler,
     /// Stands for a map or ground that is not there.
@@ -281,7 +268,7 @@ impl PresentPass {
     /// With what all pictures need.
     pub fn new(context: &Context) -> Self {
         Self {
-            passes: Mutex::default(),
+            passes: HashMap::new(),
             map_sampler: sampler(context, wgpu::AddressMode::Repeat),
             ground_sampler: sampler(context, wgpu::AddressMode::ClampToEdge),
             nothing: Backdrop::new(context, &EnvironmentMap::even()).0,
@@ -291,14 +278,17 @@ impl PresentPass {
 
     /// Makes the picture of the screen from those of the surfels; sides that a view does not show may be any.
     pub fn present(
-        &self,
+        &mut self,
         context: &Context,
         presentation: &Presentation,
         sides: [&Target; 2],
         around: &Around<'_>,
         screen: &wgpu::TextureView,
     ) {
-        let pass = self.pass(context, presentation.shape());
+        let shape = presentation.shape();
+        let compile =
+            || fullscreen_pass(context, &shader::present(shape), "present", SCREEN_FORMAT);
+        let pass = &*self.passes.entry(shape).or_insert_with(compile);
         let parameters = context.upload(&[presentation.parameters()], BufferUsages::STORAGE);
         let view = |t: &wgpu::Texture| t.create_view(&Default::default());
         let pictures = sides.map(|side| view(&side.color));
@@ -309,7 +299,7 @@ impl PresentPass {
         let texture = wgpu::BindingResource::TextureView;
         let sampler = wgpu::BindingResource::Sampler;
         let group = context.bind_resources(
-            &pass,
+            pass,
             &[
                 ("parameters", parameters.as_entire_binding()),
                 ("before_color", texture(&pictures[0])),
@@ -338,14 +328,6 @@ impl PresentPass {
             Draws::Direct(0..3, 0..1),
         );
         context.submit(encoder);
-    }
-
-    fn pass(&self, context: &Context, shape: PresentShape) -> Arc<RenderPass> {
-        let mut passes = self.passes.lock().unwrap_or_else(|p| p.into_inner());
-        let source = || shader::present(shape);
-        let compile = || fullscreen_pass(context, &source(), "present", SCREEN_FORMAT);
-        let pass = passes.entry(shape).or_insert_with(|| Arc::new(compile()));
-        pass.clone()
     }
 }
 

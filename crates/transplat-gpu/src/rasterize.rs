@@ -24,7 +24,7 @@ use crate::{CHUNK, shader};
 pub use order::Order;
 use order::{Drawn, Sorter};
 pub use target::Target;
-pub(crate) use target::read_texture;
+pub(crate) use target::{read_texture, write_texture};
 
 /// Longest edge of one draw; larger pictures are drawn in tiles.
 const MAX_TILE: usize = 4096;
@@ -572,6 +572,7 @@ impl GpuRasterizer {
     /// Compiles what every frame of a window draws with; no frame waits for it.
     pub(crate) fn warm_up(&self) {
         self.draw_pass(wgpu::TextureFormat::Rgba16Float, false);
+        Sorter::warm_up(&self.context);
     }
 
     fn read_tile(&self, layer: Layer, target: &Target, raster: &mut Raster) -> Result<()> {

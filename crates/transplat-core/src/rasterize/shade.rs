@@ -6,7 +6,7 @@ use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::color::{Display, Encoding, STORED_OFFSET, ToneMap, srgb_encode_all};
+use crate::color::{Display, Encoding, STORED_OFFSET};
 use crate::lanes::{LANES, Lanes};
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis};
 
@@ -73,30 +73,19 @@ impl Shading<'_> {
     /// The colours of some of the surfels.
     pub fn colors(&self, surfels: &[usize], out: &mut [[f32; 3]]) {
         evaluate(self, surfels, out);
-        let values = out.as_flattened_mut();
         match self.space {
             // What was trained for display passes untouched.
             ColorSpace::Display(display)
                 if self.encoding == Encoding::Stored && display.is_identity() =>
             {
-                for v in values {
+                for v in out.as_flattened_mut() {
                     *v = (*v + STORED_OFFSET).max(0.0);
                 }
             }
-            ColorSpace::Linear => self.encoding.decode_all(values),
+            ColorSpace::Linear => self.encoding.decode_all(out.as_flattened_mut()),
             ColorSpace::Display(display) => {
-                self.encoding.decode_all(values);
-                if display.tone_map == ToneMap::Srgb {
-                    let gain = display.exposure.exp2();
-                    for v in &mut *values {
-                        *v = (*v * gain).min(crate::color::MAX_LINEAR);
-                    }
-                    srgb_encode_all(values);
-                } else {
-                    for color in out {
-                        *color = display.encode(*color);
-                    }
-                }
+                self.encoding.decode_all(out.as_flattened_mut());
+                display.encode_all(out);
             }
         }
     }
@@ -146,7 +135,7 @@ fn evaluate(shading: &Shading<'_>, surfels: &[usize], out: &mut [[f32; 3]]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::color::radiance;
+    use crate::color::{ToneMap, radiance};
     use crate::synthetic;
 
     #[test]

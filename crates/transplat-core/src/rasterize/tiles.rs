@@ -43,13 +43,9 @@ impl<'a> Placed<'a> {
         }
     }
 
-    fn is_hidden(&self, i: usize) -> bool {
-        self.hidden.get(i).is_some_and(|hidden| *hidden)
-    }
-
     /// Surfel `i` on the screen, with what is counted before it, in the scene's unit.
     fn project(&self, i: usize, before: usize) -> Option<ProjectedSurfel> {
-        if self.is_hidden(i) {
+        if !self.shown || self.hidden.get(i).is_some_and(|hidden| *hidden) {
             return None;
         }
         let projected = project_surfel(self.cloud, &self.camera, i)?;
@@ -121,18 +117,13 @@ impl Tiles {
             })
             .collect();
         // How many are seen of each piece, and how many of them touch each tile.
-        let mut counted: Vec<(usize, Vec<usize>)> = pieces
+        let mut counted: Vec<(usize, Vec<u32>)> = pieces
             .par_iter()
             .zip(rooms)
             .map(|(piece, room)| {
                 let mut touching = vec![0; columns * rows];
                 let mut seen = 0;
-                let shown = if piece.object.shown {
-                    piece.surfels.clone()
-                } else {
-                    0..0
-                };
-                for i in shown {
+                for i in piece.surfels.clone() {
                     if let Some(projected) = piece.object.project(i, piece.before) {
                         touched(&projected, columns, per_tile).for_each(|tile| touching[tile] += 1);
                         room[seen] = projected;
@@ -147,22 +138,25 @@ impl Tiles {
         let mut next = 0;
         for tile in 0..columns * rows {
             self.starts.push(next);
+            let mut before = 0;
             for (_, touching) in &mut counted {
-                next += std::mem::replace(&mut touching[tile], next);
+                before += std::mem::replace(&mut touching[tile], before);
             }
+            next += before as usize;
         }
         self.starts.push(next);
         self.entries.resize_with(next, AtomicU64::default);
-        let (projected, entries) = (&self.projected, &self.entries);
+        let (projected, entries, starts) = (&self.projected, &self.entries, &self.starts);
         pieces
             .par_iter()
             .zip(counted)
-            .for_each(|(piece, (seen, mut next))| {
+            .for_each(|(piece, (seen, mut before))| {
                 for at in piece.start..piece.start + seen {
                     let order = projected[at].order(at);
                     for tile in touched(&projected[at], columns, per_tile) {
-                        entries[next[tile]].store(order, Ordering::Relaxed);
-                        next[tile] += 1;
+                        let entry = starts[tile] + before[tile] as usize;
+                        entries[entry].store(order, Ordering::Relaxed);
+                        before[tile] += 1;
                     }
                 }
             });

@@ -1,54 +1,15 @@
 //! The objects drawn by the CPU's own rasterizer, for an adapter that is slower.
 
-use glam::Vec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use transplat_core::camera::Camera;
 use transplat_core::derived::Derived;
-use transplat_core::present::normal_color;
-use transplat_core::rasterize::{Placed, Raster, Rasterizer, Shading};
-use transplat_core::surfels::SurfelCloud;
+use transplat_core::rasterize::{Placed, Raster, Rasterizer};
 
+use super::frame::{Frame, Passes};
+use super::object::{LiveObject, ShadeKey, ShownObjects, placed, shown};
+use super::paint::Paint;
 use crate::context::Context;
-use crate::rasterize::{Layer, Target};
-
-/// What decides on where the surfels are on the screen: the camera, the version of the places, and whether and what of each object is shown.
-pub(super) type ProjectKey = (Camera, u64, Vec<(bool, u64)>);
-
-/// What an object's surfels are coloured with.
-pub(super) struct Paint<'a> {
-    pub color: Color<'a>,
-    /// Over the colours, as much of them as their fourth number says, `[n]`.
-    pub marks: Option<&'a [[f32; 4]]>,
-}
-
-pub(super) enum Color<'a> {
-    Sh(Shading<'a>),
-    /// `[n]`
-    Own(&'a [[f32; 3]]),
-    /// Turned to an eye.
-    Normals(&'a SurfelCloud, Vec3),
-    White,
-}
-
-impl Paint<'_> {
-    fn colors(&self, surfels: &[usize], out: &mut [[f32; 3]]) {
-        let each = surfels.iter().zip(&mut *out);
-        match &self.color {
-            Color::Sh(shading) => shading.colors(surfels, out),
-            Color::Own(colors) => each.for_each(|(i, out)| *out = colors[*i]),
-            Color::Normals(cloud, eye) => {
-                each.for_each(|(i, out)| *out = normal_color(cloud, *eye, *i));
-            }
-            Color::White => out.fill([1.0; 3]),
-        }
-        for (i, out) in surfels.iter().zip(out) {
-            if let Some([r, g, b, share]) = self.marks.map(|marks| marks[*i]) {
-                let mark = Vec3::new(r, g, b);
-                *out = Vec3::from_array(*out).lerp(mark, share).to_array();
-            }
-        }
-    }
-}
+use crate::rasterize::Target;
 
 /// Pictures drawn by the CPU.
 pub(super) struct CpuCanvas {
@@ -56,7 +17,8 @@ pub(super) struct CpuCanvas {
     pool: Option<ThreadPool>,
     rasterizer: Rasterizer,
     raster: Raster,
-    pub projected: Derived<ProjectKey, ()>,
+    /// From the camera, the version of the places, and what of each object is shown.
+    projected: Derived<(Camera, u64, ShownObjects), ()>,
 }
 
 impl CpuCanvas {
@@ -75,34 +37,61 @@ impl CpuCanvas {
         self.rasterizer.seen()
     }
 
-    /// Puts the objects on the screen.
-    pub fn project(&mut self, objects: &[Placed<'_>], camera: &Camera) {
-        let rasterizer = &mut self.rasterizer;
-        let mut project = || rasterizer.project(objects, camera);
-        match &self.pool {
-            Some(pool) => pool.install(project),
-            None => project(),
+    /// Lists what is seen in each part of the picture, where anything moved.
+    pub fn project(
+        &mut self,
+        objects: &[Option<LiveObject>],
+        frame: &Frame,
+        places: u64,
+        passes: &mut Passes,
+    ) {
+        let camera = &frame.presentation.camera;
+        let key = (*camera, places, shown(objects, frame));
+        if !self.projected.ask(&key) {
+            return;
         }
+        let each = placed(objects, frame).map(|(object, placement)| Placed {
+            cloud: &object.asset.cloud,
+            camera: object.camera(frame),
+            scale: object.scale(),
+            hidden: &placement.hidden,
+            shown: placement.shown,
+        });
+        let each: Vec<Placed<'_>> = each.collect();
+        let rasterizer = &mut self.rasterizer;
+        within(&self.pool, || rasterizer.project(&each, camera));
+        self.projected.accept(key, ());
+        passes.sort += 1;
+        passes.project += each.len();
     }
 
-    /// Draws the objects, `(surfels, paint)` of each, into a target.
-    pub fn draw(
+    /// Draws the objects as one into a target, in their colours.
+    pub fn draw<'a>(
         &mut self,
         context: &Context,
-        objects: &[(usize, Paint<'_>)],
-        layer: Layer,
+        objects: impl Iterator<Item = (&'a LiveObject, &'a ShadeKey)>,
+        frame: &Frame,
         target: &Target,
     ) {
-        let (rasterizer, raster) = (&mut self.rasterizer, &mut self.raster);
-        let mut draw = || match objects {
-            [(_, only)] => rasterizer.draw(|surfels, out| only.colors(surfels, out), raster),
-            _ => rasterizer.draw(|surfels, out| colors_of_all(objects, surfels, out), raster),
+        let paint = |(object, key): (&'a LiveObject, &ShadeKey)| {
+            let paint = object.paint(&object.camera(frame), key);
+            (object.asset.cloud.len(), paint)
         };
-        match &self.pool {
-            Some(pool) => pool.install(draw),
-            None => draw(),
-        }
-        target.write(context, raster, layer.depth_unit);
+        let paints: Vec<(usize, Paint<'_>)> = objects.map(paint).collect();
+        let (rasterizer, raster) = (&mut self.rasterizer, &mut self.raster);
+        within(&self.pool, || match &paints[..] {
+            [(_, only)] => rasterizer.draw(|surfels, out| only.colors(surfels, out), raster),
+            all => rasterizer.draw(|surfels, out| colors_of_all(all, surfels, out), raster),
+        });
+        target.write(context, raster, frame.presentation.depth_unit);
+    }
+}
+
+/// Runs something in a pool, where there is one.
+fn within(pool: &Option<ThreadPool>, work: impl FnOnce() + Send) {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
     }
 }
 

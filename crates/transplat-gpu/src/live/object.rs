@@ -13,8 +13,8 @@ use transplat_core::sh::{coefficient_count, with_degree};
 use transplat_core::surfels::{Bounds, SurfelCloud};
 use transplat_core::transfer::{Part, Relit};
 
-use super::cpu::{Color, Paint};
-use super::frame::Frame;
+use super::frame::{Frame, Placement};
+use super::paint::{Color, Paint};
 use crate::context::{Context, Result};
 use crate::rasterize::{GpuRasterizer, ResidentPaint, ResidentSh, ResidentVectors, depth_unit};
 use crate::transfer::GpuTransfer;
@@ -61,19 +61,19 @@ impl LiveAsset {
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
     pub fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>, drawing: Drawing) -> Result<Self> {
-        let on_gpu = (drawing == Drawing::Gpu).then(|| AssetOnGpu::new(context, cloud));
+        let degree = cloud.filled_degree();
+        let on_gpu = (drawing == Drawing::Gpu).then(|| AssetOnGpu::new(context, cloud, degree));
         Ok(Self {
             cloud: cloud.clone(),
             bounds: cloud.bounds(),
-            degree: cloud.filled_degree(),
+            degree,
             on_gpu: on_gpu.transpose()?,
         })
     }
 }
 
 impl AssetOnGpu {
-    fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>) -> Result<Self> {
-        let degree = cloud.filled_degree();
+    fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>, degree: usize) -> Result<Self> {
         let filled = if degree == cloud.sh_degree {
             Cow::Borrowed(&cloud.sh)
         } else {
@@ -194,10 +194,14 @@ impl<T> Versioned<T> {
 
 /// Surfel colours of the channel *doubts*, and the marks with their weight.
 pub(super) struct Doubts {
-    pub colors: Vec<[f32; 3]>,
-    /// `[n]`
-    pub marks: Vec<[f32; 4]>,
-    marks_on_gpu: Option<ResidentVectors>,
+    colors: Vec<[f32; 3]>,
+    marks: Marks,
+}
+
+/// `[n]`, where they are laid over the colours.
+enum Marks {
+    Gpu(ResidentVectors),
+    Cpu(Vec<[f32; 4]>),
 }
 
 impl Doubts {
@@ -207,12 +211,11 @@ impl Doubts {
         marks: Vec<[f32; 4]>,
         drawing: Drawing,
     ) -> Self {
-        let on_gpu = (drawing == Drawing::Gpu).then(|| ResidentVectors::upload(context, &marks));
-        Self {
-            colors,
-            marks,
-            marks_on_gpu: on_gpu,
-        }
+        let marks = match drawing {
+            Drawing::Gpu => Marks::Gpu(ResidentVectors::upload(context, &marks)),
+            Drawing::Cpu => Marks::Cpu(marks),
+        };
+        Self { colors, marks }
     }
 }
 
@@ -320,6 +323,12 @@ impl LiveObject {
         }
     }
 
+    /// What is laid over the colours.
+    fn marks(&self, key: &ShadeKey) -> Option<&Marks> {
+        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
+        doubts.map(|doubts| &doubts.marks)
+    }
+
     /// Colours the surfels on the GPU.
     pub fn shade(&self, camera: &Camera, key: &ShadeKey) {
         let Some(AssetOnGpu {
@@ -343,8 +352,7 @@ impl LiveObject {
             (None, Some(colors)) => rasterizer.set_colors(colors),
             (None, None) => rasterizer.fill_colors([1.0; 3]),
         }
-        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
-        if let Some(marks) = doubts.and_then(|d| d.marks_on_gpu.as_ref()) {
+        if let Some(Marks::Gpu(marks)) = self.marks(key) {
             rasterizer.shade(camera, ResidentPaint::Marks(marks), PLAIN);
         }
     }
@@ -378,10 +386,29 @@ impl LiveObject {
             (None, None) if key.paint == SidePaint::Normals => Color::Normals(cloud, camera.eye),
             (None, None) => Color::White,
         };
-        let doubts = self.doubts.value.as_ref().filter(|_| key.marks.is_some());
         Paint {
             color,
-            marks: doubts.map(|d| &d.marks[..]),
+            marks: match self.marks(key) {
+                Some(Marks::Cpu(marks)) => Some(marks),
+                _ => None,
+            },
         }
     }
+}
+
+/// Those of the objects that are there, with how they stand.
+pub(super) fn placed<'a>(
+    objects: &'a [Option<LiveObject>],
+    frame: &'a Frame,
+) -> impl Iterator<Item = (&'a LiveObject, &'a Placement)> + Clone {
+    let each = objects.iter().zip(&frame.objects);
+    each.filter_map(|(object, placement)| Some((object.as_ref()?, placement)))
+}
+
+/// Whether and what of each object is shown.
+pub(super) type ShownObjects = Vec<(bool, u64)>;
+
+pub(super) fn shown(objects: &[Option<LiveObject>], frame: &Frame) -> ShownObjects {
+    let each = placed(objects, frame);
+    each.map(|(_, p)| (p.shown, p.hidden_version)).collect()
 }

@@ -29,6 +29,7 @@ gpu_struct! {
 /// Surfels in the order in which they are drawn, farthest first.
 #[derive(Clone, Debug)]
 pub struct Order {
+    /// What orders each, and which it is.
     pub(super) surfels: wgpu::Buffer,
     pub(super) drawn: Drawn,
 }
@@ -49,11 +50,32 @@ impl Order {
         camera: &Camera,
         hidden: &[bool],
     ) -> Self {
-        let mut order = depth_order(positions, camera, hidden);
-        order.reverse();
+        let order = depth_order(positions, camera, hidden);
+        let surfels: Vec<[u32; 2]> = order.iter().rev().map(|surfel| [0, *surfel]).collect();
         Self {
-            drawn: Drawn::Count(order.len()),
-            surfels: context.upload(&order, BufferUsages::STORAGE),
+            drawn: Drawn::Count(surfels.len()),
+            surfels: context.upload(&surfels, BufferUsages::STORAGE),
+        }
+    }
+}
+
+/// The passes of the sort.
+struct Passes {
+    make_keys: Arc<ComputePass>,
+    count_digits: Arc<ComputePass>,
+    sum_counts: Arc<ComputePass>,
+    move_keys: Arc<ComputePass>,
+}
+
+impl Passes {
+    fn new(context: &Context) -> Self {
+        let source = shader::RASTERIZE_ORDER.source();
+        let pass = |entry| context.compute_pass(&source, entry);
+        Self {
+            make_keys: pass("make_keys"),
+            count_digits: pass("count_digits"),
+            sum_counts: pass("sum_counts"),
+            move_keys: pass("move_keys"),
         }
     }
 }
@@ -61,41 +83,60 @@ impl Order {
 /// Sorts on the adapter, for so many surfels.
 pub(crate) struct Sorter {
     count: usize,
-    make_keys: Arc<ComputePass>,
-    count_digits: Arc<ComputePass>,
-    sum_counts: Arc<ComputePass>,
-    move_keys: Arc<ComputePass>,
-    move_surfels: Arc<ComputePass>,
-    /// Keys with their surfels, and those of the next round.
-    pairs: [wgpu::Buffer; 2],
-    counts: wgpu::Buffer,
-    totals: wgpu::Buffer,
+    passes: Passes,
+    /// Which surfels are left out, a bit each.
     hidden: wgpu::Buffer,
-    order: Order,
+    /// Keys with their surfels: before the first round, and after the last.
+    pairs: wgpu::Buffer,
+    /// What an indirect draw takes.
+    drawn: wgpu::Buffer,
+    /// Of each round, what its three passes are bound to.
+    rounds: Vec<[wgpu::BindGroup; 3]>,
 }
 
 impl Sorter {
+    /// Compiles what all of them run; no frame waits for it.
+    pub fn warm_up(context: &Context) {
+        Passes::new(context);
+    }
+
     /// Makes room.
     pub fn new(context: &Context, count: usize) -> Self {
-        let source = shader::RASTERIZE_ORDER.source();
-        let pass = |entry| context.compute_pass(&source, entry);
+        let passes = Passes::new(context);
         let digits = 1 << DIGIT_BITS;
+        let [pairs, other] = [(); 2].map(|()| context.storage(8 * count));
+        let counts = context.storage(4 * digits * blocks(count));
+        let totals = context.storage(4 * digits);
+        let (mut from, mut to) = (&pairs, &other);
+        let round = |shift: usize| {
+            let parameters = OrderParameters {
+                shift: shift as u32,
+                ..parameters_of(count, [0; 2])
+            };
+            let parameters = context.upload(&[parameters], BufferUsages::STORAGE);
+            let parameters = ("parameters", &parameters);
+            let [counts, totals] = [("counts", &counts), ("totals", &totals)];
+            let [pairs, moved] = [("pairs", from), ("moved", to)];
+            (from, to) = (to, from);
+            [
+                context.bind(&passes.count_digits, &[parameters, pairs, counts]),
+                context.bind(&passes.sum_counts, &[parameters, counts, totals]),
+                context.bind(
+                    &passes.move_keys,
+                    &[parameters, pairs, counts, totals, moved],
+                ),
+            ]
+        };
+        let rounds: Vec<_> = (0..KEY_BITS).step_by(DIGIT_BITS).map(round).collect();
+        debug_assert!(rounds.len().is_multiple_of(2), "they end where they began");
         let usage = BufferUsages::STORAGE | BufferUsages::INDIRECT | BufferUsages::COPY_SRC;
         Self {
             count,
-            make_keys: pass("make_keys"),
-            count_digits: pass("count_digits"),
-            sum_counts: pass("sum_counts"),
-            move_keys: pass("move_keys"),
-            move_surfels: pass("move_surfels"),
-            pairs: [(); 2].map(|()| context.storage(8 * count)),
-            counts: context.storage(4 * digits * blocks(count)),
-            totals: context.storage(4 * digits),
             hidden: context.storage(4 * count.div_ceil(32)),
-            order: Order {
-                surfels: context.storage(4 * count),
-                drawn: Drawn::Indirect(context.upload(&[4u32, 0, 0, 0], usage)),
-            },
+            drawn: context.upload(&NOTHING_DRAWN, usage),
+            rounds,
+            passes,
+            pairs,
         }
     }
 
@@ -115,63 +156,42 @@ impl Sorter {
 
     /// Puts what is projected, and on a picture of such a size, in order.
     pub fn sort(&self, context: &Context, projected: &wgpu::Buffer, size: [usize; 2]) -> Order {
-        let Drawn::Indirect(drawn) = &self.order.drawn else {
-            return self.order.clone();
-        };
-        let start: [u32; 4] = [4, 0, 0, 0];
-        (context.queue).write_buffer(drawn, 0, bytemuck::cast_slice(&start));
-        let blocks = blocks(self.count);
-        let parameters = |shift: usize| {
-            let parameters = OrderParameters {
-                count: self.count as u32,
-                blocks: blocks as u32,
-                shift: shift as u32,
-                width: size[0] as f32,
-                height: size[1] as f32,
-            };
-            context.upload(&[parameters], BufferUsages::STORAGE)
-        };
-        let mut encoder = context.encoder();
-        let [first, second] = &self.pairs;
+        let nothing = bytemuck::cast_slice(&NOTHING_DRAWN);
+        (context.queue).write_buffer(&self.drawn, 0, nothing);
+        let parameters = [parameters_of(self.count, size)];
         let bindings = [
-            ("parameters", &parameters(0)),
+            (
+                "parameters",
+                &context.upload(&parameters, BufferUsages::STORAGE),
+            ),
             ("projected", projected),
             ("hidden", &self.hidden),
-            ("moved", first),
-            ("drawn", drawn),
+            ("moved", &self.pairs),
+            ("drawn", &self.drawn),
         ];
-        let group = context.bind(&self.make_keys, &bindings);
-        self.make_keys
-            .dispatch(&mut encoder, &group, [blocks, 1, 1]);
-        let (mut from, mut to) = (first, second);
-        for shift in (0..KEY_BITS).step_by(DIGIT_BITS) {
-            let is_last = shift + DIGIT_BITS >= KEY_BITS;
-            let parameters = parameters(shift);
-            let moves = match is_last {
-                true => (&self.move_surfels, ("order", &self.order.surfels)),
-                false => (&self.move_keys, ("moved", to)),
-            };
-            let common = [
-                ("parameters", &parameters),
-                ("pairs", from),
-                ("counts", &self.counts),
-                ("totals", &self.totals),
-            ];
-            let of = |these: &[usize]| these.iter().map(|i| common[*i]).collect::<Vec<_>>();
-            let group = context.bind(&self.count_digits, &of(&[0, 1, 2]));
-            (self.count_digits).dispatch(&mut encoder, &group, [blocks, 1, 1]);
-            let group = context.bind(&self.sum_counts, &of(&[0, 2, 3]));
-            (self.sum_counts).dispatch(&mut encoder, &group, [1 << DIGIT_BITS, 1, 1]);
-            let (pass, target) = moves;
-            let group = context.bind(pass, &[of(&[0, 1, 2, 3]), vec![target]].concat());
-            pass.dispatch(&mut encoder, &group, [blocks, 1, 1]);
-            (from, to) = (to, from);
+        let Passes {
+            make_keys,
+            count_digits,
+            sum_counts,
+            move_keys,
+        } = &self.passes;
+        let mut encoder = context.encoder();
+        let per_block = [blocks(self.count), 1, 1];
+        let group = context.bind(make_keys, &bindings);
+        make_keys.dispatch(&mut encoder, &group, per_block);
+        for [count, sum, moves] in &self.rounds {
+            count_digits.dispatch(&mut encoder, count, per_block);
+            sum_counts.dispatch(&mut encoder, sum, [1 << DIGIT_BITS, 1, 1]);
+            move_keys.dispatch(&mut encoder, moves, per_block);
         }
         context.submit(encoder);
-        self.order.clone()
+        Order {
+            surfels: self.pairs.clone(),
+            drawn: Drawn::Indirect(self.drawn.clone()),
+        }
     }
 
-    /// What was put in order last.
+    /// The surfels that were put in order last.
     pub fn read(&self, context: &Context) -> Result<Vec<u32>> {
         let read = |buffer: &wgpu::Buffer| {
             let copy = |encoder: &mut wgpu::CommandEncoder, to: &wgpu::Buffer| {
@@ -181,11 +201,25 @@ impl Sorter {
                 bytemuck::pod_collect_to_vec::<u8, u32>(bytes)
             })
         };
-        let mut order = read(&self.order.surfels)?;
-        if let Drawn::Indirect(drawn) = &self.order.drawn {
-            order.truncate(read(drawn)?[1] as usize);
-        }
-        Ok(order)
+        let [_, drawn, ..] = read(&self.drawn)?[..] else {
+            return Ok(Vec::new());
+        };
+        let pairs = read(&self.pairs)?;
+        let surfels = pairs.chunks_exact(2).map(|pair| pair[1]);
+        Ok(surfels.take(drawn as usize).collect())
+    }
+}
+
+/// Four corners of no quad, as an indirect draw takes it.
+const NOTHING_DRAWN: [u32; 4] = [4, 0, 0, 0];
+
+fn parameters_of(count: usize, [width, height]: [usize; 2]) -> OrderParameters {
+    OrderParameters {
+        count: count as u32,
+        blocks: blocks(count) as u32,
+        shift: 0,
+        width: width as f32,
+        height: height as f32,
     }
 }
 

@@ -41,9 +41,7 @@ impl Target {
             size,
         }
     }
-}
 
-impl Target {
     /// Takes a picture of its size that the CPU drew.
     pub(crate) fn write(&self, context: &Context, raster: &Raster, depth_unit: f32) {
         write_texture(context, &self.color, raster.pixels.as_flattened());
@@ -55,15 +53,15 @@ impl Target {
     }
 }
 
-/// Writes a target's values `[height][width][channels]`.
-fn write_texture(context: &Context, texture: &wgpu::Texture, values: &[f32]) {
+/// Writes a texture's values `[height][width][channels]`; half floats are held to what they can be.
+pub(crate) fn write_texture(context: &Context, texture: &wgpu::Texture, values: &[f32]) {
     let format = texture.format();
     let mut halves = Vec::new();
     let bytes: &[u8] = match format {
         wgpu::TextureFormat::Rgba16Float | wgpu::TextureFormat::R16Float => {
             halves.resize(values.len(), half::f16::ZERO);
-            let held: Vec<f32> = values.iter().map(|v| v.min(65504.0)).collect();
-            halves.convert_from_f32_slice(&held);
+            let held = values.iter().map(|v| v.min(half::f16::MAX.to_f32()));
+            halves.convert_from_f32_slice(&held.collect::<Vec<_>>());
             bytemuck::cast_slice(halves.reinterpret_cast())
         }
         _ => bytemuck::cast_slice(values),
