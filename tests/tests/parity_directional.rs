@@ -230,7 +230,7 @@ fn bake() {
     assert!(rays * 2000 < cloud.len() * DIRECTIONS);
     assert!(hits * 1000 < cpu.sight.hits.len());
     let stop = |_| ControlFlow::Break(());
-    let mut found = vec![Found::default(); cloud.len()];
+    let mut found: Vec<Found> = (0..cloud.len() as u32).map(Found::of).collect();
     let stopped = on_gpu.trace(&[0, 1], &mut found, &stop);
     assert!(matches!(stopped, Err(GpuError::Cancelled)));
 }

@@ -9,6 +9,8 @@ pub mod open_object;
 pub mod patches;
 pub mod scaled;
 pub mod scene;
+pub mod sharing;
+pub mod sight;
 pub mod surroundings;
 pub mod trace;
 pub(crate) mod transmittance;
@@ -27,6 +29,7 @@ use crate::surfels::SurfelCloud;
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
 use harmonic::HarmonicBake;
 use scene::SceneBake;
+use sharing::SHARED_SIGHT_ERROR;
 
 /// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
@@ -104,11 +107,14 @@ impl Bake {
     /// What was left out of it.
     pub fn left_out(&self) -> Vec<Skipped> {
         let mut out = Vec::new();
-        let (open_object, closed) = match self {
-            Self::Harmonic(v) => (v.open_object_error, 0.0),
-            Self::Directional(o) => (o.open_object_error, o.closed_share),
+        let (open_object, closed, followers) = match self {
+            Self::Harmonic(v) => (v.open_object_error, 0.0, 0.0),
+            Self::Directional(o) => {
+                let followers = o.sight.sharing.follower_share();
+                (o.open_object_error, o.closed_share, followers)
+            }
             // An object's own rays are told of where it is baked.
-            Self::Scene(_) => (None, 0.0),
+            Self::Scene(_) => (None, 0.0, 0.0),
         };
         if open_object.is_some() {
             let why = "no surfel blocks the light of another in any direction that was asked";
@@ -128,6 +134,18 @@ impl Bake {
                 skip: Some(Skip::ClosedSides),
                 max_error: Some(CLOSED_SIDES_ERROR),
                 ..Skipped::exact(Stage::Bake, "rays into closed sides", why)
+            });
+        }
+        if followers > 0.0 {
+            let why = format!(
+                "{:.0} % of the surfels lie beside one that sees nearly the same",
+                100.0 * followers
+            );
+            out.push(Skipped {
+                share: Some(followers),
+                skip: Some(Skip::SharedSight),
+                max_error: Some(SHARED_SIGHT_ERROR),
+                ..Skipped::exact(Stage::Bake, "rays of neighbours", why)
             });
         }
         out

@@ -24,6 +24,35 @@ pub(crate) fn nearest_to<const D: usize>(
     places.par_iter().map(near).collect()
 }
 
+/// Points that lie together, at most `most` each: halved across where they reach farthest, until they are so few.
+pub(crate) fn grouped<'a, const D: usize>(
+    points: &[[f32; D]],
+    of: &'a mut [u32],
+    most: usize,
+) -> Vec<&'a [u32]> {
+    if of.len() <= most {
+        return vec![of];
+    }
+    let reach = |axis: usize| {
+        let each = of.iter().map(|i| points[*i as usize][axis]);
+        let (low, high) = each.fold((f32::MAX, f32::MIN), |(a, b), x| (a.min(x), b.max(x)));
+        high - low
+    };
+    let reaches: [f32; D] = std::array::from_fn(reach);
+    let widest = (0..D).max_by(|a, b| reaches[*a].total_cmp(&reaches[*b]));
+    let axis = widest.unwrap_or_default();
+    let along = |i: &u32| points[*i as usize][axis];
+    let half = of.len() / 2;
+    of.select_nth_unstable_by(half, |a, b| along(a).total_cmp(&along(b)));
+    let (low, high) = of.split_at_mut(half);
+    let (mut low, high) = rayon::join(
+        || grouped(points, low, most),
+        || grouped(points, high, most),
+    );
+    low.extend(high);
+    low
+}
+
 /// The points nearest to each, itself left out.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {

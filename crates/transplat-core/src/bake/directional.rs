@@ -8,8 +8,10 @@ use rayon::prelude::*;
 
 use super::front::{Front, Fronts};
 use super::open_object::OpenObject;
-use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, WORDS, directions};
-use super::trace::{MISS, PACKET, RaySurfel, Tracer};
+use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, directions};
+use super::sharing::Sharing;
+use super::sight::{Sight, is_met_on_back, is_open, openness, sees};
+use super::trace::{MISS, PACKET, RaySurfel, Tracer, by_neighborhood};
 use crate::error::{Error, Result};
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::progress::Progress;
@@ -26,6 +28,9 @@ const CLOSED: f32 = 0.02;
 /// Share of a bake that finding the fronts takes, for its progress.
 const FRONTS_SHARE: f64 = 0.2;
 
+/// And of the rest, who shares with whom.
+const SHARING_SHARE: f64 = 0.1;
+
 /// What closing sides was measured to change of the relit colour (relative L2): at most that on eight objects, a plant of single sheets being
 /// the worst; on solid ones a fifth of that and less.
 pub const CLOSED_SIDES_ERROR: f32 = 3e-3;
@@ -33,50 +38,6 @@ pub const CLOSED_SIDES_ERROR: f32 = 3e-3;
 /// Openness of a surfel's back at which it begins to be two-sided, and at which it wholly is: at the edge of a closed object
 /// a few rays pass behind.
 pub const TWO_SIDED: [f32; 2] = [0.08, 0.38];
-
-/// What each surfel sees in each direction.
-#[derive(Clone, Debug)]
-pub struct Sight {
-    /// Whether the direction is open, a bit each. `[n][WORDS]`
-    pub open: Vec<[u64; WORDS]>,
-    /// Where the blocked directions of each surfel begin in `hits`. `[n + 1]`
-    pub starts: Vec<u32>,
-    /// Blocked directions among those that know what is met, by patch: those in front and, where there are two sides, those behind.
-    pub hits: Vec<Hit>,
-}
-
-impl Sight {
-    /// Blocked directions of surfel `i` that know what they meet.
-    pub fn hits_of(&self, i: usize) -> &[Hit] {
-        &self.hits[self.starts[i] as usize..self.starts[i + 1] as usize]
-    }
-
-    /// Whether surfel `i` sees all the way out towards direction `j`.
-    #[inline(always)]
-    pub fn is_open(&self, i: usize, j: usize) -> bool {
-        is_open(&self.open[i], j)
-    }
-
-    /// How open each direction is around surfel `i`, 0 or 1.
-    pub fn seen_by(&self, i: usize) -> Vec<(Vec3, f32)> {
-        let each = directions().into_iter().enumerate();
-        each.map(|(j, d)| (d, f32::from(u8::from(self.is_open(i, j)))))
-            .collect()
-    }
-
-    /// Cosine-weighted share of the front side's hemisphere that is open, `[n]`, 0 to 1.
-    pub fn openness(&self, normals: &[Vec3]) -> Vec<f32> {
-        let directions = directions();
-        (self.open.par_iter().zip(normals))
-            .map(|(open, n)| openness(open, &directions, *n)[0].clamp(0.0, 1.0))
-            .collect()
-    }
-
-    /// Bytes that it takes.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.open[..]) + size_of_val(&self.starts[..]) + size_of_val(&self.hits[..])
-    }
-}
 
 /// What the directional method needs of the geometry.
 #[derive(Clone, Debug)]
@@ -182,9 +143,15 @@ impl DirectionalBake {
     pub fn as_part_of(mut self, whole: &Self, surfels: &[usize]) -> Self {
         let directions = directions();
         let two_sided: Vec<f32> = surfels.iter().map(|i| whole.two_sided[*i]).collect();
-        let Sight { starts, hits, .. } = &mut self.sight;
+        let Sight {
+            sharing,
+            starts,
+            hits,
+            ..
+        } = &mut self.sight;
         let (mut new_starts, mut new_hits) = (vec![0u32], Vec::with_capacity(hits.len()));
-        for (i, range) in starts.windows(2).enumerate() {
+        for (i, range) in sharing.leaders.iter().zip(starts.windows(2)) {
+            let i = *i as usize;
             let toward = |hit: &Hit| directions[hit.patch()];
             let counts = |hit: &&Hit| sees(self.normals[i], two_sided[i], toward(hit));
             let of_surfel = hits[range[0] as usize..range[1] as usize].iter();
@@ -206,7 +173,7 @@ impl DirectionalBake {
         self
     }
 
-    /// The same, the rays traced by `trace`: it gets some patches, and adds to what all surfels `[n]` found.
+    /// The same, the rays traced by `trace`: it gets some patches, and adds to what some surfels found, of which neighbours follow each other.
     ///
     /// # Errors
     /// `trace` failed, or [`Error::Cancelled`] when `progress` asked for it.
@@ -227,17 +194,27 @@ impl DirectionalBake {
         {
             return Ok(Self {
                 open_object_error: Some(open.mean_error),
-                ..Self::of(cloud, tracer.clone(), &open.found())
+                ..Self::of(cloud, tracer, &Arc::new(cloud.len().into()), &open.found())
             });
         }
         let directions = directions();
         let patches = refining_order(PATCHES);
-        let is_closed = |f: &Front| skips.has(Skip::ClosedSides) && f.hides_its_back();
-        let begin = |f: &Front| Found {
-            back_is_closed: is_closed(f),
-            ..Found::default()
+        let sharing = if skips.has(Skip::SharedSight) {
+            let asked = patches[..PROBES].iter().map(|p| directions[*p]);
+            let asked: Vec<Vec3> = asked.collect();
+            Sharing::find(tracer, &asked, &|p| progress(SHARING_SHARE * p))?
+        } else {
+            Sharing::each_own(&tracer.order)
         };
-        let mut found: Vec<Found> = tracer.fronts.of.iter().map(begin).collect();
+        let (sharing, progress) = (Arc::new(sharing), |p: f64| {
+            progress(SHARING_SHARE + (1.0 - SHARING_SHARE) * p)
+        });
+        let is_closed = |f: &Front| skips.has(Skip::ClosedSides) && f.hides_its_back();
+        let begin = |i: &u32| Found {
+            back_is_closed: is_closed(&tracer.fronts.of[*i as usize]),
+            ..Found::of(*i)
+        };
+        let mut found: Vec<Found> = sharing.leaders.iter().map(begin).collect();
         let mut done = 0;
         let mut ends: Vec<usize> = stages.iter().map(|s| PATCHES.div_ceil(*s)).collect();
         let shown = ends.clone();
@@ -258,59 +235,69 @@ impl DirectionalBake {
                 let mut filled = found.clone();
                 fill_unfinished_patches(&directions, &patches[..done], &mut filled);
                 let share = done as f32 / PATCHES as f32;
-                preview(Self::of(cloud, tracer.clone(), &filled), share);
+                preview(Self::of(cloud, tracer, &sharing, &filled), share);
             }
         }
-        Ok(Self::of(cloud, tracer.clone(), &found))
+        Ok(Self::of(cloud, tracer, &sharing, &found))
     }
 
-    /// From what the rays found, `[n]`.
-    pub(crate) fn of(cloud: &SurfelCloud, tracer: Arc<Tracer>, found: &[Found]) -> Self {
+    /// From what the rays of the leaders found, `[rows]`.
+    pub(crate) fn of(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        sharing: &Arc<Sharing>,
+        found: &[Found],
+    ) -> Self {
         let directions = &directions();
-        let two_sided: Vec<f32> = found
-            .par_iter()
-            .zip(&tracer.surfels)
-            .map(|(f, surfel)| {
-                let [_, back] = openness(&f.open, directions, surfel.normal);
-                smoothstep(TWO_SIDED[0], TWO_SIDED[1], back)
-            })
-            .collect();
         let normals: Vec<Vec3> = (tracer.fronts.of.iter())
             .map(|f| f.surface_normal())
             .collect();
+        // Front and back by the leader's own normal, and both together by its surface's.
+        let open: Vec<([f32; 2], f32)> = (found.par_iter())
+            .map(|f| {
+                let i = f.surfel as usize;
+                let own = openness(&f.open, directions, tracer.surfels[i].normal);
+                let all = openness(&f.open, directions, normals[i]).iter().sum();
+                (own, all)
+            })
+            .collect();
+        let of_rows: Vec<f32> = (open.iter())
+            .map(|([_, back], _)| smoothstep(TWO_SIDED[0], TWO_SIDED[1], *back))
+            .collect();
+        let two_sided = sharing.spread(&of_rows);
         let prominence = tracer.fronts.prominence(cloud);
         let (mut starts, mut hits) = (vec![0u32], Vec::new());
-        for ((f, n), two) in found.iter().zip(&normals).zip(&two_sided) {
+        for (f, two) in found.iter().zip(&of_rows) {
+            let n = normals[f.surfel as usize];
             let toward = |hit: &Hit| directions[hit.patch()];
             let from_its_side = |hit: &Hit| {
                 let met = hit.surfel();
                 hit.on(is_met_on_back(normals[met], two_sided[met], toward(hit)))
             };
             let from = hits.len();
-            let counts = |h: &&Hit| sees(*n, *two, toward(h));
+            let counts = |h: &&Hit| sees(n, *two, toward(h));
             hits.extend(f.hits.iter().filter(counts).map(from_its_side));
             hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
             starts.push(hits.len() as u32);
         }
         Self {
             flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
-            buried: (found.iter().zip(&normals))
-                .filter(|(f, n)| openness(&f.open, directions, **n).iter().sum::<f32>() < 0.02)
-                .count(),
-            ambiguous_share: (0..found.len())
+            buried: sharing.count(|row| open[row].1 < 0.02),
+            ambiguous_share: (0..normals.len())
                 .filter(|i| is_ambiguous(&tracer.fronts.of[*i], two_sided[*i]))
                 .fold(0.0, |share, i| share + prominence[i]),
-            normal_noise: normal_noise(&tracer, &normals, &prominence),
+            normal_noise: normal_noise(tracer, &normals, &prominence),
             prominence,
-            closed_share: closed_share(&tracer, directions, found),
+            closed_share: closed_share(tracer, directions, found),
             normals,
             two_sided,
             sight: Sight {
+                sharing: sharing.clone(),
                 open: found.iter().map(|f| f.open).collect(),
                 starts,
                 hits,
             },
-            tracer,
+            tracer: tracer.clone(),
             open_object_error: None,
         }
     }
@@ -349,32 +336,6 @@ fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
     front.is_guess() && two_sided < 0.5
 }
 
-/// Whether what a surfel meets in a direction counts: that in front and, where there are two sides, that behind.
-pub(super) fn sees(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
-    two_sided > 0.0 || normal.dot(direction) > 0.0
-}
-
-/// Whether a ray sees the back of the surfel that it meets: that of a two-sided one, from behind.
-pub(super) fn is_met_on_back(normal: Vec3, two_sided: f32, direction: Vec3) -> bool {
-    two_sided > 0.0 && normal.dot(direction) > 0.0
-}
-
-fn is_open(open: &[u64; WORDS], j: usize) -> bool {
-    open[j / 64] >> (j % 64) & 1 == 1
-}
-
-/// Cosine-weighted share of the two sides' hemispheres that is open, 0 to 1.
-fn openness(open: &[u64; WORDS], lattice: &[Vec3], n: Vec3) -> [f32; 2] {
-    let mut sides = [0f32; 2];
-    for (j, w) in lattice.iter().enumerate() {
-        if is_open(open, j) {
-            let cosine = n.dot(*w);
-            sides[usize::from(cosine < 0.0)] += cosine.abs();
-        }
-    }
-    sides.map(|s| s * 4.0 / DIRECTIONS as f32)
-}
-
 /// Traces the rays of some patches.
 fn trace(
     tracer: &Tracer,
@@ -383,22 +344,9 @@ fn trace(
     found: &mut [Found],
     progress: Progress<'_>,
 ) -> Result<()> {
-    let before: &[Found] = found;
-    let traced = tracer.by_neighborhood(progress, |of| {
-        trace_neighborhood(tracer, directions, patches, of, before)
-    })?;
-    for (i, new) in traced {
-        let surfel = &mut found[i];
-        for (word, new) in surfel.open.iter_mut().zip(new.open) {
-            *word |= new;
-        }
-        if surfel.hits.is_empty() {
-            surfel.hits = new.hits;
-        } else {
-            surfel.hits.extend(new.hits);
-        }
-    }
-    Ok(())
+    by_neighborhood(found, progress, |found| {
+        trace_neighborhood(tracer, directions, patches, found);
+    })
 }
 
 /// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, in full packets.
@@ -406,24 +354,21 @@ fn trace_neighborhood(
     tracer: &Tracer,
     directions: &[Vec3],
     patches: &[usize],
-    of: &[u32],
-    before: &[Found],
-) -> Vec<Found> {
+    found: &mut [Found],
+) {
     let mut stack = Vec::new();
-    let mut found = vec![Found::default(); of.len()];
     let (mut places, mut asked) = (Vec::new(), Vec::new());
     for patch in patches {
         for place in 0..PER_PATCH {
             let j = place * PATCHES + patch;
-            let is_asked = |i: &u32| {
-                let cosine = tracer.surfels[*i as usize].normal.dot(directions[j]);
-                !before[*i as usize].is_closed(cosine)
-            };
             places.clear();
             asked.clear();
-            for (lane, i) in of.iter().enumerate().filter(|(_, i)| is_asked(i)) {
-                places.push(lane);
-                asked.push(*i);
+            for (lane, f) in found.iter().enumerate() {
+                let cosine = tracer.surfels[f.surfel as usize].normal.dot(directions[j]);
+                if !f.is_closed(cosine) {
+                    places.push(lane);
+                    asked.push(f.surfel);
+                }
             }
             for (places, asked) in places.chunks(PACKET).zip(asked.chunks(PACKET)) {
                 let hits = tracer.hits(asked, directions[j], place > 0, &mut stack);
@@ -436,7 +381,6 @@ fn trace_neighborhood(
             }
         }
     }
-    found
 }
 
 /// Share of the rays that were not traced, since they go into closed sides.
@@ -444,9 +388,10 @@ fn closed_share(tracer: &Tracer, directions: &[Vec3], found: &[Found]) -> f32 {
     let order = refining_order(PATCHES);
     let skipped: usize = found
         .par_iter()
-        .zip(tracer.surfels.par_iter().zip(&tracer.fronts.of))
-        .filter(|(f, _)| f.back_is_closed)
-        .map(|(f, (surfel, front))| {
+        .filter(|f| f.back_is_closed)
+        .map(|f| {
+            let i = f.surfel as usize;
+            let (surfel, front) = (&tracer.surfels[i], &tracer.fronts.of[i]);
             let traced = if front.hides_its_back() { 0 } else { PROBES };
             let rays = order[traced..]
                 .iter()
@@ -464,8 +409,8 @@ fn close_backs(tracer: &Tracer, directions: &[Vec3], patches: &[usize], found: &
     let probes: Vec<usize> = (0..PER_PATCH)
         .flat_map(|place| patches.iter().map(move |patch| place * PATCHES + patch))
         .collect();
-    let surfels = tracer.surfels.par_iter();
-    found.par_iter_mut().zip(surfels).for_each(|(f, surfel)| {
+    found.par_iter_mut().for_each(|f| {
+        let surfel = &tracer.surfels[f.surfel as usize];
         let (mut seen, mut all) = (0f32, 1e-9f32);
         for j in &probes {
             let behind = (-surfel.normal.dot(directions[*j])).max(0.0);
@@ -494,7 +439,7 @@ fn fill_unfinished_patches(directions: &[Vec3], done: &[usize], found: &mut [Fou
         for hit in &f.hits {
             met[hit.patch()] = Some(hit.surfel() as u32);
         }
-        let before = std::mem::take(f);
+        let before = std::mem::replace(f, Found::of(f.surfel));
         for (p, q) in from.iter().enumerate() {
             let open = |place: usize| is_open(&before.open, place * PATCHES + q);
             f.add(p, met[*q], std::array::from_fn(open));
@@ -561,7 +506,7 @@ mod tests {
         let directions = directions();
         let mut sum = [0f32; 2];
         for i in &asked {
-            let sides = openness(&baked.sight.open[*i], &directions, baked.normals[*i]);
+            let sides = openness(baked.sight.open_of(*i), &directions, baked.normals[*i]);
             sum = [sum[0] + sides[0], sum[1] + sides[1]];
         }
         let two_sided = asked.iter().filter(|i| baked.two_sided[**i] > 0.5).count();
@@ -640,10 +585,10 @@ mod tests {
             DirectionalBake::all_rays(&ball),
             DirectionalBake::all_rays(&filled),
         );
-        let seen = |bake: &DirectionalBake, i| bake.sight.open[i];
+        let seen = |bake: &DirectionalBake, i| *bake.sight.open_of(i);
         assert!((0..ball.len()).all(|i| seen(&hollow, i) == seen(&filled, i)));
         let inside = ball.len()..filled.len();
-        assert!(inside.clone().all(|i| seen(&filled, i) == [0; WORDS]));
+        assert!(inside.clone().all(|i| seen(&filled, i).iter().all(|w| *w == 0)));
         let counted: f32 = filled.prominence[inside].iter().sum();
         // A fifth of all area, behind a ball whose surfels have soft rims.
         assert!(counted < 0.02, "{counted}");

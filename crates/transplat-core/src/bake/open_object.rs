@@ -106,7 +106,7 @@ impl OpenObject {
         (0..self.open.len())
             .into_par_iter()
             .map(|i| {
-                let mut found = Found::default();
+                let mut found = Found::of(i as u32);
                 for (j, d) in directions.iter().enumerate() {
                     found.set_open(j, self.is_open(i, *d));
                 }

@@ -95,6 +95,8 @@ impl Hit {
 /// What the rays of one surfel found.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
+    /// Which surfel they start from.
+    pub surfel: u32,
     pub(crate) open: [u64; WORDS],
     pub(crate) hits: Vec<Hit>,
     /// Whether the back is known to be closed: its rays are not traced any more.
@@ -102,6 +104,14 @@ pub struct Found {
 }
 
 impl Found {
+    /// Nothing yet.
+    pub fn of(surfel: u32) -> Self {
+        Self {
+            surfel,
+            ..Self::default()
+        }
+    }
+
     /// Adds what the rays of a patch found: which of its directions are open, and the surfel that is met in the first one, if any is.
     pub fn add(&mut self, patch: usize, met: Option<u32>, open: [bool; PER_PATCH]) {
         for (place, open) in open.into_iter().enumerate() {

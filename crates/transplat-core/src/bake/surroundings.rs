@@ -8,9 +8,10 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
-use super::directional::{DirectionalBake, Sight, is_met_on_back, sees};
+use super::directional::DirectionalBake;
 use super::patches::{DIRECTIONS, Hit, MOST_SURFELS, PATCHES, WORDS, directions};
-use super::trace::{MISS, PACKET, RayStart, RaySurfel, Tracer};
+use super::sight::{Sight, is_met_on_back, sees};
+use super::trace::{MISS, PACKET, RayStart, RaySurfel, Tracer, by_neighborhood};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 
@@ -102,8 +103,8 @@ impl Other {
     }
 }
 
-/// Surfels of an object that are still told apart where it is traced coarsely.
-const COARSE_SURFELS: usize = 5000;
+/// Rows of what an object's surfels see that are still told apart where it is traced coarsely.
+const COARSE_ROWS: usize = 5000;
 
 /// How finely objects are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,11 +124,11 @@ impl Detail {
         }
     }
 
-    /// How many neighbours of an object's surfels are taken to see the same.
-    fn surfels_together(self, surfels: usize) -> usize {
+    /// How many neighbouring rows of what an object's surfels see are taken to be the same.
+    fn rows_together(self, rows: usize) -> usize {
         match self {
             Self::Full => 1,
-            Self::Coarse => (surfels / COARSE_SURFELS).clamp(1, PACKET),
+            Self::Coarse => (rows / COARSE_ROWS).clamp(1, PACKET),
         }
     }
 }
@@ -192,7 +193,7 @@ impl Surroundings {
         let first = firsts[which];
         let changes = changes(&own.bake, &others, detail, progress)?;
         Ok(Self {
-            changed: changes.iter().filter(|c| c.is_any()).count(),
+            changed: own.bake.sight.sharing.count(|row| changes[row].is_any()),
             sight: changed(&own.bake, first as u32, &changes),
             first,
             others,
@@ -250,7 +251,7 @@ impl Change {
     }
 }
 
-/// What others change for each surfel. `[n]`
+/// What others change, for each row of what the surfels see. `[rows]`
 fn changes(
     own: &DirectionalBake,
     others: &[Other],
@@ -258,18 +259,19 @@ fn changes(
     progress: Progress<'_>,
 ) -> Result<Vec<Change>> {
     let directions = directions();
-    let each = detail.surfels_together(own.len());
-    let work = |of: &[u32]| {
-        let leaders: Vec<u32> = of.iter().step_by(each).copied().collect();
-        let found = neighborhood(own, others, &directions[..detail.directions()], &leaders);
-        let of_all = found.into_iter().map(|c| c.in_detail(detail));
-        of_all.flat_map(|c| vec![c; each]).take(of.len()).collect()
-    };
-    let mut all = vec![Change::default(); own.len()];
-    for (i, change) in own.tracer.by_neighborhood(progress, work)? {
-        all[i] = change;
-    }
-    Ok(all)
+    let leaders = &own.sight.sharing.leaders;
+    let mut rows: Vec<(u32, Change)> = leaders.iter().map(|i| (*i, Change::default())).collect();
+    let each = detail.rows_together(rows.len());
+    by_neighborhood(&mut rows, progress, |rows| {
+        let of: Vec<u32> = rows.iter().step_by(each).map(|(i, _)| *i).collect();
+        let found = neighborhood(own, others, &directions[..detail.directions()], &of);
+        for (rows, found) in rows.chunks_mut(each).zip(found) {
+            let found = found.in_detail(detail);
+            rows.iter_mut()
+                .for_each(|(_, change)| *change = found.clone());
+        }
+    })?;
+    Ok(rows.into_iter().map(|(_, change)| change).collect())
 }
 
 /// The same of surfels that are neighbours, in some of the directions.
@@ -342,11 +344,13 @@ fn neighborhood(
     changes
 }
 
-/// What the surfels see with these changes.
+/// What the surfels see with these changes, `[rows]`.
 fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
     let directions = directions();
-    let of_surfel = |(i, change): (usize, &Change)| {
-        let mut open = own.sight.open[i];
+    let sharing = &own.sight.sharing;
+    let of_row = |(row, change): (usize, &Change)| {
+        let i = sharing.leaders[row] as usize;
+        let mut open = own.sight.open[row];
         for (word, closed) in open.iter_mut().zip(change.closed) {
             *word &= !closed;
         }
@@ -366,7 +370,7 @@ fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
         hits.sort_unstable_by_key(|h: &Hit| h.patch());
         (open, hits)
     };
-    let each = changes.par_iter().enumerate().map(of_surfel);
+    let each = changes.par_iter().enumerate().map(of_row);
     let (open, of_each): (Vec<_>, Vec<Vec<Hit>>) = each.unzip();
     let mut starts = vec![0u32];
     starts.extend(of_each.iter().scan(0, |sum, hits| {
@@ -374,6 +378,7 @@ fn changed(own: &DirectionalBake, first: u32, changes: &[Change]) -> Sight {
         Some(*sum)
     }));
     Sight {
+        sharing: sharing.clone(),
         open,
         starts,
         hits: of_each.concat(),

@@ -244,28 +244,6 @@ impl Tracer {
         walk(self, &packet, direction, any, stack)
     }
 
-    /// Does something for all surfels, those together whose rays are packed together, and yields it with their numbers.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`] when `progress` asked for it.
-    pub(super) fn by_neighborhood<T: Send>(
-        &self,
-        progress: Progress<'_>,
-        work: impl Fn(&[u32]) -> Vec<T> + Sync,
-    ) -> Result<Vec<(usize, T)>> {
-        let done = AtomicUsize::new(0);
-        let each = self.order.par_chunks(NEIGHBORHOOD).map(|of| {
-            let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
-            if progress(so_far as f64 / self.order.len() as f64).is_break() {
-                return Err(Error::Cancelled);
-            }
-            Ok(work(of))
-        });
-        let made: Vec<Vec<T>> = each.collect::<Result<_>>()?;
-        let numbers = self.order.iter().map(|i| *i as usize);
-        Ok(numbers.zip(made.into_iter().flatten()).collect())
-    }
-
     /// A ball that holds where the rays of some surfels start: its middle and its radius, in these coordinates.
     pub(super) fn ball_of_starts(&self, of: &[u32]) -> (Vec3, f32) {
         let surfels = || of.iter().map(|i| &self.surfels[*i as usize]);
@@ -307,6 +285,40 @@ impl Tracer {
         }
         open
     }
+}
+
+/// Works on things of which neighbours follow each other, those together whose rays are packed together.
+///
+/// # Errors
+/// [`Error::Cancelled`] when `progress` asked for it.
+pub(super) fn by_neighborhood<T: Send>(
+    all: &mut [T],
+    progress: Progress<'_>,
+    work: impl Fn(&mut [T]) + Sync,
+) -> Result<()> {
+    let (count, done) = (all.len(), AtomicUsize::new(0));
+    all.par_chunks_mut(NEIGHBORHOOD).try_for_each(|some| {
+        let so_far = done.fetch_add(some.len(), Ordering::Relaxed);
+        if progress(so_far as f64 / count as f64).is_break() {
+            return Err(Error::Cancelled);
+        }
+        work(some);
+        Ok(())
+    })
+}
+
+/// Place and normal, in units in which both tell alike which surfels are of one surface.
+pub(crate) type PlaceAndNormal = [f32; 6];
+
+/// Those of some surfels, of whose surface the normals are given.
+pub(crate) fn places_and_normals(surfels: &[RaySurfel], normals: &[Vec3]) -> Vec<PlaceAndNormal> {
+    let mean_size: f32 = surfels.iter().map(|s| s.major).sum::<f32>() / surfels.len().max(1) as f32;
+    let unit = 1.0 / (3.0 * mean_size).max(1e-12);
+    let of_surfel = |(s, n): (&RaySurfel, &Vec3)| {
+        let (p, n) = (s.position * unit, *n * 2.0);
+        [p.x, p.y, p.z, n.x, n.y, n.z]
+    };
+    surfels.iter().zip(normals).map(of_surfel).collect()
 }
 
 fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {

@@ -1,7 +1,7 @@
 //! Saved bakes, tied to the geometry that they were baked from.
 //!
-//! After the head: of the harmonic method the openness `[n][N]`; of the directional method the fronts `[n]`, the open bits `[n][WORDS]`, where the hits of
-//! each surfel begin `[n + 1]`, and the hits. All little-endian.
+//! After the head: of the harmonic method the openness `[n][N]`; of the directional method the fronts `[n]`, the row of each surfel `[n]`, the surfel that
+//! each row was traced from `[rows]`, the open bits `[rows][WORDS]`, where the hits of each row begin `[rows + 1]`, and the hits. All little-endian.
 
 use std::io::{Read, Write};
 use std::path::Path;
@@ -15,6 +15,7 @@ use crate::bake::front::{Front, Fronts};
 use crate::bake::harmonic::{DIRECTIONS, HarmonicBake};
 use crate::bake::patches;
 use crate::bake::patches::{Found, Hit, MOST_SURFELS, PATCHES, WORDS};
+use crate::bake::sharing::Sharing;
 use crate::bake::trace::Tracer;
 use crate::bake::{Bake, check_method};
 use crate::error::{Error, Result};
@@ -25,10 +26,10 @@ use crate::surfels::SurfelCloud;
 pub(crate) const ANY_MAGIC: &[u8] = b"transplat-bake ";
 
 /// What a bake file begins with.
-const MAGIC: &[u8; 16] = b"transplat-bake 3";
+const MAGIC: &[u8; 16] = b"transplat-bake 4";
 
-/// Magic, geometry key, surfels, kind and directions.
-const HEADER_BYTES: u64 = 16 + 4 * 8;
+/// Magic, geometry key, surfels, kind, directions and rows.
+const HEADER_BYTES: u64 = 16 + 5 * 8;
 
 /// What the head of a bake file says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +42,8 @@ pub struct BakeHeader {
     pub method: Method,
     /// Directions that were asked.
     pub directions: u64,
+    /// How many different sights there are; of the harmonic method, one a surfel.
+    pub rows: u64,
 }
 
 impl BakeHeader {
@@ -111,25 +114,32 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
             "not a bake of this version; make one with `transplat bake`",
         ));
     }
-    let words: [u64; 4] = bytemuck::pod_read_unaligned(&head[16..]);
-    let [geometry_key, surfels, kind, directions] = words.map(u64::from_le);
+    let words: [u64; 5] = bytemuck::pod_read_unaligned(&head[16..]);
+    let [geometry_key, surfels, kind, directions, rows] = words.map(u64::from_le);
     let method = Method::ALL.into_iter().find(|p| kind_of(*p) == kind);
     let Some(method) = method else {
         return Err(Error::invalid(path, "a bake of a kind that is not known"));
     };
-    // Bytes a surfel at least and at most, and beside them; of the directional method, the hits come on top.
-    let (known, least, most, beside) = match method {
+    // Bytes a surfel; and a row, at least and at most, and beside them: of the directional method, the hits come on top.
+    let (known, each, [least, most], beside) = match method {
         Method::Harmonic => {
-            let known = DIRECTIONS.contains(&(directions as usize));
-            (known, directions, directions, HEADER_BYTES)
+            let known = DIRECTIONS.contains(&(directions as usize)) && rows == surfels;
+            (known, 0, [directions; 2], HEADER_BYTES)
         }
         Method::Directional => {
-            let known = directions == patches::DIRECTIONS as u64 && surfels <= MOST_SURFELS as u64;
-            let least = (size_of::<Front>() + size_of::<[u64; WORDS]>() + 4) as u64;
-            (known, least, least + 4 * PATCHES as u64, HEADER_BYTES + 4)
+            let known = directions == patches::DIRECTIONS as u64
+                && surfels <= MOST_SURFELS as u64
+                && rows <= surfels;
+            let least = (size_of::<[u64; WORDS]>() + 2 * 4) as u64;
+            let each = (size_of::<Front>() + 4) as u64;
+            let most = least + 4 * PATCHES as u64;
+            (known, each, [least, most], HEADER_BYTES + 4)
         }
     };
-    let bytes = |each: u64| Some(surfels.checked_mul(each)?.saturating_add(beside));
+    let bytes = |a_row: u64| {
+        let of_rows = rows.checked_mul(a_row)?.checked_add(beside)?;
+        surfels.checked_mul(each)?.checked_add(of_rows)
+    };
     let fits = bytes(least).zip(bytes(most));
     if !known || !fits.is_some_and(|(a, b)| (a..=b).contains(&length)) {
         return Err(Error::invalid(
@@ -145,6 +155,7 @@ fn read_header(path: &Path, reader: &mut impl Read, length: u64) -> Result<BakeH
         surfels,
         method,
         directions,
+        rows,
     })
 }
 
@@ -159,21 +170,29 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
     }
     write_atomically(path, |out| {
         out.write_all(MAGIC)?;
+        let rows = match baked {
+            Bake::Directional(directional) => directional.sight.open.len(),
+            _ => cloud.len(),
+        };
         for value in [
             geometry_key(cloud),
             cloud.len() as u64,
             kind_of(baked.method()),
             baked.directions() as u64,
+            rows as u64,
         ] {
             out.write_all(&value.to_le_bytes())?;
         }
         match baked {
             Bake::Harmonic(visibility) => out.write_all(&visibility.open),
             Bake::Directional(directional) => {
+                let sight = &directional.sight;
                 out.write_all(bytemuck::cast_slice(&directional.tracer.fronts.of))?;
-                out.write_all(bytemuck::cast_slice(&directional.sight.open))?;
-                out.write_all(bytemuck::cast_slice(&directional.sight.starts))?;
-                out.write_all(bytemuck::cast_slice(&directional.sight.hits))
+                out.write_all(bytemuck::cast_slice(&sight.sharing.row_of))?;
+                out.write_all(bytemuck::cast_slice(&sight.sharing.leaders))?;
+                out.write_all(bytemuck::cast_slice(&sight.open))?;
+                out.write_all(bytemuck::cast_slice(&sight.starts))?;
+                out.write_all(bytemuck::cast_slice(&sight.hits))
             }
             Bake::Scene(_) => Ok(()),
         }
@@ -220,24 +239,27 @@ pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
             Ok(Bake::Harmonic(visibility.into()))
         }
         Method::Directional => {
-            let found = found_in(&bytes, cloud.len());
-            let (fronts, found) =
+            let found = found_in(&bytes, cloud.len(), header.rows as usize);
+            let (fronts, sharing, found) =
                 found.ok_or_else(|| Error::invalid(path, "the bake is broken"))?;
             let tracer = Arc::new(Tracer::new(cloud, fronts));
-            let directional = DirectionalBake::of(cloud, tracer, &found);
+            let directional = DirectionalBake::of(cloud, &tracer, &Arc::new(sharing), &found);
             Ok(Bake::Directional(Arc::new(directional)))
         }
     }
 }
 
-/// The fronts of `n` surfels, and what their rays found; none if the numbers do not belong together.
-fn found_in(bytes: &[u8], n: usize) -> Option<(Fronts, Vec<Found>)> {
+/// The fronts of `n` surfels, which of them share, and what the rays of each row found; none if the numbers do not belong together.
+fn found_in(bytes: &[u8], n: usize, rows: usize) -> Option<(Fronts, Sharing, Vec<Found>)> {
     let (fronts, rest) = bytes.split_at_checked(size_of::<Front>() * n)?;
     let fronts = Fronts {
         of: read_all(fronts)?,
     };
-    let (open, rest) = rest.split_at_checked(8 * WORDS * n)?;
-    let (starts, hits) = rest.split_at_checked(4 * (n + 1))?;
+    let (row_of, rest) = rest.split_at_checked(4 * n)?;
+    let (leaders, rest) = rest.split_at_checked(4 * rows)?;
+    let sharing = Sharing::of_rows(read_all(row_of)?, read_all(leaders)?)?;
+    let (open, rest) = rest.split_at_checked(8 * WORDS * rows)?;
+    let (starts, hits) = rest.split_at_checked(4 * (rows + 1))?;
     let (open, starts): (Vec<[u64; WORDS]>, Vec<u32>) = (read_all(open)?, read_all(starts)?);
     let hits: Vec<Hit> = read_all(hits)?;
     let whole =
@@ -245,19 +267,18 @@ fn found_in(bytes: &[u8], n: usize) -> Option<(Fronts, Vec<Found>)> {
     if !whole || hits.iter().any(|h| h.surfel() >= n) {
         return None;
     }
-    let found: Option<Vec<Found>> = open
-        .into_iter()
+    let found: Option<Vec<Found>> = (sharing.leaders.iter().zip(open))
         .zip(starts.windows(2))
-        .map(|(open, range)| {
+        .map(|((surfel, open), range)| {
             let hits = hits.get(range[0] as usize..range[1] as usize)?.to_vec();
             (hits.len() <= PATCHES).then_some(Found {
                 open,
                 hits,
-                ..Found::default()
+                ..Found::of(*surfel)
             })
         })
         .collect();
-    Some((fronts, found?))
+    Some((fronts, sharing, found?))
 }
 
 fn read_all<T: Pod>(bytes: &[u8]) -> Option<Vec<T>> {
@@ -291,8 +312,8 @@ mod tests {
                 (Bake::Harmonic(a), Bake::Harmonic(b)) => assert_eq!(a.open, b.open),
                 (Bake::Directional(a), Bake::Directional(b)) => {
                     assert_eq!(
-                        (&a.sight.open, &a.sight.starts),
-                        (&b.sight.open, &b.sight.starts)
+                        (&a.sight.sharing, &a.sight.open, &a.sight.starts),
+                        (&b.sight.sharing, &b.sight.open, &b.sight.starts)
                     );
                     assert_eq!((&a.sight.hits, &a.two_sided), (&b.sight.hits, &b.two_sided));
                     assert_eq!(a.tracer.fronts, b.tracer.fronts);

@@ -38,6 +38,8 @@ pub enum Skip {
     ClosedSides,
     /// Bakes: where nothing blocks anything.
     OpenObject,
+    /// Bake of the directional method: rays of surfels beside one that sees nearly the same.
+    SharedSight,
     /// Transfer and drawing: SH bands in which the result holds nothing.
     EmptyBands,
     /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
@@ -54,9 +56,10 @@ pub enum Skip {
 
 impl Skip {
     /// All of them, in their order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::ClosedSides,
         Self::OpenObject,
+        Self::SharedSight,
         Self::EmptyBands,
         Self::GrayLight,
         Self::Suns,
@@ -70,6 +73,7 @@ impl Skip {
         match self {
             Self::ClosedSides => "closed-sides",
             Self::OpenObject => "open-object",
+            Self::SharedSight => "shared-sight",
             Self::EmptyBands => "empty-bands",
             Self::GrayLight => "gray-light",
             Self::Suns => "suns",
@@ -84,16 +88,19 @@ impl Skip {
         match self {
             Self::OpenObject | Self::EmptyBands => &Method::ALL,
             Self::GrayLight => &[Method::Harmonic],
-            Self::ClosedSides | Self::Suns | Self::Bounces | Self::Matte | Self::Unseen => {
-                &[Method::Directional]
-            }
+            Self::ClosedSides
+            | Self::SharedSight
+            | Self::Suns
+            | Self::Bounces
+            | Self::Matte
+            | Self::Unseen => &[Method::Directional],
         }
     }
 
     /// The stage that is quicker for it.
     pub fn stage(self) -> Stage {
         match self {
-            Self::ClosedSides | Self::OpenObject => Stage::Bake,
+            Self::ClosedSides | Self::OpenObject | Self::SharedSight => Stage::Bake,
             Self::EmptyBands
             | Self::GrayLight
             | Self::Suns
@@ -108,6 +115,7 @@ impl Skip {
         match self {
             Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
             Self::OpenObject => "visibility: surfels block each other's light",
+            Self::SharedSight => "rays of every surfel: there are not so many of them",
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",

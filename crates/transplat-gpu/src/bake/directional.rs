@@ -32,65 +32,34 @@ gpu_struct! {
     }
 }
 
-struct Chunk {
-    /// Which surfels it has.
-    order: Vec<u32>,
-    parameters: wgpu::Buffer,
-    surfels: wgpu::Buffer,
-}
-
 /// An asset's rays on the GPU.
 pub struct GpuTracer {
     context: Arc<Context>,
     pass: Arc<ComputePass>,
-    chunks: Vec<Chunk>,
+    tracer: Arc<Tracer>,
     resident: ResidentTracer,
     found: wgpu::Buffer,
 }
 
 impl GpuTracer {
-    /// Uploads the boxes, the discs, and the surfels in an order in which neighbours' rays go the same way.
+    /// Uploads the boxes and the discs.
     ///
     /// # Errors
     /// It is too large for the adapter, or the driver failed.
-    pub fn new(context: &Arc<Context>, tracer: &Tracer) -> Result<Self> {
+    pub fn new(context: &Arc<Context>, tracer: &Arc<Tracer>) -> Result<Self> {
         ResidentTracer::check_fits(context, tracer)?;
         let resident = ResidentTracer::upload(context, tracer);
-        let chunks = tracer.order.chunks(CHUNK).map(|order| {
-            let surfels: Vec<DirectionalBakeSurfel> = order
-                .iter()
-                .map(|i| {
-                    let s = &tracer.surfels[*i as usize];
-                    DirectionalBakeSurfel {
-                        position: s.position.to_array(),
-                        minor: s.minor,
-                        normal: s.normal.to_array(),
-                        major: s.major,
-                    }
-                })
-                .collect();
-            let parameters = DirectionalParameters {
-                count: order.len() as u32,
-                box_count: resident.box_count as u32,
-            };
-            Chunk {
-                order: order.to_vec(),
-                parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
-                surfels: context.upload(&surfels, BufferUsages::STORAGE),
-            }
-        });
-        let chunks = chunks.collect();
         context.wait()?;
         Ok(Self {
             pass: context.compute_pass(&shader::BAKE_DIRECTIONAL.source(), "trace_patches"),
-            chunks,
             resident,
             found: context.storage(4 * PATCH_BATCH * CHUNK.min(tracer.order.len())),
             context: context.clone(),
+            tracer: tracer.clone(),
         })
     }
 
-    /// Traces the rays of some patches from all surfels, and adds what they find, `[n]`.
+    /// Traces the rays of some patches from some surfels, of which neighbours follow each other, and adds what they find.
     ///
     /// # Errors
     /// The driver failed, or `progress` asked to stop.
@@ -101,13 +70,8 @@ impl GpuTracer {
         progress: Progress<'_>,
     ) -> Result<()> {
         let all = directions();
-        let closed: Vec<wgpu::Buffer> = (self.chunks.iter())
-            .map(|chunk| {
-                let of = chunk.order.iter();
-                let closed = of.map(|i| u32::from(found[*i as usize].back_is_closed));
-                let closed: Vec<u32> = closed.collect();
-                self.context.upload(&closed, BufferUsages::STORAGE)
-            })
+        let mut chunks: Vec<Chunk<'_>> = (found.chunks_mut(CHUNK))
+            .map(|found| self.chunk(found))
             .collect();
         for (batch, of_batch) in patches.chunks(PATCH_BATCH).enumerate() {
             let done = (batch * PATCH_BATCH) as f64 / patches.len() as f64;
@@ -120,22 +84,46 @@ impl GpuTracer {
                 *ray = all[place * PATCHES + patch].extend(0.0).to_array();
             }
             let rays = self.context.upload(&rays, BufferUsages::UNIFORM);
-            for (chunk, closed) in self.chunks.iter().zip(&closed) {
-                self.trace_chunk(chunk, of_batch, (&rays, closed), found)?;
+            for chunk in &mut chunks {
+                self.trace_chunk(chunk, of_batch, &rays)?;
             }
         }
         Ok(())
     }
 
+    fn chunk<'a>(&self, found: &'a mut [Found]) -> Chunk<'a> {
+        let context = &self.context;
+        let of_surfel = |f: &Found| {
+            let s = &self.tracer.surfels[f.surfel as usize];
+            DirectionalBakeSurfel {
+                position: s.position.to_array(),
+                minor: s.minor,
+                normal: s.normal.to_array(),
+                major: s.major,
+            }
+        };
+        let surfels: Vec<DirectionalBakeSurfel> = found.iter().map(of_surfel).collect();
+        let closed = found.iter().map(|f| u32::from(f.back_is_closed));
+        let parameters = DirectionalParameters {
+            count: found.len() as u32,
+            box_count: self.resident.box_count as u32,
+        };
+        Chunk {
+            parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
+            surfels: context.upload(&surfels, BufferUsages::STORAGE),
+            closed: context.upload(&closed.collect::<Vec<u32>>(), BufferUsages::STORAGE),
+            found,
+        }
+    }
+
     fn trace_chunk(
         &self,
-        chunk: &Chunk,
+        chunk: &mut Chunk<'_>,
         patches: &[usize],
-        (rays, closed): (&wgpu::Buffer, &wgpu::Buffer),
-        found: &mut [Found],
+        rays: &wgpu::Buffer,
     ) -> Result<()> {
         let context = &self.context;
-        let count = chunk.order.len();
+        let count = chunk.found.len();
         let bindings = [
             ("parameters", &chunk.parameters),
             ("directions", rays),
@@ -143,20 +131,28 @@ impl GpuTracer {
             ("boxes", &self.resident.boxes),
             ("discs", &self.resident.discs),
             ("found", &self.found),
-            ("closed", closed),
+            ("closed", &chunk.closed),
         ];
         let group = context.bind(&self.pass, &bindings);
         let groups = [count.div_ceil(WORKGROUP), patches.len(), 1];
         context.run(&self.pass, &group, groups);
         let read: Vec<u32> = context.read(&self.found, count * patches.len())?;
         for (patch, row) in patches.iter().zip(read.chunks_exact(count)) {
-            for (i, packed) in chunk.order.iter().zip(row) {
+            for (found, packed) in chunk.found.iter_mut().zip(row) {
                 let open =
                     std::array::from_fn(|place| packed >> (SURFEL_BITS as usize + place) & 1 == 1);
                 let met = (packed >> 31 == 1).then_some(packed & (MOST_SURFELS as u32 - 1));
-                found[*i as usize].add(*patch, met, open);
+                found.add(*patch, met, open);
             }
         }
         Ok(())
     }
+}
+
+/// Some of the surfels, and what they found.
+struct Chunk<'a> {
+    parameters: wgpu::Buffer,
+    surfels: wgpu::Buffer,
+    closed: wgpu::Buffer,
+    found: &'a mut [Found],
 }

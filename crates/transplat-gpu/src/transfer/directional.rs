@@ -340,7 +340,7 @@ fn surfels_of(
                 reflectance: gloss.reflectance,
                 encoded_mean: p.encoded_mean[i],
                 open: if terms.shadow {
-                    bytemuck::cast(bake.sight.open[i])
+                    bytemuck::cast(*bake.sight.open_of(i))
                 } else {
                     [u32::MAX; 2 * WORDS]
                 },

@@ -119,7 +119,7 @@ fn what_is_out_of_sight_changes_nothing() {
         Surroundings::trace(&objects, 0, Detail::Full, &no_progress).expect("not cancelled");
     for i in (0..ball.bake.len()).filter(|i| ball.bake.normals[*i].z < -0.6) {
         let alone = &ball.bake.sight;
-        assert_eq!(around.sight.open[i], alone.open[i], "surfel {i}");
+        assert_eq!(around.sight.open_of(i), alone.open_of(i), "surfel {i}");
         assert_eq!(around.sight.hits_of(i), alone.hits_of(i), "surfel {i}");
     }
     assert!(around.changed > 0 && around.changed < ball.bake.len());
@@ -134,7 +134,7 @@ fn what_is_out_of_sight_changes_nothing() {
 fn what_is_traced_coarsely_is_close() {
     // So many that neighbours share what they see.
     let slab = synthetic::sheet(110);
-    assert!(Detail::Coarse.surfels_together(slab.len()) > 1);
+    assert!(Detail::Coarse.rows_together(slab.len()) > 1);
     let over =
         Affine3A::from_scale_rotation_translation(Vec3::splat(0.4), Quat::IDENTITY, 0.5 * Vec3::Z);
     let objects = [

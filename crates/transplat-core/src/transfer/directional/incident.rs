@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
 use super::rays::Rays;
-use crate::bake::directional::Sight;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
+use crate::bake::sight::Sight;
 use crate::bake::surroundings::Surroundings;
 use crate::environment::{Beam, Beams, IncidentRadiance};
 use crate::settings::skips::{Skip, Skips};
@@ -290,7 +290,7 @@ impl Incident<'_> {
 
     fn open(&self, i: usize) -> &[u64; WORDS] {
         if self.terms.shadow {
-            &self.sight.open[i]
+            self.sight.open_of(i)
         } else {
             &[u64::MAX; WORDS]
         }

@@ -106,9 +106,8 @@ impl Relight for DirectionalTransfer {
 
     fn bytes(&self) -> usize {
         let bake = &self.asset.bake;
-        size_of_val(&bake.sight.open[..])
+        bake.sight.bytes()
             + size_of_val(&bake.normals[..])
-            + size_of_val(&bake.sight.hits[..])
             + size_of_val(&self.asset.means[..])
             + size_of_val(&self.gloss[..])
             + size_of_val(&self.glow[..])
