@@ -199,10 +199,11 @@ impl DirectionalBake {
         }
         let directions = directions();
         let patches = refining_order(PATCHES);
-        let sharing = if skips.has(Skip::SharedSight) {
+        let together = Sharing::together(cloud.len());
+        let sharing = if together > 1 && skips.has(Skip::SharedSight) {
             let asked = patches[..PROBES].iter().map(|p| directions[*p]);
             let asked: Vec<Vec3> = asked.collect();
-            Sharing::find(tracer, &asked, &|p| progress(SHARING_SHARE * p))?
+            Sharing::find(tracer, &asked, together, &|p| progress(SHARING_SHARE * p))?
         } else {
             Sharing::each_own(&tracer.order)
         };
@@ -588,7 +589,11 @@ mod tests {
         let seen = |bake: &DirectionalBake, i| *bake.sight.open_of(i);
         assert!((0..ball.len()).all(|i| seen(&hollow, i) == seen(&filled, i)));
         let inside = ball.len()..filled.len();
-        assert!(inside.clone().all(|i| seen(&filled, i).iter().all(|w| *w == 0)));
+        assert!(
+            inside
+                .clone()
+                .all(|i| seen(&filled, i).iter().all(|w| *w == 0))
+        );
         let counted: f32 = filled.prominence[inside].iter().sum();
         // A fifth of all area, behind a ball whose surfels have soft rims.
         assert!(counted < 0.02, "{counted}");

@@ -22,6 +22,9 @@ use crate::surfels::SurfelCloud;
 /// Directions from which it is asked how much of a surfel is seen.
 const DIRECTIONS: usize = 24;
 
+/// Of so many surfels every other packet of neighbours is asked in every other one of these directions: what is seen of one alone matters little.
+const MANY: usize = 1 << 17;
+
 /// Directions at which its colour is looked at.
 const VIEWS: usize = 24;
 
@@ -230,17 +233,19 @@ fn seen_from_sides(
     progress: Progress<'_>,
 ) -> Result<Vec<[f32; 2]>> {
     let directions = lattice(DIRECTIONS);
+    let each = if normals.len() >= MANY { 2 } else { 1 };
     let done = AtomicUsize::new(0);
     let packets: Vec<Vec<[f32; 2]>> = veils
         .order
         .par_chunks(PACKET)
-        .map_init(Vec::new, |stack, of| {
+        .enumerate()
+        .map_init(Vec::new, |stack, (packet, of)| {
             let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
             if progress(so_far as f64 / normals.len() as f64).is_break() {
                 return Err(Error::Cancelled);
             }
             let mut sums = vec![[[0f32; 2]; 2]; of.len()];
-            for d in &directions {
+            for d in directions.iter().skip(packet % each).step_by(each) {
                 let through = veils.transmittance(of, *d, stack);
                 for ((sum, i), through) in sums.iter_mut().zip(of).zip(through) {
                     let cosine = normals[*i as usize].dot(*d);
