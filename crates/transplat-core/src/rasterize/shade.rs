@@ -36,6 +36,7 @@ pub fn shade(
         sh,
         degree,
         encoding,
+        gains: None,
         coefficients: 0..coefficient_count(degree),
         eye,
         space,
@@ -61,6 +62,8 @@ pub struct Shading<'a> {
     pub degree: usize,
     /// What `sh` stands for.
     pub encoding: Encoding,
+    /// What the light is multiplied by, `[n]`.
+    pub gains: Option<&'a [[f32; 3]]>,
     /// Those coefficients that take part.
     pub coefficients: Range<usize>,
     /// In the surfels' coordinates.
@@ -76,16 +79,24 @@ impl Shading<'_> {
         match self.space {
             // What was trained for display passes untouched.
             ColorSpace::Display(display)
-                if self.encoding == Encoding::Stored && display.is_identity() =>
+                if self.encoding == Encoding::Stored
+                    && display.is_identity()
+                    && self.gains.is_none() =>
             {
                 for v in out.as_flattened_mut() {
                     *v = (*v + STORED_OFFSET).max(0.0);
                 }
             }
-            ColorSpace::Linear => self.encoding.decode_all(out.as_flattened_mut()),
-            ColorSpace::Display(display) => {
+            space => {
                 self.encoding.decode_all(out.as_flattened_mut());
-                display.encode_all(out);
+                if let Some(gains) = self.gains {
+                    for (out, i) in out.iter_mut().zip(surfels) {
+                        *out = std::array::from_fn(|c| out[c] * gains[*i][c]);
+                    }
+                }
+                if let ColorSpace::Display(display) = space {
+                    display.encode_all(out);
+                }
             }
         }
     }

@@ -4,6 +4,7 @@
 //! Once for an asset: [`DirectionalAsset`]. Once for asset and source light: [`DirectionalTransfer`]. A new light is then sums over light.
 
 mod asset;
+mod coarse;
 mod glow;
 mod incident;
 mod lobe;
@@ -468,15 +469,19 @@ impl DirectionalTransfer {
         tau: &mut [FrontAndBack],
     ) {
         tau.par_iter_mut().enumerate().for_each(|(i, tau)| {
-            let e = added(light.irradiance[i], bounced(i));
-            let [front, back]: FrontAndBack = std::array::from_fn(|s| {
-                std::array::from_fn(|c| e[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
-            });
-            let two_sided = self.settings.terms.two_sided;
-            let sides = [front, if two_sided { back } else { front }];
-            let glow = self.glow_of(i);
-            *tau = sides.map(|side| side.map(|t| t + glow * (1.0 - t)));
+            *tau = self.change(i, added(light.irradiance[i], bounced(i)));
         });
+    }
+
+    /// How much the matte light of surfel `i` changes in that irradiance.
+    fn change(&self, i: usize, irradiance: FrontAndBack) -> FrontAndBack {
+        let [front, back]: FrontAndBack = std::array::from_fn(|s| {
+            std::array::from_fn(|c| irradiance[s][c] / self.divisor[i][s][c].max(LEAST_IRRADIANCE))
+        });
+        let two_sided = self.settings.terms.two_sided;
+        let sides = [front, if two_sided { back } else { front }];
+        let glow = self.glow_of(i);
+        sides.map(|side| side.map(|t| t + glow * (1.0 - t)))
     }
 
     /// How much of a surfel's matte colour is its own light, 0 to 1.

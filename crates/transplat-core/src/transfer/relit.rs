@@ -56,6 +56,14 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
     /// The light was not read for the method.
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>>;
 
+    /// The same, nearly and soon, for what is shown while the light changes; none where nothing is quicker than a relight. `[n]`
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn coarse_tau(&self, _target: &Illumination) -> Result<Option<Vec<[f32; 3]>>> {
+        Ok(None)
+    }
+
     /// What the surfels are made of, as the light of the capture and its pictures tell; `whitest` is the albedo that the whitest of them has, if
     /// that is known.
     fn materials(&self, whitest: Option<f32>) -> Materials;

@@ -98,6 +98,8 @@ pub enum LiveSh {
     Gpu(ResidentSh),
     /// As it is.
     Cpu(Arc<Relit>),
+    /// What was captured, its light multiplied by that, `[n]`: drawn by the CPU alone.
+    Coarse(Arc<Vec<[f32; 3]>>),
 }
 
 impl LiveSh {
@@ -145,7 +147,7 @@ impl LiveSh {
     fn paint(&self) -> Option<ResidentPaint<'_>> {
         match self {
             Self::Gpu(sh) => Some(ResidentPaint::Sh(sh, Part::Whole)),
-            Self::Cpu(_) => None,
+            Self::Cpu(_) | Self::Coarse(_) => None,
         }
     }
 }
@@ -365,19 +367,27 @@ impl LiveObject {
             sh,
             degree,
             encoding,
+            gains: None,
             coefficients: 0..coefficient_count(filled),
             eye: camera.eye,
             space: key.space,
+        };
+        let stored = || {
+            let degrees = [cloud.sh_degree, self.asset.degree];
+            shading(&cloud.sh, degrees, cloud.encoding)
         };
         let shading = match (key.paint, &self.relit.value, &self.pinned.value) {
             (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Cpu(relit), _)), _)
             | (SidePaint::Pinned, _, Some((LiveSh::Cpu(relit), _))) => {
                 Some(shading(&relit.sh, [relit.degree; 2], relit.encoding))
             }
-            (SidePaint::Stored, ..) => {
-                let degrees = [cloud.sh_degree, self.asset.degree];
-                Some(shading(&cloud.sh, degrees, cloud.encoding))
+            (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Coarse(gains), _)), _) => {
+                Some(Shading {
+                    gains: Some(gains),
+                    ..stored()
+                })
             }
+            (SidePaint::Stored, ..) => Some(stored()),
             _ => None,
         };
         let color = match (shading, self.own_colors(key.paint)) {

@@ -43,6 +43,7 @@ pub enum Work {
     Estimate,
     Prepare,
     Relight,
+    RelightCoarsely,
     Channel,
     Doubts,
     Measure,

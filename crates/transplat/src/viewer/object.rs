@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 use glam::{Affine3A, Quat};
 use transplat_core::bake::Bake;
@@ -66,6 +67,9 @@ pub struct ObjectState {
     pub(super) transfer: Arc<Mutex<TransferAsset>>,
     pub prepared: Derived<PrepareKey, Prepared>,
     pub relit: Derived<RelitKey, Relighting>,
+    /// How long the last one took on the CPU that was not coarse, in ms, and when the last coarse one was there.
+    pub(super) relit_in_ms: f64,
+    pub(super) coarse_since: Option<Instant>,
     /// Surfels that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
     pub hidden: Derived<HiddenKey, Arc<Vec<bool>>>,
     pub(super) unseen: Unseen,
@@ -97,6 +101,11 @@ impl ObjectState {
     pub fn bake_share(&self, method: Method) -> f32 {
         let bake = self.bakes.get(&method).and_then(Derived::current);
         bake.map_or(0.0, |b| b.share)
+    }
+
+    /// Whether what is shown relit of it is so only nearly.
+    pub(super) fn is_coarse(&self) -> bool {
+        self.relit.made_from().is_some_and(|key| key.coarse)
     }
 
     /// Those of them, for another object of the same splat.
@@ -209,6 +218,8 @@ pub struct RelitKey {
     pub unseen: u64,
     /// Version of what it sees of others, 0 where it is alone.
     pub surroundings: u64,
+    /// Whether it is what is shown while the light changes.
+    pub coarse: bool,
 }
 
 /// All that a whole relit asset depends on: a part of one is no other.

@@ -140,7 +140,7 @@ impl Session {
             return false;
         };
         let lacks_none = shown.unseen == state.unseen.version && !state.unseen.has_hidden;
-        if shown.part == Part::Whole && lacks_none {
+        if shown.part == Part::Whole && lacks_none && !shown.coarse {
             self.live().pin(at, display);
             return true;
         }

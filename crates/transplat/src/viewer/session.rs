@@ -647,6 +647,9 @@ impl Session {
         if shown().any(|state| state.relit.get().is_none()) {
             return Some(tr("not relit yet: as captured"));
         }
+        if shown().any(ObjectState::is_coarse) {
+            return Some(tr("coarse: the light changes"));
+        }
         let method = self.scene.transfer.method;
         let is_whole = |state: &ObjectState| {
             let bake = state.bakes.get(&method).and_then(|b| b.current());
@@ -661,6 +664,9 @@ impl Session {
 
     /// Whether nothing is being computed that the picture waits for.
     pub(super) fn is_relit_as_set(&self) -> bool {
+        if self.states.iter().any(ObjectState::is_coarse) {
+            return false;
+        }
         let mut running = self.jobs.running().iter();
         let is_beside = |kind: Kind| {
             let of_object = matches!(
@@ -674,6 +680,6 @@ impl Session {
 
     /// Whether everything that the settings ask for is shown: nothing is being computed.
     pub fn is_settled(&self) -> bool {
-        self.jobs.running().is_empty()
+        self.jobs.running().is_empty() && !self.states.iter().any(ObjectState::is_coarse)
     }
 }

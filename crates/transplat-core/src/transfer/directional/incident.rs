@@ -36,7 +36,7 @@ pub(in crate::transfer) struct Incident<'a> {
     sky: Sky,
     /// With the surfels that see them.
     suns: Vec<(Beam, Vec<bool>)>,
-    /// Irradiance, with epsilon's share. `[n]`
+    /// Irradiance, with epsilon's share. `[n]`, or empty
     pub irradiance: Vec<FrontAndBack>,
     /// Irradiance of the light, [`DirectionalLight::mean`].
     pub mean: [f32; 3],
@@ -132,8 +132,23 @@ impl DirectionalAsset {
         settings: &TransferSettings,
         among: Option<&'a Surroundings>,
     ) -> Incident<'a> {
+        let mut light = self.met(light, settings, among);
+        light.irradiance = (0..self.bake.len())
+            .into_par_iter()
+            .map(|i| self.irradiance(i, &light))
+            .collect();
+        light
+    }
+
+    /// The same, irradiance left for others to ask.
+    pub(super) fn met<'a>(
+        &'a self,
+        light: DirectionalLight,
+        settings: &TransferSettings,
+        among: Option<&'a Surroundings>,
+    ) -> Incident<'a> {
         let terms = settings.terms;
-        let mut light = Incident {
+        Incident {
             sight: among.map_or(&self.bake.sight, |a| &a.sight),
             first: among.map_or(0, |a| a.first),
             sky: Sky::new(&light.sky),
@@ -149,13 +164,7 @@ impl DirectionalAsset {
             terms,
             skips: settings.skips,
             others: None,
-        };
-
-        light.irradiance = (0..self.bake.len())
-            .into_par_iter()
-            .map(|i| self.irradiance(i, &light))
-            .collect();
-        light
+        }
     }
 
     /// An SH series by its values, where it is not negative.
@@ -190,7 +199,7 @@ impl DirectionalAsset {
     }
 
     /// Irradiance of surfel `i`, front and back, with epsilon's share.
-    fn irradiance(&self, i: usize, light: &Incident<'_>) -> FrontAndBack {
+    pub(super) fn irradiance(&self, i: usize, light: &Incident<'_>) -> FrontAndBack {
         let n = self.bake.normals[i];
         let (open, sky) = (light.open(i), &light.sky);
         // Not all have a back that counts, and a sum costs as much as the other.

@@ -26,6 +26,10 @@ impl Relight for DirectionalTransfer {
         Ok(self.ratio(self.light(target)?))
     }
 
+    fn coarse_tau(&self, target: &Illumination) -> Result<Option<Vec<[f32; 3]>>> {
+        self.coarse_ratio(target).map(Some)
+    }
+
     fn materials(&self, whitest: Option<f32>) -> Materials {
         self.materials_of(whitest)
     }

@@ -552,3 +552,26 @@ fn a_lamp_is_made_of_light() {
         assert!((m.emission[0] / shown - 1.0).abs() < 0.06, "{m:?} {shown}");
     }
 }
+
+/// What is shown while a light is turned.
+#[test]
+fn a_coarse_ratio_is_near_the_one_that_follows() {
+    let asset = asset_of(&glossy());
+    let sun = DVec3::new(0.4, 0.2, 0.9);
+    let transfer = prepared(&asset, &sky(sun, [1.0, 0.9, 0.8]));
+    let target = sky(DVec3::new(-0.7, 0.1, 0.5), [0.3, 0.5, 0.9]);
+    let coarse = transfer.coarse_ratio(&target).expect("with beams");
+    let exact = transfer.ratio(transfer.light(&target).expect("with beams"));
+    let (mut off, mut sum, mut left) = (0f32, 0f32, 0f32);
+    for ((coarse, exact), share) in coarse.iter().zip(&exact).zip(&asset.bake.prominence) {
+        for c in 0..3 {
+            off += share * (coarse[c] - exact[c]).abs();
+            left += share * (1.0 - exact[c]).abs();
+            sum += share * exact[c];
+        }
+    }
+    // The edge of the sun's shadow is one of 384 directions, ten degrees apart.
+    assert!(off < 0.08 * sum, "{off} of {sum}");
+    // It is far nearer than to leave the light as it was.
+    assert!(off < 0.2 * left, "{off} for {left}");
+}

@@ -37,8 +37,8 @@ impl Session {
             return;
         };
         let (key, kind) = (relit.shown(), Kind::Of(state.id, Work::Doubts));
-        // What is shown may still be of the last preparation.
-        if key.0 != state.prepared.version() || self.jobs.is_running(kind) {
+        // What is shown may still be of the last preparation, or soon be another light's.
+        if relit.coarse || key.0 != state.prepared.version() || self.jobs.is_running(kind) {
             return;
         }
         let wants_doubts = shows && !state.doubts.is_asked(&key);

@@ -1,7 +1,7 @@
 //! The asset under the target light.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use transplat_core::present;
 use transplat_core::settings::skips::Skip;
@@ -12,6 +12,12 @@ use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::language::tr;
 use crate::viewer::object::{Relighting, RelitKey};
 use crate::viewer::session::Session;
+
+/// A relight that takes longer is shown coarsely first.
+const LONG_MS: f64 = 250.0;
+
+/// So long a light is the same before the exact one begins.
+const REST: Duration = Duration::from_millis(250);
 
 impl Session {
     pub(in crate::viewer) fn relight(&mut self, at: usize) {
@@ -30,6 +36,7 @@ impl Session {
             },
             unseen: state.unseen.version,
             surroundings: 0,
+            coarse: false,
         };
         if state.relit.made_from() == Some(&key) {
             return;
@@ -57,8 +64,72 @@ impl Session {
         self.states[at].relit.set(key, relighting);
     }
 
+    /// Shows coarsely what takes long, the newest light whenever the last one is done; whether it is to be awaited.
+    fn start_coarse_relight(
+        &mut self,
+        at: usize,
+        prepared: &PreparedTransfer,
+        key: &RelitKey,
+    ) -> bool {
+        let is_drawn_here = Drawing::fastest(&self.context) == Drawing::Cpu;
+        let state = &mut self.states[at];
+        if !is_drawn_here || state.relit_in_ms < LONG_MS || key.part != Part::Whole {
+            return false;
+        }
+        let key = RelitKey {
+            coarse: true,
+            ..key.clone()
+        };
+        if state.relit.made_from() == Some(&key) {
+            // The exact one takes both cores: not before the light rests.
+            let since = state.coarse_since.map_or(REST, |at| at.elapsed());
+            let rest = REST.saturating_sub(since);
+            if !rest.is_zero() {
+                self.jobs.context().request_repaint_after(rest);
+            }
+            return !rest.is_zero();
+        }
+        let kind = Kind::Of(state.id, Work::RelightCoarsely);
+        if self.jobs.is_running(kind) || !state.relit.ask(&key) {
+            return true;
+        }
+        let (id, prepared, light) = (state.id, prepared.clone(), key.target.clone());
+        let work = move |_: &_| {
+            let start = Instant::now();
+            let tau = prepared.coarse_tau(&light.light)?;
+            Ok((tau, start.elapsed().as_secs_f64() * 1e3))
+        };
+        let label = tr("relighting");
+        self.start(kind, label, work, move |session, (tau, ms)| {
+            session.show_coarse(id, key, tau, ms);
+        });
+        true
+    }
+
+    fn show_coarse(&mut self, id: u64, key: RelitKey, tau: Option<Vec<[f32; 3]>>, ms: f64) {
+        let is_of = |at: &usize| self.states[*at].prepared.version() == key.prepared;
+        let Some(at) = self.at(id).filter(is_of) else {
+            return;
+        };
+        let Some(tau) = tau else {
+            // There is none: the exact one is.
+            self.states[at].relit_in_ms = 0.0;
+            return;
+        };
+        let relighting = self.relighting(at, &key, Some(ms));
+        let state = &mut self.states[at];
+        state.coarse_since = Some(Instant::now());
+        if state.relit.accept(key, relighting) {
+            let colors = present::tau_colors(&tau);
+            (self.live()).set_relit(at, LiveSh::Coarse(Arc::new(tau)), colors);
+        }
+    }
+
     /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
     fn start_relight(&mut self, at: usize, prepared: PreparedTransfer, key: RelitKey) {
+        if self.start_coarse_relight(at, &prepared, &key) {
+            return;
+        }
         let state = &mut self.states[at];
         let kind = Kind::Of(state.id, Work::Relight);
         if self.jobs.is_running(kind) || !state.relit.ask(&key) {
@@ -92,6 +163,7 @@ impl Session {
         };
         let relighting = self.relighting(at, &key, Some(ms));
         let state = &mut self.states[at];
+        state.relit_in_ms = ms;
         let (is_whole, shown) = (key.part == Part::Whole, key.shown());
         if state.relit.accept(key, relighting) {
             let tau = present::tau_colors(&relit.tau);

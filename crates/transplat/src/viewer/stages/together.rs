@@ -217,6 +217,7 @@ impl Session {
                 part,
                 unseen: state.unseen.version,
                 surroundings: key.1,
+                coarse: false,
             };
             (state.id, key)
         };

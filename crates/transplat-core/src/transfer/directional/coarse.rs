@@ -1,0 +1,39 @@
+//! How much matte light changes, soon: for what is shown while a light is turned.
+
+use glam::Vec3A;
+use rayon::prelude::*;
+
+use super::asset::{FrontAndBack, Radiance};
+use super::{DirectionalTransfer, added};
+use crate::environment::Illumination;
+use crate::error::Result;
+
+impl DirectionalTransfer {
+    /// By how much each surfel's front changes in matte light, nearly: asked of one of those that share what they see, suns as a part of the
+    /// sky, light bounced once. `[n]`
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    pub fn coarse_ratio(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {
+        let asset = &*self.asset;
+        let mut settings = self.settings.clone();
+        settings.terms.suns = false;
+        let (beams, told) = (target.for_directional()?, target.told_gain);
+        let light = asset.light(beams, (self.light_gain, told), &settings, self.fill);
+        let light = asset.met(light, &settings, None);
+        let start = Vec3A::from(self.mean_ratio(light.mean));
+        let radiance: Vec<Radiance> = (asset.means.par_iter())
+            .map(|sides| sides.map(|m| Vec3A::from(m) * start))
+            .collect();
+        let sharing = &asset.bake.sight.sharing;
+        let of_leader = |i: &u32| {
+            let i = *i as usize;
+            let bounced = asset.bounced(i, &light, &radiance);
+            self.change(i, added(asset.irradiance(i, &light), bounced))
+        };
+        let of_rows: Vec<FrontAndBack> = sharing.leaders.par_iter().map(of_leader).collect();
+        let mut tau = sharing.spread(&of_rows);
+        self.trusted(told, &mut tau);
+        Ok(tau.into_iter().map(|[front, _]| front).collect())
+    }
+}
