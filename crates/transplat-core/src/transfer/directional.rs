@@ -265,8 +265,9 @@ impl DirectionalTransfer {
             .collect();
         tell(progress, 0.35)?;
         let white = whitest(asset, &divisor);
+        let mut matte = asset.colors();
         let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
-            let mut gloss = find_gloss(asset, (&light, &radiance), white);
+            let mut gloss = find_gloss(asset, &matte, (&light, &radiance), white);
             let faint = if settings.skips.has(Skip::Matte) {
                 Gloss::take_unseen(&mut gloss, white)
             } else {
@@ -278,11 +279,16 @@ impl DirectionalTransfer {
         };
         tell(progress, 0.7)?;
         let glow = match settings.terms.glow {
-            true => find_glow(asset, &divisor, &gloss, (white, settings.glow_above, trust)),
+            true => find_glow(
+                asset,
+                &matte,
+                &divisor,
+                &gloss,
+                (white, settings.glow_above, trust),
+            ),
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
-        let mut matte = asset.colors.clone();
         let mut residual = asset.sh.clone();
         let encoded_mean = matte
             .par_chunks_exact_mut(q)

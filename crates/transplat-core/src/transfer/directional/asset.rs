@@ -43,8 +43,6 @@ pub struct DirectionalAsset {
     pub(super) planes: Planes,
     /// Stored colour. `[n][K]`
     pub sh: Vec<[f32; 3]>,
-    /// Linear colour at the front's nodes. `[n][Q]`
-    pub(super) colors: Vec<[f32; 3]>,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     pub means: Vec<FrontAndBack>,
     pub(super) neighbors: Neighbors,
@@ -81,11 +79,9 @@ impl DirectionalAsset {
         let directions = directions();
         let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         let k = coefficient_count(degree);
-        let (fronts, means): (Vec<Vec<[f32; 3]>>, Vec<FrontAndBack>) = sh
-            .par_chunks_exact(k)
-            .zip(&bake.normals)
-            .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n))
-            .unzip();
+        let means = (sh.par_chunks_exact(k).zip(&bake.normals))
+            .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n).1)
+            .collect();
         Self {
             neighbors: Neighbors::new(&bake.tracer.surfels, &bake.normals),
             nodes,
@@ -94,14 +90,13 @@ impl DirectionalAsset {
             planes: planes(directions.iter().map(|d| d.to_array())),
             directions,
             sh,
-            colors: fronts.concat(),
             means,
         }
     }
 
     /// What some of its surfels are without the others, given what they see then.
     pub(super) fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
-        let (q, k) = (self.nodes.count(), coefficient_count(self.nodes.degree));
+        let k = coefficient_count(self.nodes.degree);
         Self {
             nodes: self.nodes.clone(),
             encoding: self.encoding,
@@ -109,11 +104,22 @@ impl DirectionalAsset {
             directions: self.directions.clone(),
             planes: self.planes.clone(),
             sh: rows_of(&self.sh, k, surfels),
-            colors: rows_of(&self.colors, q, surfels),
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
             neighbors: Neighbors::alone(surfels.len()),
         }
+    }
+
+    /// Linear colour at the front's nodes. `[n][Q]`
+    pub(super) fn colors(&self) -> Vec<[f32; 3]> {
+        let (q, k) = (self.nodes.count(), coefficient_count(self.nodes.degree));
+        let mut colors = vec![[0f32; 3]; self.bake.len() * q];
+        let each = (self.sh.par_chunks_exact(k).zip(&self.bake.normals))
+            .zip(colors.par_chunks_exact_mut(q));
+        each.for_each(|((sh, n), out)| {
+            out.copy_from_slice(&seen_at(&self.nodes, self.encoding, sh, *n).0);
+        });
+        colors
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`

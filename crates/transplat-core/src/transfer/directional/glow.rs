@@ -57,6 +57,7 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
 /// known, 0 to 1.
 pub(super) fn find_glow(
     asset: &DirectionalAsset,
+    colors: &[[f32; 3]],
     divisor: &[FrontAndBack],
     gloss: &[Gloss],
     (white, above, trust): (f32, f32, f32),
@@ -69,7 +70,7 @@ pub(super) fn find_glow(
         .par_iter()
         .zip(divisor)
         .zip(gloss)
-        .zip(asset.colors.par_chunks_exact(q));
+        .zip(colors.par_chunks_exact(q));
     let alone = each.map(|((([mean, _], [light, _]), gloss), colors)| {
         // What mirrors a lamp is as bright as one.
         if !gloss.is_matte() {

@@ -158,6 +158,7 @@ struct Moments {
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
 pub(super) fn find_gloss(
     asset: &DirectionalAsset,
+    colors: &[[f32; 3]],
     (light, radiance): (&Incident<'_>, &[Radiance]),
     white: f32,
 ) -> Vec<Gloss> {
@@ -165,26 +166,25 @@ pub(super) fn find_gloss(
     if asset.nodes.degree == 0 || n == 0 {
         return vec![Gloss::default(); n];
     }
-    let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (0..n)
-        .into_par_iter()
+    let q = asset.nodes.count();
+    let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (colors.par_chunks_exact(q).enumerate())
         .map_init(
-            || (Rays::default(), vec![0f32; 3 * asset.nodes.count()]),
-            |(rays, values), i| {
+            || (Rays::default(), vec![0f32; 3 * q]),
+            |(rays, values), (i, colors)| {
                 asset.rays_of(i, light, radiance, rays);
                 let frame = SurfelFrame::new(asset.bake.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
                 for (w, width) in WIDTHS.into_iter().enumerate() {
                     mirrored(&asset.nodes, frame, width, rays, values);
-                    found[0][w] = moments(asset, i, values, None);
-                    found[1][w] = moments(asset, i, values, Some(&asset.nodes.rise));
+                    found[0][w] = moments(asset, (i, colors), values, None);
+                    found[1][w] = moments(asset, (i, colors), values, Some(&asset.nodes.rise));
                 }
                 found
             },
         )
         .collect();
-    let variances: Vec<[f32; 3]> = (0..n)
-        .into_par_iter()
-        .map(|i| color_variance(asset, i))
+    let variances: Vec<[f32; 3]> = (colors.par_chunks_exact(q).zip(&asset.means))
+        .map(|(colors, [mean, _])| color_variance(asset, colors, *mean))
         .collect();
     let metal = regress(asset, &moments, &variances, 0);
     let coated = regress(asset, &moments, &variances, 1);
@@ -223,22 +223,25 @@ fn share_of(prominence: f32, total: f32, count: usize) -> f32 {
     }
 }
 
-fn color_variance(asset: &DirectionalAsset, i: usize) -> [f32; 3] {
-    let q = asset.nodes.count();
+fn color_variance(asset: &DirectionalAsset, colors: &[[f32; 3]], mean: [f32; 3]) -> [f32; 3] {
     let mut sum = [0f32; 3];
-    for (w, c) in asset.nodes.weights.iter().zip(&asset.colors[i * q..][..q]) {
+    for (w, c) in asset.nodes.weights.iter().zip(colors) {
         for k in 0..3 {
-            sum[k] += w * (c[k] - asset.means[i][0][k]).powi(2);
+            sum[k] += w * (c[k] - mean[k]).powi(2);
         }
     }
     sum
 }
 
 /// Moments of one lobe, as far as a function of the asset's degree can show it.
-fn moments(asset: &DirectionalAsset, i: usize, values: &[f32], rise: Option<&[f32]>) -> Moments {
+fn moments(
+    asset: &DirectionalAsset,
+    (i, colors): (usize, &[[f32; 3]]),
+    values: &[f32],
+    rise: Option<&[f32]>,
+) -> Moments {
     let nodes = &asset.nodes;
     let q = nodes.count();
-    let colors = &asset.colors[i * q..][..q];
     let lit: Vec<[f32; 3]> = (0..q)
         .map(|s| {
             let rise = rise.map_or(1.0, |r| r[s]);

@@ -15,6 +15,9 @@ const EACH_OWN: usize = 1 << 12;
 /// So many at most do.
 const TOGETHER: usize = 8;
 
+/// Of more surfels than this as many more do, up to four times.
+const VERY_MANY: usize = 1 << 19;
+
 /// The surfels nearest to each in place and normal: probably of the same stuff.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Neighbors {
@@ -36,7 +39,7 @@ impl Neighbors {
             return Self::of_lists((0..n).map(around), (0..n as u32).collect());
         }
         let mut order: Vec<u32> = (0..n as u32).collect();
-        let members = grouped(&points, &mut order, TOGETHER);
+        let members = grouped(&points, &mut order, together(n));
         let middle = |group: &&[u32]| -> PlaceAndNormal {
             let sum = |axis: usize| group.iter().map(|i| points[*i as usize][axis]).sum::<f32>();
             std::array::from_fn(|axis| sum(axis) / group.len() as f32)
@@ -102,6 +105,11 @@ impl Neighbors {
         let around = self.of_group(self.group_of(i));
         around.iter().map(|j| *j as usize).filter(move |j| *j != i)
     }
+}
+
+/// How many of so many surfels share their neighbours at most.
+fn together(surfels: usize) -> usize {
+    (TOGETHER * surfels / VERY_MANY).clamp(TOGETHER, 4 * TOGETHER)
 }
 
 #[cfg(test)]
