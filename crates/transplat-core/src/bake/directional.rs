@@ -192,9 +192,10 @@ impl DirectionalBake {
         if skips.has(Skip::OpenObject)
             && let Some(open) = OpenObject::probe(tracer)
         {
+            let sharing = Arc::new(Sharing::each_own(&tracer.order));
             return Ok(Self {
                 open_object_error: Some(open.mean_error),
-                ..Self::of(cloud, tracer, &Arc::new(cloud.len().into()), &open.found())
+                ..Self::of(cloud, tracer, &sharing, &open.found(&tracer.order))
             });
         }
         let directions = directions();

@@ -100,15 +100,14 @@ impl OpenObject {
         self.open[i][usize::from(self.normals[i].dot(direction) < 0.0)]
     }
 
-    /// What all rays would find. `[n]`
-    pub(super) fn found(&self) -> Vec<Found> {
+    /// What all rays of some surfels would find.
+    pub(super) fn found(&self, of: &[u32]) -> Vec<Found> {
         let directions = directions();
-        (0..self.open.len())
-            .into_par_iter()
+        of.par_iter()
             .map(|i| {
-                let mut found = Found::of(i as u32);
+                let mut found = Found::of(*i);
                 for (j, d) in directions.iter().enumerate() {
-                    found.set_open(j, self.is_open(i, *d));
+                    found.set_open(j, self.is_open(*i as usize, *d));
                 }
                 found
             })
