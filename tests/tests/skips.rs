@@ -80,6 +80,13 @@ fn cases() -> Vec<Case> {
         ),
         case(Skip::OpenObject, Method::Directional, ball(), 45.0),
         case(Skip::OpenObject, Method::Harmonic, ball(), 40.0),
+        // Who follows sees nearly what its leader does: shadows are off by the distance between two of those.
+        case(
+            Skip::SharedSight,
+            Method::Directional,
+            synthetic::sphere_over_plate(40_000),
+            60.0,
+        ),
         case(Skip::EmptyBands, Method::Directional, plain.clone(), SAME),
         case(Skip::EmptyBands, Method::Harmonic, plain, SAME),
         Case {

@@ -34,6 +34,9 @@ use sharing::SHARED_SIGHT_ERROR;
 /// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
 
+/// Share of a bake that its rays take, where many surfels share them: the rest finds fronts, and who shares.
+const RAYS_OF_BAKE: f32 = 0.75;
+
 /// Whether what was baked for a method serves another.
 pub(crate) fn check_method(baked: Method, wanted: Method) -> Result<()> {
     if baked == wanted {
@@ -142,7 +145,7 @@ impl Bake {
                 100.0 * followers
             );
             out.push(Skipped {
-                share: Some(followers),
+                share: Some(RAYS_OF_BAKE * followers),
                 skip: Some(Skip::SharedSight),
                 max_error: Some(SHARED_SIGHT_ERROR),
                 ..Skipped::exact(Stage::Bake, "rays of neighbours", why)

@@ -30,7 +30,7 @@ pub(crate) fn grouped<'a, const D: usize>(
     of: &'a mut [u32],
     most: usize,
 ) -> Vec<&'a [u32]> {
-    if of.len() <= most {
+    if of.len() <= most.max(1) {
         return vec![of];
     }
     let reach = |axis: usize| {
@@ -66,17 +66,28 @@ impl Nearest {
     /// `count` neighbours of each point.
     pub fn new<const D: usize>(points: &[[f32; D]], count: usize) -> Self {
         let each = count.min(points.len().saturating_sub(1));
-        let found = nearest_to(points, points, each + 1);
-        let others = found.into_iter().enumerate().flat_map(|(i, found)| {
-            let others = found.into_iter().filter(move |j| *j as usize != i);
-            others.take(each)
-        });
-        let all: Vec<u32> = others.collect();
-        let is_known = all.len() == each * points.len();
-        Self {
-            each: if is_known { each } else { 0 },
-            all,
-        }
+        let (Some(asked), Ok(tree)) = (
+            NonZeroUsize::new(each + 1).filter(|_| each > 0),
+            ImmutableKdTree::<f32, D>::new_from_slice(points),
+        ) else {
+            return Self {
+                each: 0,
+                all: Vec::new(),
+            };
+        };
+        let mut all = vec![0; each * points.len()];
+        let places = points.par_iter().enumerate();
+        places
+            .zip(all.par_chunks_exact_mut(each))
+            .for_each(|((i, place), out)| {
+                let nearest = tree.query(place).nearest_n::<SquaredEuclidean<f32>>(asked);
+                let found = nearest.execute().into_iter().map(|f| f.item);
+                let others = found.filter(|j| *j as usize != i);
+                out.iter_mut()
+                    .zip(others)
+                    .for_each(|(out, other)| *out = other);
+            });
+        Self { each, all }
     }
 
     /// Those of point `i`.

@@ -117,6 +117,20 @@ impl DirectionalBake {
         Self::bake_in_stages(cloud, all, no_progress, |_, _| ()).expect("not cancelled")
     }
 
+    /// By rays all over, of which so many surfels at most share those of one.
+    #[cfg(test)]
+    pub(crate) fn shared(cloud: &SurfelCloud, together: usize) -> Self {
+        let no_progress = &crate::progress::no_progress;
+        let tracer = Self::tracer(cloud, no_progress).expect("not cancelled");
+        let (directions, patches) = (directions(), refining_order(PATCHES));
+        let asked: Vec<Vec3> = patches[..PROBES].iter().map(|p| directions[*p]).collect();
+        let sharing = Sharing::find(&tracer, &asked, together, no_progress);
+        let sharing = Arc::new(sharing.expect("not cancelled"));
+        let mut found: Vec<Found> = sharing.leaders.iter().map(|i| Found::of(*i)).collect();
+        trace(&tracer, &directions, &patches, &mut found, no_progress).expect("not cancelled");
+        Self::of(cloud, &tracer, &sharing, &found)
+    }
+
     /// What the rays are traced through: the beginning of a bake.
     ///
     /// # Errors

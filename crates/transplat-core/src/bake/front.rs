@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::hierarchy::PACKET;
-use super::transmittance::Veils;
+use super::transmittance::{LightGrid, Veils};
 use crate::error::{Error, Result};
 use crate::nearest::Nearest;
 use crate::progress::Progress;
@@ -22,8 +22,9 @@ use crate::surfels::SurfelCloud;
 /// Directions from which it is asked how much of a surfel is seen.
 const DIRECTIONS: usize = 24;
 
-/// Of so many surfels every other packet of neighbours is asked in every other one of these directions: what is seen of one alone matters little.
+/// Of so many surfels it is asked on grids, from fewer directions: what is seen of one alone matters little.
 const MANY: usize = 1 << 17;
+const DIRECTIONS_OF_MANY: usize = 12;
 
 /// Directions at which its colour is looked at.
 const VIEWS: usize = 24;
@@ -232,29 +233,28 @@ fn seen_from_sides(
     normals: &[Vec3],
     progress: Progress<'_>,
 ) -> Result<Vec<[f32; 2]>> {
+    if normals.len() >= MANY
+        && let Some(grid) = LightGrid::resolving(veils)
+    {
+        return seen_on_grids(veils, &grid, normals, progress);
+    }
     let directions = lattice(DIRECTIONS);
-    let each = if normals.len() >= MANY { 2 } else { 1 };
     let done = AtomicUsize::new(0);
     let packets: Vec<Vec<[f32; 2]>> = veils
         .order
         .par_chunks(PACKET)
-        .enumerate()
-        .map_init(Vec::new, |stack, (packet, of)| {
+        .map_init(Vec::new, |stack, of| {
             let so_far = done.fetch_add(of.len(), Ordering::Relaxed);
             if progress(so_far as f64 / normals.len() as f64).is_break() {
                 return Err(Error::Cancelled);
             }
             let mut sums = vec![[[0f32; 2]; 2]; of.len()];
-            for d in directions.iter().skip(packet % each).step_by(each) {
+            for d in &directions {
                 let through = veils.transmittance(of, *d, stack);
                 for ((sum, i), through) in sums.iter_mut().zip(of).zip(through) {
-                    let cosine = normals[*i as usize].dot(*d);
-                    let [seen, all] = &mut sum[usize::from(cosine < 0.0)];
-                    *seen += cosine.abs() * through;
-                    *all += cosine.abs();
+                    add_seen(sum, normals[*i as usize].dot(*d), through);
                 }
             }
-            let share = |[seen, all]: [f32; 2]| (seen / all.max(1e-6)).clamp(0.0, 1.0);
             Ok(sums.into_iter().map(|s| s.map(share)).collect())
         })
         .collect::<Result<_>>()?;
@@ -263,6 +263,51 @@ fn seen_from_sides(
         seen[*i as usize] = s;
     }
     Ok(seen)
+}
+
+/// The same by blending all of them once for each direction. `[n]`
+fn seen_on_grids(
+    veils: &Veils,
+    grid: &LightGrid,
+    normals: &[Vec3],
+    progress: Progress<'_>,
+) -> Result<Vec<[f32; 2]>> {
+    let directions = lattice(DIRECTIONS_OF_MANY);
+    let done = AtomicUsize::new(0);
+    let each = directions.len().div_ceil(rayon::current_num_threads());
+    let through: Vec<Vec<Vec<u8>>> = (directions.par_chunks(each))
+        .map(|directions| {
+            let mut grid = grid.clone();
+            let from = |d: &Vec3| {
+                let so_far = done.fetch_add(1, Ordering::Relaxed);
+                if progress(so_far as f64 / DIRECTIONS_OF_MANY as f64).is_break() {
+                    return Err(Error::Cancelled);
+                }
+                Ok(grid.transmittance(veils, *d))
+            };
+            directions.iter().map(from).collect()
+        })
+        .collect::<Result<_>>()?;
+    let through: Vec<Vec<u8>> = through.into_iter().flatten().collect();
+    let of_surfel = |(i, normal): (usize, &Vec3)| {
+        let mut sums = [[0f32; 2]; 2];
+        for (d, through) in directions.iter().zip(&through) {
+            add_seen(&mut sums, normal.dot(*d), f32::from(through[i]) / 255.0);
+        }
+        sums.map(share)
+    };
+    Ok(normals.par_iter().enumerate().map(of_surfel).collect())
+}
+
+/// Adds what is seen from a direction to what is seen of the side that it is on, and to what might be.
+fn add_seen(sums: &mut [[f32; 2]; 2], cosine: f32, through: f32) {
+    let [seen, all] = &mut sums[usize::from(cosine < 0.0)];
+    *seen += cosine.abs() * through;
+    *all += cosine.abs();
+}
+
+fn share([seen, all]: [f32; 2]) -> f32 {
+    (seen / all.max(1e-6)).clamp(0.0, 1.0)
 }
 
 /// How much the stored colour varies with the view on the stored normal's side, and on the other one: its squared distance to the mean
@@ -608,5 +653,29 @@ mod tests {
             let back = from_octahedron(to_octahedron(n));
             assert!(back.distance(n) < 1e-4, "{i}: {n} {back}");
         }
+    }
+
+    #[test]
+    fn grids_tell_the_same_side_as_rays() {
+        let mut cloud = synthetic::sphere_over_plate(6000);
+        turn_every_third(&mut cloud);
+        let (veils, normals) = (
+            Veils::new(&cloud),
+            (0..cloud.len())
+                .map(|i| stored_normal(&cloud, i))
+                .collect::<Vec<_>>(),
+        );
+        let grid = LightGrid::resolving(&veils).expect("they are larger than its pixels");
+        let by_rays = seen_from_sides(&veils, &normals, &no_progress).expect("not cancelled");
+        let on_grids = seen_on_grids(&veils, &grid, &normals, &no_progress).expect("not cancelled");
+        let (mut told, mut other) = (0, 0);
+        for ([a, b], [c, d]) in by_rays.iter().zip(&on_grids) {
+            if a.min(*b) < ONE_SIDED * a.max(*b) {
+                told += 1;
+                other += usize::from((a > b) != (c > d));
+            }
+        }
+        assert!(told > 4000, "{told}");
+        assert!(other * 100 < told, "{other} of {told}");
     }
 }

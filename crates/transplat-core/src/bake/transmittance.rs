@@ -1,5 +1,7 @@
 //! How much of a surfel is seen from a direction: what the surfels between let through, as the camera sees them, translucent and soft.
 
+use std::sync::OnceLock;
+
 use glam::Vec3;
 use multiversion::multiversion;
 use obvhs::aabb::Aabb;
@@ -31,11 +33,20 @@ struct Veil {
     surfel: u32,
 }
 
-/// The surfels of an asset as a camera sees them, in a hierarchy of boxes.
-#[derive(Clone, Debug)]
+impl Veil {
+    /// Where it ends along its axes.
+    fn half_axes(&self) -> [Vec3; 2] {
+        let reach = self.reach_squared.sqrt();
+        self.inverse_axes.map(|a| a * (reach / a.length_squared()))
+    }
+}
+
+/// The surfels of an asset as a camera sees them.
+#[derive(Debug)]
 pub(super) struct Veils {
-    hierarchy: Hierarchy,
-    veils: Vec<Veil>,
+    /// Of each surfel; those that cover nothing reach nowhere. `[n]`
+    of: Vec<Veil>,
+    boxes: OnceLock<Boxes>,
     /// Centres in units of the object's radius. `[n]`
     pub positions: Vec<Vec3>,
     /// What 1 in these units is, in scene units.
@@ -44,43 +55,56 @@ pub(super) struct Veils {
     pub order: Vec<u32>,
 }
 
+/// Those that cover anything in a hierarchy of boxes.
+#[derive(Debug)]
+struct Boxes {
+    hierarchy: Hierarchy,
+    /// Which they are, leaf by leaf.
+    veils: Vec<Veil>,
+}
+
 impl Veils {
-    /// Builds the hierarchy.
     pub fn new(cloud: &SurfelCloud) -> Self {
         let object = ScaledObject::new(cloud);
         let positions: Vec<Vec3> = object.surfels.iter().map(|s| s.position).collect();
-        let (all, boxes): (Vec<Veil>, Vec<Aabb>) = (0..cloud.len())
-            .filter_map(|i| {
-                let opacity = cloud.opacities[i];
-                let [u, v] = cloud.tangents[i];
-                let scale = cloud.scales[i] / object.radius;
-                let reach_squared =
-                    (2.0 * (opacity / LEAST_OPACITY).ln()).min(MOST_REACH * MOST_REACH);
-                // A line or a point covers nothing.
-                if reach_squared.is_nan() || reach_squared <= 0.0 || scale.min_element() < 1e-9 {
-                    return None;
-                }
-                let reach = reach_squared.sqrt();
-                let axes = [u * (scale.x * reach), v * (scale.y * reach)];
-                let veil = Veil {
-                    center: positions[i],
-                    normal: u.cross(v),
-                    inverse_axes: [u / scale.x, v / scale.y],
-                    opacity,
-                    reach_squared,
-                    surfel: i as u32,
-                };
-                Some((veil, ellipse_box(positions[i], axes)))
-            })
-            .unzip();
-        let (hierarchy, order) = Hierarchy::new(&boxes);
+        let veil = |i: usize| {
+            let opacity = cloud.opacities[i];
+            let [u, v] = cloud.tangents[i];
+            let scale = cloud.scales[i] / object.radius;
+            let reach_squared = (2.0 * (opacity / LEAST_OPACITY).ln()).min(MOST_REACH * MOST_REACH);
+            // A line or a point covers nothing.
+            let covers = reach_squared > 0.0 && scale.min_element() >= 1e-9;
+            Veil {
+                center: positions[i],
+                normal: u.cross(v),
+                inverse_axes: [u / scale.x, v / scale.y],
+                opacity,
+                reach_squared: if covers { reach_squared } else { 0.0 },
+                surfel: i as u32,
+            }
+        };
         Self {
-            hierarchy,
-            veils: order.iter().map(|i| all[*i as usize]).collect(),
+            of: (0..cloud.len()).map(veil).collect(),
+            boxes: OnceLock::new(),
             order: neighborhood_order(&positions),
             radius: object.radius,
             positions,
         }
+    }
+
+    /// Built where rays are asked for.
+    fn boxes(&self) -> &Boxes {
+        self.boxes.get_or_init(|| {
+            let cover = self.of.iter().filter(|veil| veil.reach_squared > 0.0);
+            let (all, boxes): (Vec<&Veil>, Vec<Aabb>) = cover
+                .map(|veil| (veil, ellipse_box(veil.center, veil.half_axes())))
+                .unzip();
+            let (hierarchy, order) = Hierarchy::new(&boxes);
+            Boxes {
+                hierarchy,
+                veils: order.iter().map(|i| *all[*i as usize]).collect(),
+            }
+        })
     }
 
     /// What of the light from a direction far away reaches the centres of the surfels `of`, at most [`PACKET`], 0 to 1. `stack` is scratch.
@@ -91,13 +115,141 @@ impl Veils {
         stack: &mut Vec<u32>,
     ) -> [f32; PACKET] {
         let of = std::array::from_fn(|lane| of[lane.min(of.len() - 1)]);
-        transmittance(self, &of, direction, stack)
+        transmittance(self, self.boxes(), &of, direction, stack)
     }
+}
+
+/// What is left of the light from one direction, pixel by pixel: surfels are blended into it front to back, once each, as a rasterizer does, and
+/// each finds there what reaches it. It costs what they cover, not what the ray of each meets.
+#[derive(Clone)]
+pub(super) struct LightGrid {
+    /// Pixels along an edge.
+    edge: usize,
+    /// Row by row, with room for a run behind each.
+    left: Vec<f32>,
+    /// Surfels from the front on: how far, and which.
+    order: Vec<u64>,
+}
+
+/// Pixels along an edge of the finest grid.
+const FINEST: f32 = 2048.0;
+
+/// Pixels that are blended together.
+const RUN: usize = 8;
+
+impl LightGrid {
+    /// Whose pixels are as large as most surfels' larger standard deviations, or twice as large; none where they would be larger still.
+    pub fn resolving(veils: &Veils) -> Option<Self> {
+        let squared_size = |veil: &Veil| {
+            let [a, b] = veil.inverse_axes.map(Vec3::length_squared);
+            1.0 / a.min(b)
+        };
+        let mut sizes: Vec<f32> = veils.of.iter().map(squared_size).collect();
+        let middle = sizes.len() / 2;
+        let typical = sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
+        let edge = 2.0 / typical.sqrt();
+        (edge <= 2.0 * FINEST).then(|| Self::new(edge.clamp(64.0, FINEST) as usize))
+    }
+
+    fn new(edge: usize) -> Self {
+        Self {
+            edge,
+            left: vec![1.0; edge * (edge + RUN)],
+            order: Vec::new(),
+        }
+    }
+
+    /// [`Veils::transmittance`] of all, 255 is all of it. `[n]`
+    pub fn transmittance(&mut self, veils: &Veils, direction: Vec3) -> Vec<u8> {
+        let nearest_first = |(i, veil): (usize, &Veil)| {
+            let behind = veil.center.dot(-direction).to_bits();
+            // Ordered as the numbers are.
+            let sign = if behind >> 31 == 1 { u32::MAX } else { 1 << 31 };
+            u64::from(behind ^ sign) << 32 | i as u64
+        };
+        self.left.fill(1.0);
+        self.order.clear();
+        let each = veils.of.iter().enumerate();
+        self.order.extend(each.map(nearest_first));
+        self.order.sort_unstable();
+        let mut through = vec![u8::MAX; veils.of.len()];
+        let (right, down) = direction.any_orthonormal_pair();
+        blend(self, &veils.of, [right, down, direction], &mut through);
+        through
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn blend(
+    LightGrid { edge, left, order }: &mut LightGrid,
+    veils: &[Veil],
+    [right, down, direction]: [Vec3; 3],
+    through: &mut [u8],
+) {
+    let (stride, last) = (*edge + RUN, *edge as f32);
+    let scale = 0.5 * last;
+    for entry in order {
+        let i = *entry as u32 as usize;
+        let veil = &veils[i];
+        let middle = [right, down].map(|axis| (veil.center.dot(axis) + 1.0) * scale);
+        // Nothing covers what lies far out.
+        if middle.iter().all(|v| (0.0..last).contains(v)) {
+            let [column, row] = middle.map(|v| v as usize);
+            through[i] = (255.0 * left[row * stride + column]).round() as u8;
+        }
+        let (half, reach) = (veil.half_axes(), veil.reach_squared.sqrt());
+        let [a, b] = half.map(|axis| [axis.dot(right) * scale, axis.dot(down) * scale]);
+        let over = reach / (a[0] * b[1] - a[1] * b[0]);
+        if veil.normal.dot(direction).abs() < LEAST_FACING || !over.is_finite() {
+            continue;
+        }
+        // Pixels are covered where their middles are.
+        let [columns, rows] = [0, 1].map(|i| {
+            let extent = (a[i] * a[i] + b[i] * b[i]).sqrt();
+            let from = (middle[i] - extent - 0.5).ceil().clamp(0.0, last);
+            let to = (middle[i] + extent - 0.5).floor() + 1.0;
+            from as usize..to.clamp(0.0, last) as usize
+        });
+        // Standard deviations by pixels.
+        let [by_x, by_y] = [[b[1], -a[1]], [-b[0], a[0]]].map(|by| by.map(|v| v * over));
+        for row in rows {
+            let y = row as f32 + 0.5 - middle[1];
+            for first in columns.clone().step_by(RUN) {
+                let run: &mut [f32; RUN] = (&mut left[row * stride + first..][..RUN])
+                    .try_into()
+                    .expect("there is room for a run behind each row");
+                let x = first as f32 + 0.5 - middle[0];
+                for (lane, left) in run.iter_mut().enumerate() {
+                    let x = x + lane as f32;
+                    let (u, v) = (x * by_x[0] + y * by_y[0], x * by_x[1] + y * by_y[1]);
+                    let off = u * u + v * v;
+                    let met = off <= veil.reach_squared;
+                    *left *= 1.0
+                        - if met {
+                            veil.opacity * falloff(off)
+                        } else {
+                            0.0
+                        };
+                }
+            }
+        }
+    }
+}
+
+/// exp(-off / 2) to 2 % of the peak, without the exponential.
+#[inline(always)]
+fn falloff(off: f32) -> f32 {
+    let mut falloff = 1.0 - off * (1.0 / 32.0);
+    for _ in 0..4 {
+        falloff *= falloff;
+    }
+    falloff
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
 fn transmittance(
     veils: &Veils,
+    boxes: &Boxes,
     of: &[u32; PACKET],
     d: Vec3,
     stack: &mut Vec<u32>,
@@ -111,10 +263,10 @@ fn transmittance(
     let toward = Toward::new(d);
     let mut farthest: Lanes = [f32::MAX; PACKET];
     let mut through = [1f32; PACKET];
-    let hierarchy = &veils.hierarchy;
+    let hierarchy = &boxes.hierarchy;
     hierarchy.enter(stack);
     while let Some(inside) = hierarchy.next_leaf(&origin, &toward, &farthest, stack) {
-        for veil in &veils.veils[inside] {
+        for veil in &boxes.veils[inside] {
             let facing = veil.normal.dot(d);
             if facing.abs() < LEAST_FACING {
                 continue;
@@ -122,13 +274,13 @@ fn transmittance(
             let ellipse = (veil.center, veil.normal, veil.inverse_axes);
             let (t, off) = meet_plane(&origin, d, facing, ellipse);
             for i in 0..PACKET {
-                // exp(-off / 2) to 2 % of the peak, without the exponential.
-                let mut falloff = 1.0 - off[i] * (1.0 / 32.0);
-                for _ in 0..4 {
-                    falloff *= falloff;
-                }
                 let met = (off[i] <= veil.reach_squared) & (t[i] > 0.0) & (of[i] != veil.surfel);
-                through[i] *= 1.0 - if met { veil.opacity * falloff } else { 0.0 };
+                through[i] *= 1.0
+                    - if met {
+                        veil.opacity * falloff(off[i])
+                    } else {
+                        0.0
+                    };
                 farthest[i] = if through[i] < DARK { -1.0 } else { farthest[i] };
             }
         }
@@ -168,5 +320,35 @@ mod tests {
         // The falloff is off by 2 %; what passes a rim may round to either side of it.
         assert!(off < 0.01 * f64::from(count), "{}", off / f64::from(count));
         assert!(far * 100 < count as usize, "{far} of {count}");
+    }
+
+    #[test]
+    fn on_a_grid_layers_cover_those_below_them_and_what_lies_far_out_nothing() {
+        let mut cloud = synthetic::sheet(4);
+        for layer in 1..3 {
+            cloud.add(&synthetic::sheet(4), 1.0, -0.1 * layer as f32 * Vec3::Z);
+        }
+        cloud.add(&synthetic::sheet(1), 1.0, 50.0 * Vec3::X);
+        cloud.opacities.fill(0.5);
+        // Those of a sheet do not reach each other's middles.
+        cloud.scales.iter_mut().for_each(|s| *s *= 0.3);
+        let veils = Veils::new(&cloud);
+        let through = LightGrid::new(1024).transmittance(&veils, Vec3::Z);
+        for (i, through) in through.iter().enumerate() {
+            let expected = [255.0, 127.5, 63.75, 255.0][i / 16];
+            // The middle of a pixel is off that of the surfel by half of one.
+            assert!(
+                (f32::from(*through) - expected).abs() < 6.0,
+                "{i}: {through}"
+            );
+        }
+    }
+
+    #[test]
+    fn no_grid_is_as_fine_as_an_object_that_is_small_in_what_lies_around_it() {
+        let mut cloud = synthetic::sphere(3000);
+        cloud.add(&synthetic::sphere(3000), 1e-4, Vec3::ZERO);
+        cloud.add(&synthetic::sphere(3000), 1e-4, Vec3::X);
+        assert!(LightGrid::resolving(&Veils::new(&cloud)).is_none());
     }
 }

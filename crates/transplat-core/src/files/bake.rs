@@ -295,10 +295,13 @@ mod tests {
 
     #[test]
     fn a_bake_comes_back_and_knows_its_asset() {
-        let cloud = synthetic::sphere_over_plate(50);
+        let cloud = synthetic::sphere_over_plate(500);
         let visibility = bake(&cloud, 32, &no_progress);
         let directional = DirectionalBake::bake(&cloud, &no_progress);
+        let shared = DirectionalBake::shared(&cloud, 8);
+        assert!(shared.sight.open.len() < cloud.len());
         let bakes = [
+            Bake::Directional(Arc::new(shared)),
             Bake::Harmonic(visibility.expect("a bake").into()),
             Bake::Directional(Arc::new(directional.expect("a bake"))),
         ];

@@ -115,7 +115,9 @@ impl Skip {
         match self {
             Self::ClosedSides => "rays on both sides of every surfel: no side is closed",
             Self::OpenObject => "visibility: surfels block each other's light",
-            Self::SharedSight => "rays of every surfel: there are not so many of them",
+            Self::SharedSight => {
+                "rays of every surfel: there are not so many, or no two see the same"
+            }
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",

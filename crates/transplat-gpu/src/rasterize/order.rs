@@ -128,7 +128,8 @@ impl Sorter {
             ]
         };
         let rounds: Vec<_> = (0..KEY_BITS).step_by(DIGIT_BITS).map(round).collect();
-        debug_assert!(rounds.len().is_multiple_of(2), "they end where they began");
+        // They end where they began.
+        const { assert!(KEY_BITS.div_ceil(DIGIT_BITS).is_multiple_of(2)) };
         let usage = BufferUsages::STORAGE | BufferUsages::INDIRECT | BufferUsages::COPY_SRC;
         Self {
             count,

@@ -64,7 +64,7 @@ impl Session {
         self.states[at].relit.set(key, relighting);
     }
 
-    /// Shows coarsely what takes long, the newest light whenever the last one is done; whether it is to be awaited.
+    /// Shows another light coarsely where it takes long, the newest whenever the last one is done; whether it is to be awaited.
     fn start_coarse_relight(
         &mut self,
         at: usize,
@@ -73,7 +73,10 @@ impl Session {
     ) -> bool {
         let is_drawn_here = Drawing::fastest(&self.context) == Drawing::Cpu;
         let state = &mut self.states[at];
-        if !is_drawn_here || state.relit_in_ms < LONG_MS || key.part != Part::Whole {
+        let shown = state.relit.made_from();
+        let light_rests = shown.is_some_and(|shown| !shown.coarse && shown.target == key.target);
+        let takes_long = state.relit_in_ms >= LONG_MS;
+        if !is_drawn_here || light_rests || !takes_long || key.part != Part::Whole {
             return false;
         }
         let key = RelitKey {
@@ -100,8 +103,12 @@ impl Session {
             Ok((tau, start.elapsed().as_secs_f64() * 1e3))
         };
         let label = tr("relighting");
-        self.start(kind, label, work, move |session, (tau, ms)| {
-            session.show_coarse(id, key, tau, ms);
+        self.start_or_else(kind, label, work, move |session, done| match done {
+            Ok((tau, ms)) => session.show_coarse(id, key, tau, ms),
+            Err(error) => {
+                session.error(error.to_string());
+                session.without_coarse(id);
+            }
         });
         true
     }
@@ -112,8 +119,7 @@ impl Session {
             return;
         };
         let Some(tau) = tau else {
-            // There is none: the exact one is.
-            self.states[at].relit_in_ms = 0.0;
+            self.without_coarse(id);
             return;
         };
         let relighting = self.relighting(at, &key, Some(ms));
@@ -122,6 +128,13 @@ impl Session {
         if state.relit.accept(key, relighting) {
             let colors = present::tau_colors(&tau);
             (self.live()).set_relit(at, LiveSh::Coarse(Arc::new(tau)), colors);
+        }
+    }
+
+    /// The exact one of this light is next.
+    fn without_coarse(&mut self, id: u64) {
+        if let Some(at) = self.at(id) {
+            self.states[at].relit_in_ms = 0.0;
         }
     }
 
