@@ -14,7 +14,7 @@ const VIEW: &str = "--eye 2,-2,1.5 --look-at 0,0,0.2 --size 160x120 --background
 
 fn write(folder: &Folder, name: &str, cloud: &SurfelCloud) -> String {
     let path = folder.name(name);
-    let stored = encode_sh(cloud.sh.clone(), cloud.sh_degree, Encoding::Stored);
+    let stored = encode_sh(cloud.sh.to_vec(), cloud.sh_degree, Encoding::Stored);
     write_splat(cloud, &stored, path.as_ref()).expect("room");
     path
 }

@@ -9,6 +9,7 @@ mod basis;
 mod product;
 mod quadrature;
 mod rotation;
+mod shared;
 
 pub use bands::{
     MAX_COEFFICIENTS, MAX_DEGREE, SQRT_4PI, band, band_of, coefficient_count, cosine_kernel,
@@ -19,3 +20,4 @@ pub use product::{LightOperator, light_operator, triple_product_tensor};
 pub(crate) use quadrature::gauss_legendre;
 pub use quadrature::{fibonacci_sphere, lattice, refining_order, sphere_quadrature};
 pub use rotation::{ExchangeEntry, Mirror, exchange_yz, rotate_coefficients, rotate_functions};
+pub use shared::SharedSh;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::color::{Encoding, decode_sh};
 use crate::error::{Result, ensure};
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::{band, coefficient_count, rotate_functions, with_degree};
+use crate::sh::{SharedSh, band, coefficient_count, rotate_functions, with_degree};
 
 /// Contributions below this are not drawn.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
@@ -75,7 +75,7 @@ pub struct SurfelCloud {
     /// Peak opacity, 0 to 1.
     pub opacities: Vec<f32>,
     /// Colour `[n][K][3]` as [`SurfelCloud::encoding`] says.
-    pub sh: Vec<[f32; 3]>,
+    pub sh: SharedSh,
     /// Degree of `sh`.
     pub sh_degree: usize,
     /// What the numbers in `sh` stand for.
@@ -135,7 +135,7 @@ impl SurfelCloud {
             scales: self.scales.iter().map(|s| scale * *s).collect(),
             thicknesses: self.thicknesses.iter().map(|t| t.scaled(scale)).collect(),
             opacities: self.opacities.clone(),
-            sh: rotate_functions(turn_of_colors, self.sh_degree, &self.sh),
+            sh: rotate_functions(turn_of_colors, self.sh_degree, &self.sh).into(),
             sh_degree: self.sh_degree,
             encoding: self.encoding,
             up: self.up,
@@ -160,7 +160,7 @@ impl SurfelCloud {
             .collect();
         if placed.iter().any(|c| c.encoding != placed[0].encoding) {
             for cloud in &mut placed {
-                cloud.sh = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding);
+                cloud.sh = decode_sh(&cloud.sh, cloud.sh_degree, cloud.encoding).into();
                 cloud.encoding = Encoding::Linear;
             }
         }
@@ -234,7 +234,7 @@ impl SurfelCloud {
         let mut sh: Vec<[f32; 3]> = bytemuck::zeroed_vec(self.sh.len());
         let rows = sh.par_chunks_exact_mut(k).zip(order);
         rows.for_each(|(row, i)| row.copy_from_slice(&self.sh[*i as usize * k..][..k]));
-        self.sh = sh;
+        self.sh = sh.into();
     }
 
     /// Whether colour depends on the view at all.

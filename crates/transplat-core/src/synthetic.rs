@@ -21,7 +21,7 @@ pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud
         scales: vec![Vec2::splat(scale); n],
         thicknesses: vec![Thickness::FLAT; n],
         opacities: vec![0.95; n],
-        sh: vec![[0.5 * SQRT_4PI as f32; 3]; n],
+        sh: vec![[0.5 * SQRT_4PI as f32; 3]; n].into(),
         sh_degree: 0,
         encoding: Encoding::Linear,
         up: UpAxis::PlusZ,

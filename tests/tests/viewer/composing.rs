@@ -17,7 +17,7 @@ use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, args, asset, picture, psnr, run_json};
 
 fn write(folder: &Folder, name: &str, cloud: &SurfelCloud) {
-    let stored = encode_sh(cloud.sh.clone(), cloud.sh_degree, Encoding::Stored);
+    let stored = encode_sh(cloud.sh.to_vec(), cloud.sh_degree, Encoding::Stored);
     write_splat(cloud, &stored, &folder.path(name)).expect("room");
 }
 

@@ -119,7 +119,7 @@ impl ShadowBake {
         let around = scene.cloud.selected(&indices);
         let mut both = around.clone();
         let blocker = SurfelCloud {
-            sh: vec![[0.0; 3]; object.cloud.len() * coefficient_count(around.sh_degree)],
+            sh: vec![[0.0; 3]; object.cloud.len() * coefficient_count(around.sh_degree)].into(),
             sh_degree: around.sh_degree,
             ..(*object.cloud).clone()
         };

@@ -235,7 +235,7 @@ fn comes_back(trial: &Trial<'_>) -> std::result::Result<(), String> {
     for turn in 1..=CHAIN {
         for lights in [[source, target], [target, source]] {
             let relit = in_words(trial.again(&cloud, lights, &trial.settings))?;
-            cloud.sh = relit.stored(&cloud);
+            cloud.sh = relit.stored(&cloud).into();
         }
         let now = mean_radiance(&cloud, normals);
         let fronts = || {
@@ -434,7 +434,7 @@ fn assets() -> Vec<Case> {
             with_cloud(|c| {
                 let mut shell = synthetic::sphere(400);
                 shell.scales.iter_mut().for_each(|s| *s *= 1.5);
-                shell.sh = vec![[0.1; 3]; coefficient_count(c.sh_degree) * shell.len()];
+                shell.sh = vec![[0.1; 3]; coefficient_count(c.sh_degree) * shell.len()].into();
                 resize(c, 0.05);
                 c.add(&shell, 2.0, Vec3::ZERO);
             })

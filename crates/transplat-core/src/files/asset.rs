@@ -254,7 +254,7 @@ fn write_anew(
         return write_atomically(path, |out| format::write(format, &splat, out));
     };
     let colored = SurfelCloud {
-        sh: stored.to_vec(),
+        sh: stored.to_vec().into(),
         up,
         ..cloud.clone()
     };

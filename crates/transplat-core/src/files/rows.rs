@@ -171,7 +171,7 @@ impl Builder {
             scales: bytemuck::zeroed_vec(rows),
             thicknesses: bytemuck::zeroed_vec(rows),
             opacities: bytemuck::zeroed_vec(rows),
-            sh: bytemuck::zeroed_vec(rows * coefficient_count(sh_degree)),
+            sh: bytemuck::zeroed_vec(rows * coefficient_count(sh_degree)).into(),
             sh_degree,
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,

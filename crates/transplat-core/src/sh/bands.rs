@@ -25,15 +25,17 @@ pub const fn band_of(i: usize) -> usize {
 }
 
 /// Functions of one degree, `[n][K][3]`, as those of another: bands that they lack are empty, and those beyond are cut off.
-pub fn with_degree(functions: Vec<[f32; 3]>, degree: usize, wanted: usize) -> Vec<[f32; 3]> {
+pub fn with_degree<T>(functions: T, degree: usize, wanted: usize) -> T
+where
+    T: AsRef<[[f32; 3]]> + From<Vec<[f32; 3]>>,
+{
     if degree == wanted {
         return functions;
     }
     let (k, wanted) = (coefficient_count(degree), coefficient_count(wanted));
-    functions
-        .chunks_exact(k)
-        .flat_map(|f| (0..wanted).map(|i| f.get(i).copied().unwrap_or_default()))
-        .collect()
+    let each = functions.as_ref().chunks_exact(k);
+    let kept = each.flat_map(|f| (0..wanted).map(|i| f.get(i).copied().unwrap_or_default()));
+    Vec::from_iter(kept).into()
 }
 
 /// Factors `A_l` by which the clamped cosine filters band `l` (paper eq. 3; Ramamoorthi and Hanrahan 2001).

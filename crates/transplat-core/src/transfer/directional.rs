@@ -289,7 +289,7 @@ impl DirectionalTransfer {
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
-        let mut residual = asset.sh.clone();
+        let mut residual = asset.sh.to_vec();
         let encoded_mean = matte
             .par_chunks_exact_mut(q)
             .zip(residual.par_chunks_exact_mut(k))

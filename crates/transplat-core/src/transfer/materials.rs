@@ -155,7 +155,7 @@ mod tests {
         let even = Illumination::even(settings.sh_degree);
         let first = PreparedTransfer::new(&cloud, &bake, &even, &settings).expect("prepared");
         let lit = first.relight(light, Part::Whole).expect("relit");
-        cloud.sh = lit.stored(&cloud);
+        cloud.sh = lit.stored(&cloud).into();
         PreparedTransfer::new(&cloud, &bake, &light.scaled(exposure), &settings).expect("prepared")
     }
 

@@ -1,6 +1,5 @@
 //! An object with all that may be shown of it, and which of that a side of a picture shows.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
@@ -74,11 +73,7 @@ impl LiveAsset {
 
 impl AssetOnGpu {
     fn new(context: &Arc<Context>, cloud: &Arc<SurfelCloud>, degree: usize) -> Result<Self> {
-        let filled = if degree == cloud.sh_degree {
-            Cow::Borrowed(&cloud.sh)
-        } else {
-            Cow::Owned(with_degree(cloud.sh.clone(), cloud.sh_degree, degree))
-        };
+        let filled = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         let normals = (0..cloud.len()).map(|i| cloud.stored_normal(i).extend(0.0).to_array());
         let normals: Vec<[f32; 4]> = normals.collect();
         let rasterizer = GpuRasterizer::new(context, cloud)?;

@@ -54,7 +54,7 @@ impl Delit {
             }
         };
         let cloud = SurfelCloud {
-            sh,
+            sh: sh.into(),
             sh_degree,
             ..cloud.clone()
         };

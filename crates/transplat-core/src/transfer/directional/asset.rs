@@ -12,7 +12,7 @@ use crate::bake::patches::directions;
 use crate::color::Encoding;
 use crate::environment::Beam;
 use crate::settings::skips::{Skip, Skips};
-use crate::sh::{coefficient_count, with_degree};
+use crate::sh::{SharedSh, coefficient_count, with_degree};
 use crate::surfels::SurfelCloud;
 
 /// Vectors as structure of arrays: an axis or a channel after the other. `[3][DIRECTIONS]`
@@ -42,7 +42,7 @@ pub struct DirectionalAsset {
     /// The same, an axis after the other.
     pub(super) planes: Planes,
     /// Stored colour. `[n][K]`
-    pub sh: Vec<[f32; 3]>,
+    pub sh: SharedSh,
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     pub means: Vec<FrontAndBack>,
     pub(super) neighbors: Neighbors,
@@ -103,7 +103,7 @@ impl DirectionalAsset {
             bake,
             directions: self.directions.clone(),
             planes: self.planes.clone(),
-            sh: rows_of(&self.sh, k, surfels),
+            sh: rows_of(&self.sh, k, surfels).into(),
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
             neighbors: Neighbors::alone(surfels.len()),

@@ -153,7 +153,7 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         cloud.sh_degree = 3;
         cloud.encoding = Encoding::Linear;
         // Something in each band, so that none is left out; replaced below.
-        cloud.sh = vec![[0.1; 3]; cloud.len() * 16];
+        cloud.sh = vec![[0.1; 3]; cloud.len() * 16].into();
         let asset = asset_of(&cloud);
         let settings = TransferSettings::default();
         let beams = source.for_directional().expect("with beams");

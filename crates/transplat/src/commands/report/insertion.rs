@@ -306,7 +306,7 @@ fn alone(
 /// As it was captured.
 fn captured(cloud: &Arc<SurfelCloud>) -> Relit {
     Relit {
-        sh: cloud.sh.clone(),
+        sh: cloud.sh.to_vec(),
         degree: cloud.sh_degree,
         encoding: cloud.encoding,
         tau: Vec::new(),

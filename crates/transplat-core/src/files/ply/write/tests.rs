@@ -46,13 +46,13 @@ fn only_the_colour_of_a_binary_file_changes() {
         let original = binary(big_endian);
         std::fs::write(&from, &original).expect("room for it");
         let (cloud, asset) = load_asset(&from).expect("a good file");
-        assert_eq!(cloud.sh, [[0.3, 0.2, 0.1]; 2]);
+        assert_eq!(*cloud.sh, [[0.3, 0.2, 0.1]; 2]);
         write_relit(&asset, &cloud, &cloud.sh, &to).expect("room for it");
         assert_eq!(std::fs::read(&to).expect("it is there"), original);
         write_relit(&asset, &cloud, &[[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]], &to)
             .expect("room for it");
         let (other, _) = load_asset(&to).expect("a good file");
-        assert_eq!(other.sh, [[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]]);
+        assert_eq!(*other.sh, [[5.0, 6.0, 7.0], [8.0, 9.0, 10.0]]);
         assert_eq!(other.positions, cloud.positions);
         let changed = std::fs::read(&to).expect("it is there");
         assert_eq!(changed.len(), original.len());
@@ -122,7 +122,7 @@ fn a_part_has_its_own_rows_and_what_the_file_has_beside_them() {
         write_relit(&part, &cloud, &[[4.0, 5.0, 6.0]], &to).expect("room for it");
         let (back, _) = load_asset(&to).expect("a good file");
         assert_eq!(back.positions, cloud.positions[1..]);
-        assert_eq!(back.sh, [[4.0, 5.0, 6.0]]);
+        assert_eq!(*back.sh, [[4.0, 5.0, 6.0]]);
         let written = std::fs::read(&to).expect("it is there");
         assert_eq!(written[written.len() - 2..], [3, 4]);
         assert!(write_relit(&part, &cloud, &cloud.sh, &to).is_err());
