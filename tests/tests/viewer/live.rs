@@ -1,15 +1,17 @@
 //! What a window shows where the GPU relights and draws, which the adapter of the tests leaves to the CPU.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use eframe::wgpu::TextureFormat;
 use glam::{Affine3A, Quat, Vec3};
+use transplat::viewer::Viewer;
 use transplat_core::present::{Background, View};
 use transplat_core::surfels::SurfelCloud;
 use transplat_gpu::live::{Drawing, Live, LiveAsset, Placement};
 use transplat_gpu::transfer::GpuTransfer;
 
-use transplat_tests::driver::Driver;
+use transplat_tests::driver::{Driver, PATIENCE};
 use transplat_tests::psnr;
 
 #[test]
@@ -50,6 +52,39 @@ fn the_gpu_shows_what_the_cpu_relit() {
     // The whole is more than either part.
     let sum = |i: usize| pictures[i].iter().flatten().sum::<f32>();
     assert!(sum(0) > sum(1) && sum(0) > sum(2));
+}
+
+/// What takes long to relight follows another light at once, and is exact when the light rests; nothing else makes it coarse.
+#[test]
+fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
+    let mut d = Driver::bundled();
+    let turn = |degrees: f64| move |v: &mut Viewer| v.session.scene.environment.rotation = degrees;
+    let before = d.picture();
+    d.after(turn(120.0));
+    let exact = d.picture();
+    d.after(turn(0.0));
+    d.viewer().session.coarse_from_ms = 0.0;
+
+    turn(120.0)(d.viewer());
+    let start = Instant::now();
+    while d.viewer().session.not_final(View::After) != Some("coarse: the light changes") {
+        d.harness.step();
+        assert!(start.elapsed() < PATIENCE, "it is never coarse");
+    }
+    let live = d.viewer().session.live();
+    let coarse = live.read_screen().expect("the driver works").0;
+    drop(live);
+    assert!(psnr(&coarse, &exact) > psnr(&before, &exact) + 3.0);
+    assert!(psnr(&coarse, &exact) < 50.0);
+    assert!(psnr(&d.picture(), &exact) > 80.0);
+
+    // Epsilon is no light: the picture stays exact, then is exact again.
+    d.viewer().session.scene.transfer.epsilon = Some(0.05);
+    d.harness.step();
+    while !d.viewer().session.is_settled() {
+        assert_eq!(d.viewer().session.not_final(View::After), None);
+        d.harness.step();
+    }
 }
 
 /// Two objects, one in front of the other or each in the midst of the other, are what one of all their surfels is, whichever was opened first

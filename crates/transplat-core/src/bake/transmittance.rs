@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use multiversion::multiversion;
 use obvhs::aabb::Aabb;
 
@@ -70,7 +70,8 @@ impl Veils {
         let veil = |i: usize| {
             let opacity = cloud.opacities[i];
             let [u, v] = cloud.tangents[i];
-            let scale = cloud.scales[i] / object.radius;
+            // Larger ones are planes all the same, and the square of their inverse is 0.
+            let scale = (cloud.scales[i] / object.radius).min(Vec2::splat(1e9));
             let reach_squared = (2.0 * (opacity / LEAST_OPACITY).ln()).min(MOST_REACH * MOST_REACH);
             // A line or a point covers nothing.
             let covers = reach_squared > 0.0 && scale.min_element() >= 1e-9;
@@ -320,6 +321,18 @@ mod tests {
         // The falloff is off by 2 %; what passes a rim may round to either side of it.
         assert!(off < 0.01 * f64::from(count), "{}", off / f64::from(count));
         assert!(far * 100 < count as usize, "{far} of {count}");
+    }
+
+    #[test]
+    fn surfels_without_end_cover_as_planes() {
+        let mut cloud = synthetic::sphere_over_plate(300);
+        cloud.scales[0] = Vec2::splat(f32::MAX);
+        cloud.scales[1].x = 1e25;
+        let veils = Veils::new(&cloud);
+        for of in veils.order.chunks(PACKET) {
+            let through = veils.transmittance(of, Vec3::Y, &mut Vec::new());
+            assert!(through.iter().all(|t| (0.0..=1.0).contains(t)));
+        }
     }
 
     #[test]

@@ -220,6 +220,8 @@ pub struct Session {
     pub(super) insertion: Derived<InsertionKey, Arc<InsertionBake>>,
     pub(super) inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
     pub(super) relit_together: Derived<TogetherKey, ()>,
+    /// How long a relight takes that is shown coarsely first, in ms.
+    pub coarse_from_ms: f64,
     /// The objects that are shown as they were relit together, by their states.
     pub(super) together: Vec<u64>,
     /// The ground that catches the objects' shadow.
@@ -293,6 +295,7 @@ impl Session {
             insertion: Derived::default(),
             inserted: Derived::default(),
             relit_together: Derived::default(),
+            coarse_from_ms: 250.0,
             together: Vec::new(),
             ground: Derived::default(),
             ground_lit: Derived::default(),

@@ -13,9 +13,6 @@ use crate::viewer::language::tr;
 use crate::viewer::object::{Relighting, RelitKey};
 use crate::viewer::session::Session;
 
-/// A relight that takes longer is shown coarsely first.
-const LONG_MS: f64 = 250.0;
-
 /// So long a light is the same before the exact one begins.
 const REST: Duration = Duration::from_millis(250);
 
@@ -75,7 +72,7 @@ impl Session {
         let state = &mut self.states[at];
         let shown = state.relit.made_from();
         let light_rests = shown.is_some_and(|shown| !shown.coarse && shown.target == key.target);
-        let takes_long = state.relit_in_ms >= LONG_MS;
+        let takes_long = state.relit_in_ms >= self.coarse_from_ms;
         if !is_drawn_here || light_rests || !takes_long || key.part != Part::Whole {
             return false;
         }
