@@ -375,3 +375,32 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
         &["--batch"],
     );
 }
+
+/// More than any machine holds, in a file that takes no room on the disk.
+#[test]
+fn a_splat_larger_than_the_memory_is_refused_before_it_is_taken_in() {
+    let folder = Folder::empty();
+    let (rows, row_bytes) = (100_000_000_000u64, 4 * 13);
+    let names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3";
+    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {rows}\n");
+    for name in names.split(' ') {
+        header += &format!("property float {name}\n");
+    }
+    header += "end_header\n";
+    let length = header.len() as u64 + rows * row_bytes;
+    let splat = folder.write("vast.ply", header);
+    let file = fs::OpenOptions::new().write(true).open(&splat);
+    (file.expect("it is there").set_len(length)).expect("a file with holes");
+    let out = folder.name("out.ply");
+    let relight = [
+        "relight", "--source", "even", "--target", "even", "-o", &out,
+    ];
+    for command in [&["info"][..], &relight] {
+        let arguments = [command, &[&splat]].concat();
+        run_told(
+            &arguments,
+            1,
+            &["vast.ply", "GB of memory or more", "are free"],
+        );
+    }
+}

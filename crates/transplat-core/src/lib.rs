@@ -46,6 +46,7 @@ pub mod files;
 pub mod ground;
 mod lanes;
 pub mod lut;
+mod memory;
 mod morton;
 mod nearest;
 pub mod numeric;

@@ -14,9 +14,11 @@ use std::sync::Arc;
 use crate::bake::Bake;
 use crate::environment::Illumination;
 use crate::error::{Error, Result, ensure};
+use crate::memory;
 use crate::progress::{Progress, no_progress, part, tell};
-use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
+use crate::settings::{Method, TransferSettings};
+use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 
 use directional::{DirectionalAsset, DirectionalTransfer};
@@ -129,6 +131,22 @@ pub struct TransferAsset {
     directional: Option<(u64, Skips, Arc<DirectionalAsset>)>,
 }
 
+/// That the memory holds what an asset's bake and transfer take beside it: asked before a bake begins.
+///
+/// # Errors
+/// It does not.
+pub fn ensure_room(cloud: &SurfelCloud, method: Method) -> Result<()> {
+    let (k, degree) = (coefficient_count(cloud.sh_degree), cloud.sh_degree);
+    // Of colour its residual and the relit one, and its values at the nodes. Measured of a million, degree 3: 1.3 KB.
+    let (geometry, colors) = match method {
+        Method::Directional => (400, 2 * k + directional::Nodes::count_of(degree)),
+        Method::Harmonic => (200, 2 * k),
+    };
+    let each = geometry + size_of::<[f32; 3]>() * colors;
+    memory::ensure_room(cloud.len(), each)
+        .map_err(|why| Error::Mismatch(format!("it cannot be relit: {why}")))
+}
+
 impl TransferAsset {
     /// Prepares asset and source light; `bake_id` is any number that differs between bakes.
     ///
@@ -148,6 +166,7 @@ impl TransferAsset {
         ensure(baked == there, || {
             format!("the bake is of {baked} surfels and the asset has {there}")
         })?;
+        ensure_room(cloud, settings.method)?;
         Ok(match bake.of_method(settings.method)? {
             Bake::Harmonic(visibility) => {
                 let new = || HarmonicAsset::new(cloud);
@@ -184,7 +203,6 @@ impl TransferAsset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Method;
     use crate::synthetic;
 
     #[test]

@@ -383,7 +383,7 @@ fn read_attributes(
     }
     // Before it was ratified they were logarithms, some of which are below 0 in any scene.
     let are_logs = (0..n).any(|i| scales.get::<3>(i).iter().any(|s| *s < 0.0));
-    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, n);
+    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, n)?;
     rows.push_rows(n, |i, _, out| {
         for (f, column) in out.iter_mut().zip(&sh) {
             *f = column.get(i);

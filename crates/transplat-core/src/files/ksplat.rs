@@ -145,7 +145,7 @@ fn read_sections(
         ));
     }
     let degree = parsed.iter().map(|(s, _)| s.degree).max().unwrap_or(0);
-    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, total);
+    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, total)?;
     for (mut section, [partial, buckets]) in parsed {
         let read = read_exactly(reader, 4 * partial as u64).map_err(broken)?;
         section.partial = read.chunks_exact(4).map(|b| Fields(b).u32()).collect();

@@ -56,7 +56,8 @@ pub(super) fn read(
     if header.vertices == 0 {
         return Err(invalid("holds no vertices".into()));
     }
-    let mut rows = Builder::new(layout.kind(), layout.degree, header.vertices as usize);
+    let mut rows =
+        Builder::new(layout.kind(), layout.degree, header.vertices as usize).map_err(invalid)?;
     if header.comments.iter().any(|c| says_antialiased(c)) || layout.filter.is_some() {
         rows.set_antialiased();
     }

@@ -4,6 +4,7 @@ use glam::{Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::color::Encoding;
+use crate::memory::ensure_room;
 use crate::morton::neighborhood_order;
 use crate::sh::coefficient_count;
 use crate::surfels::{SurfelCloud, Thickness, UpAxis};
@@ -157,6 +158,9 @@ pub(super) struct Builder {
     left_out: Vec<usize>,
 }
 
+/// What loading takes for a surfel beside its colour: its geometry, twice while it is rearranged, and where its row went.
+const GEOMETRY_BYTES: usize = 150;
+
 /// In the place of a surfel: the row is of none that is written.
 pub(super) const NOT_WRITTEN: u32 = u32::MAX;
 
@@ -164,7 +168,11 @@ pub(super) const NOT_WRITTEN: u32 = u32::MAX;
 pub(super) type Finished = (SurfelCloud, AssetReport, Vec<u32>);
 
 impl Builder {
-    pub(super) fn new(kind: AssetKind, sh_degree: usize, rows: usize) -> Self {
+    /// # Errors
+    /// The memory does not hold them.
+    pub(super) fn new(kind: AssetKind, sh_degree: usize, rows: usize) -> Result<Self, String> {
+        let k = coefficient_count(sh_degree);
+        ensure_room(rows, GEOMETRY_BYTES + size_of::<[f32; 3]>() * k)?;
         let cloud = SurfelCloud {
             positions: bytemuck::zeroed_vec(rows),
             tangents: bytemuck::zeroed_vec(rows),
@@ -177,13 +185,13 @@ impl Builder {
             up: UpAxis::PlusZ,
             outside_from: Vec::new(),
         };
-        Self {
+        Ok(Self {
             kind,
             cloud,
             filled: 0,
             is_antialiased: false,
             left_out: Vec::new(),
-        }
+        })
     }
 
     /// Its 3D Gaussians were trained with their opacity compensated for the low-pass.

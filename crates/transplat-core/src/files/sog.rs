@@ -251,7 +251,7 @@ fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished
         _ => AssetKind::Gaussians3d,
     };
     let degree = palette.as_ref().map_or(0, |p| p.degree);
-    let mut rows = Builder::new(kind, degree, count as usize);
+    let mut rows = Builder::new(kind, degree, count as usize)?;
     if meta.antialias || meta.model.as_deref() == Some("antialiased") {
         rows.set_antialiased();
     }

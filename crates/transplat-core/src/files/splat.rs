@@ -38,7 +38,8 @@ pub(super) fn begins_as_one(start: &[u8], file_bytes: u64) -> bool {
 /// Reads a splat from a file of so many bytes, a multiple of [`ROW`].
 pub(super) fn read(path: &Path, reader: &mut impl Read, file_bytes: u64) -> Result<Finished> {
     let mut left = (file_bytes / ROW as u64) as usize;
-    let mut rows = Builder::new(AssetKind::Gaussians3d, 0, left);
+    let mut rows =
+        Builder::new(AssetKind::Gaussians3d, 0, left).map_err(|m| Error::invalid(path, m))?;
     let mut block = vec![0; BLOCK_ROWS.min(left) * ROW];
     while left > 0 {
         let count = left.min(BLOCK_ROWS);

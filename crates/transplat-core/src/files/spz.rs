@@ -123,7 +123,7 @@ pub(super) fn read(
         let size = header.sizes()[i];
         Fields(&body[starts[i] + point * size..][..size])
     };
-    let mut rows = Builder::new(AssetKind::Gaussians3d, header.degree, n);
+    let mut rows = Builder::new(AssetKind::Gaussians3d, header.degree, n).map_err(invalid)?;
     if header.has(IS_ANTIALIASED) {
         rows.set_antialiased();
     }

@@ -16,6 +16,7 @@ use transplat_core::settings::Method;
 use transplat_core::settings::skips::{Skip, Skips};
 use transplat_core::sh::refining_order;
 use transplat_core::surfels::SurfelCloud;
+use transplat_core::transfer::ensure_room;
 
 use crate::device::Device;
 
@@ -214,6 +215,7 @@ fn in_stages(
     progress: Progress<'_>,
     preview: &dyn Fn(Bake, f32),
 ) -> Result<Bake> {
+    ensure_room(&wanted.cloud, wanted.method)?;
     Ok(match wanted.method {
         Method::Harmonic => harmonic(device, wanted, stages, progress, preview)?,
         Method::Directional => {

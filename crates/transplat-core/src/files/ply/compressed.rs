@@ -88,6 +88,8 @@ pub(super) fn read(
     let Some(bytes) = bytes else {
         return Err(invalid("claims more vertices than it has room for"));
     };
+    let mut rows =
+        Builder::new(AssetKind::Gaussians3d, degree, n as usize).map_err(|m| invalid(&m))?;
     let read = |reader: &mut _, count: u64| {
         read_exactly(reader, count).map_err(|e| invalid(&format!("is truncated: {e}")))
     };
@@ -113,7 +115,6 @@ pub(super) fn read(
         }
         None => Vec::new(),
     };
-    let mut rows = Builder::new(AssetKind::Gaussians3d, degree, n as usize);
     if header.comments.iter().any(|c| says_antialiased(c)) {
         rows.set_antialiased();
     }
