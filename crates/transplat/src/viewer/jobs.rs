@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use super::language::tr;
 use anyhow::{Result, anyhow};
 use eframe::egui;
+use thread_priority::{ThreadPriority, set_current_thread_priority};
 use transplat_core::settings::Method;
 
 /// What a job is doing, for those who must not start it twice.
@@ -71,6 +72,18 @@ impl Kind {
     /// Whether those of the kind are done one after the other.
     fn is_queued(self) -> bool {
         self == Self::Export
+    }
+
+    /// Whether what is shown meanwhile goes before it.
+    fn is_long(self) -> bool {
+        let of_object = matches!(
+            self,
+            Self::Of(
+                _,
+                Work::Load | Work::Bake(_) | Work::Estimate | Work::Prepare | Work::Measure
+            )
+        );
+        of_object || matches!(self, Self::Ground | Self::Export | Self::Extremes)
     }
 }
 
@@ -200,9 +213,18 @@ struct Message<E> {
     ended: bool,
 }
 
+/// Of threads whose work is long, out of 99; in Linux a niceness of 10, a tenth of a core where a picture is being drawn.
+const PRIORITY_OF_LONG: u8 = 25;
+
 /// Runs work in a pool of its own: neither the interface, which has small things to compute too, nor what is opened meanwhile waits for it.
-fn beside_the_rest<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    match rayon::ThreadPoolBuilder::new().build() {
+fn beside_the_rest<T: Send>(is_long: bool, work: impl FnOnce() -> T + Send) -> T {
+    let begin = move |_| {
+        if is_long && let Ok(priority) = PRIORITY_OF_LONG.try_into() {
+            // Where the system does not let it, it is as quick as the rest.
+            let _ = set_current_thread_priority(ThreadPriority::Crossplatform(priority));
+        }
+    };
+    match rayon::ThreadPoolBuilder::new().start_handler(begin).build() {
         Ok(pool) => pool.install(work),
         Err(_) => work(),
     }
@@ -264,7 +286,7 @@ impl<E: Send + 'static> Jobs<E> {
             handle.signals.begun.get_or_init(Instant::now);
             let work = || match handle.is_cancelled() {
                 true => Err(anyhow!("cancelled")),
-                false => beside_the_rest(|| work(&handle)),
+                false => beside_the_rest(kind.is_long(), || work(&handle)),
             };
             let result = catch_unwind(AssertUnwindSafe(work));
             queue.iter().for_each(|queue| queue.leave(id));
@@ -368,6 +390,31 @@ mod tests {
             jobs.running().is_empty()
         });
         assert_eq!(made, [0, 1, 3]);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_takes_long_makes_way_for_what_is_shown_meanwhile() {
+        let niceness = |_: &Handle<_>| {
+            let stat = std::fs::read_to_string("/proc/thread-self/stat")?;
+            let fields = stat.rsplit(')').next().into_iter();
+            // The nineteenth; the name, which ends with the bracket, is the second.
+            let nice = fields.flat_map(str::split_whitespace).nth(16);
+            Ok(nice.and_then(|n| n.parse::<i32>().ok()))
+        };
+        let mut jobs = Jobs::<Option<i32>>::new(&egui::Context::default());
+        let mut of = |kind| {
+            jobs.start(kind, "work", niceness, |result| result.ok().flatten());
+            let end = Instant::now() + Duration::from_secs(20);
+            loop {
+                match jobs.events().pop() {
+                    Some(nice) => return nice.expect("Linux tells it"),
+                    None => assert!(Instant::now() < end, "it does not end"),
+                }
+            }
+        };
+        let bake = Kind::Of(0, Work::Bake(Method::Directional));
+        assert!(of(bake) > of(Kind::Of(0, Work::Relight)));
     }
 
     #[test]
