@@ -10,11 +10,13 @@ mod incident;
 mod lobe;
 mod materials;
 mod matte;
+mod matte_colors;
 mod neighbors;
 mod nodes;
 mod rays;
 mod relight;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -43,6 +45,7 @@ pub(crate) use lobe::{
 use lobe::{find_gloss, mirrored, pooled};
 pub use matte::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
 use matte::{BackLanes, Matte, residual_scale, share_of_back, within_range};
+use matte_colors::MatteColors;
 pub(crate) use neighbors::NEIGHBORS;
 pub use nodes::Nodes;
 use nodes::SurfelFrame;
@@ -92,8 +95,8 @@ pub struct DirectionalTransfer {
     faintly_glossy: usize,
     /// Irradiance, bounced light and epsilon under the source. `[n]`
     pub divisor: Vec<FrontAndBack>,
-    /// Colour at the nodes that gloss does not explain. `[n][Q]`
-    pub matte: Vec<[f32; 3]>,
+    /// Colour at the nodes that gloss does not explain: [`DirectionalTransfer::matte_of`].
+    matte: MatteColors,
     /// The least of it in each channel. `[n]`
     darkest: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
@@ -119,31 +122,35 @@ fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
 }
 
 impl DirectionalAsset {
-    /// Splits a surfel's colour: what gloss explains goes from `matte`, its colour at the nodes `[Q]`, and what the model shows from
-    /// `residual`, its stored colour `[K]`. Returns the model's mean encoded colour.
+    /// Splits a surfel's colour: what gloss does not explain of that at the nodes goes into `matte`, `[Q]`, where that is kept, and what the model
+    /// shows goes from `residual`, its stored colour `[K]`. Returns the model's mean encoded colour, and the darkest of the matte one.
     fn explain(
         &self,
         i: usize,
         (gloss, light, radiance): (&Gloss, &Incident<'_>, &[Radiance]),
         scratch: &mut Scratch,
-        matte: &mut [[f32; 3]],
+        matte: Option<&mut [[f32; 3]]>,
         residual: &mut [[f32; 3]],
-    ) -> [f32; 3] {
+    ) -> [[f32; 3]; 2] {
         let nodes = &self.nodes;
+        let mut colors = self.colors_of(i);
         self.reflect(i, gloss, light, radiance, scratch);
         if !scratch.glossy.is_empty() {
             let seen = nodes.values(&nodes.refit, &scratch.glossy);
-            for (m, s) in matte.iter_mut().zip(&seen) {
+            for (m, s) in colors.iter_mut().zip(&seen) {
                 *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
             }
         }
-        self.store(matte, [1.0; 3], scratch);
+        if let Some(matte) = matte {
+            matte.copy_from_slice(&colors);
+        }
+        self.store(&colors, [1.0; 3], scratch);
         let mut shown = nodes.function(&nodes.fit, &scratch.stored);
         SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut shown);
         for (r, s) in residual.iter_mut().zip(shown) {
             *r = std::array::from_fn(|c| r[c] - s[c]);
         }
-        self.encoded_mean(&scratch.stored)
+        [self.encoded_mean(&scratch.stored), self.darkest(i, &colors)]
     }
 
     /// What surfel `i` mirrors towards each node, into `scratch.glossy`: `[Q]`, or empty where that is nothing.
@@ -171,25 +178,20 @@ impl DirectionalAsset {
         }));
     }
 
-    /// The least of a surfel's colour at the nodes in each channel: of `matte`, `[n][Q]`, and where it has two sides of both as stored.
-    fn darkest(&self, matte: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    /// The least of surfel `i`'s colour at the nodes in each channel: of its matte one, `[Q]`, and where it has two sides of both as stored.
+    fn darkest(&self, i: usize, matte: &[[f32; 3]]) -> [f32; 3] {
+        if self.bake.two_sided[i] == 0.0 {
+            return darkest(matte);
+        }
         let nodes = &self.nodes;
         let k = coefficient_count(nodes.degree);
-        let of_surfel = |(i, matte): (usize, &[[f32; 3]])| {
-            if self.bake.two_sided[i] == 0.0 {
-                return darkest(matte);
-            }
-            let mut f = self.sh[i * k..][..k].to_vec();
-            SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut f);
-            let sides =
-                [&nodes.evaluate, &nodes.evaluate_back].map(|e| darkest(&nodes.values(e, &f)));
-            let stored = darkest(&sides).map(|v| self.encoding.decode(v));
-            // What is clamped is not what is stored.
-            let least = darkest(&[darkest(matte), stored]);
-            least.map(|v| if v > 0.0 { v } else { f32::NAN })
-        };
-        let each = matte.par_chunks_exact(nodes.count()).enumerate();
-        each.map(of_surfel).collect()
+        let mut f = self.sh[i * k..][..k].to_vec();
+        SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut f);
+        let sides = [&nodes.evaluate, &nodes.evaluate_back].map(|e| darkest(&nodes.values(e, &f)));
+        let stored = darkest(&sides).map(|v| self.encoding.decode(v));
+        // What is clamped is not what is stored.
+        let least = darkest(&[darkest(matte), stored]);
+        least.map(|v| if v > 0.0 { v } else { f32::NAN })
     }
 
     /// Stored colour of `matte * tau`, `[Q]`, and what is in `scratch.glossy`, into `scratch.stored`.
@@ -265,9 +267,8 @@ impl DirectionalTransfer {
             .collect();
         tell(progress, 0.35)?;
         let white = whitest(asset, &divisor);
-        let mut matte = asset.colors();
         let (gloss, faintly_glossy) = if settings.terms.lobe && trust >= 1.0 {
-            let mut gloss = find_gloss(asset, &matte, (&light, &radiance), white);
+            let mut gloss = find_gloss(asset, (&light, &radiance), white);
             let faint = if settings.skips.has(Skip::Matte) {
                 Gloss::take_unseen(&mut gloss, white)
             } else {
@@ -279,25 +280,21 @@ impl DirectionalTransfer {
         };
         tell(progress, 0.7)?;
         let glow = match settings.terms.glow {
-            true => find_glow(
-                asset,
-                &matte,
-                &divisor,
-                &gloss,
-                (white, settings.glow_above, trust),
-            ),
+            true => find_glow(asset, &divisor, &gloss, (white, settings.glow_above, trust)),
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let mut residual = asset.sh.to_vec();
-        let encoded_mean = matte
-            .par_chunks_exact_mut(q)
+        let mut matte = MatteColors::for_those(gloss.iter().map(|g| !g.is_matte()), q);
+        let (encoded_mean, darkest) = (matte.rows_mut().into_par_iter())
             .zip(residual.par_chunks_exact_mut(k))
             .enumerate()
             .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
-                asset.explain(i, (&gloss[i], &light, &radiance), scratch, matte, residual)
+                let shining = (&gloss[i], &light, &radiance[..]);
+                let [mean, darkest] = asset.explain(i, shining, scratch, matte, residual);
+                (mean, darkest)
             })
-            .collect();
+            .unzip();
         Ok(Self {
             asset: asset.clone(),
             settings: settings.clone(),
@@ -313,7 +310,7 @@ impl DirectionalTransfer {
             gloss,
             glow,
             divisor,
-            darkest: asset.darkest(&matte),
+            darkest,
             matte,
             residual,
             encoded_mean,
@@ -323,10 +320,7 @@ impl DirectionalTransfer {
     /// What some of its surfels are without the others, given what they see then: how they were lit is known from where they were captured,
     /// among the others.
     pub fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
-        let (q, k) = (
-            self.asset.nodes.count(),
-            coefficient_count(self.asset.nodes.degree),
-        );
+        let k = coefficient_count(self.asset.nodes.degree);
         let gloss = rows_of(&self.gloss, 1, surfels);
         Self {
             asset: Arc::new(self.asset.part(bake, surfels)),
@@ -338,7 +332,7 @@ impl DirectionalTransfer {
                 _ => rows_of(&self.glow, 1, surfels),
             },
             divisor: rows_of(&self.divisor, 1, surfels),
-            matte: rows_of(&self.matte, q, surfels),
+            matte: self.matte.selected(surfels),
             darkest: rows_of(&self.darkest, 1, surfels),
             residual: rows_of(&self.residual, k, surfels),
             encoded_mean: rows_of(&self.encoded_mean, 1, surfels),
@@ -354,9 +348,22 @@ impl DirectionalTransfer {
         for sides in &mut rounded.divisor {
             round_to_half(sides);
         }
-        round_to_half(&mut rounded.matte);
+        let all = (0..self.asset.bake.len()).map(|_| true);
+        rounded.matte = MatteColors::for_those(all, self.asset.nodes.count());
+        for (i, row) in rounded.matte.rows_mut().into_iter().flatten().enumerate() {
+            row.copy_from_slice(&self.matte_of(i));
+        }
+        round_to_half(&mut rounded.matte.kept);
         round_to_half(&mut rounded.residual);
         rounded
+    }
+
+    /// Colour of surfel `i` at the nodes that gloss does not explain. `[Q]`
+    pub fn matte_of(&self, i: usize) -> Cow<'_, [[f32; 3]]> {
+        match self.matte.row(i) {
+            Some(row) => Cow::Borrowed(row),
+            None => Cow::Owned(self.asset.colors_of(i)),
+        }
     }
 
     /// A target light, taken in.
@@ -545,7 +552,7 @@ impl DirectionalTransfer {
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
-        let (q, k) = (asset.nodes.count(), out.len());
+        let k = out.len();
         scratch.glossy.clear();
         if part != Part::Diffuse {
             asset.reflect(i, &self.gloss[i], light, radiance, scratch);
@@ -565,7 +572,7 @@ impl DirectionalTransfer {
             }
             return;
         }
-        asset.store(&self.matte[i * q..][..q], matte[0], scratch);
+        asset.store(&self.matte_of(i), matte[0], scratch);
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = SurfelFrame::new(asset.bake.normals[i]);

@@ -370,10 +370,10 @@ struct Chunk {
 
 impl Chunk {
     fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
-        let (k, q) = (
-            coefficient_count(p.asset.nodes.degree),
-            p.asset.nodes.count(),
-        );
+        let k = coefficient_count(p.asset.nodes.degree);
+        let matte: Vec<[f32; 3]> = (first..first + count)
+            .flat_map(|i| p.matte_of(i).into_owned())
+            .collect();
         let (surfels, hits) = surfels_of(p, first, count);
         let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
         let parameters = DirectionalChunk {
@@ -388,7 +388,7 @@ impl Chunk {
             parameters: context.upload(&[parameters], BufferUsages::UNIFORM),
             surfels: context.upload(&surfels, storage),
             hits: context.upload(&hits, storage),
-            matte: context.upload(&p.matte[first * q..][..count * q], storage),
+            matte: context.upload(&matte, storage),
             residual: context.upload(&p.residual[first * k..][..count * k], storage),
             stored: context.upload(&p.asset.sh[first * k..][..of_two_sides], storage),
             irradiance: context.storage(32 * count),

@@ -80,7 +80,7 @@ impl DirectionalAsset {
         let sh = with_degree(cloud.sh.clone(), cloud.sh_degree, degree);
         let k = coefficient_count(degree);
         let means = (sh.par_chunks_exact(k).zip(&bake.normals))
-            .map(|(sh, n)| seen_at(&nodes, encoding, sh, *n).1)
+            .map(|(sh, n)| means_of(&nodes, encoding, sh, *n))
             .collect();
         Self {
             neighbors: Neighbors::new(&bake.tracer.surfels, &bake.normals),
@@ -110,16 +110,12 @@ impl DirectionalAsset {
         }
     }
 
-    /// Linear colour at the front's nodes. `[n][Q]`
-    pub(super) fn colors(&self) -> Vec<[f32; 3]> {
-        let (q, k) = (self.nodes.count(), coefficient_count(self.nodes.degree));
-        let mut colors = vec![[0f32; 3]; self.bake.len() * q];
-        let each = (self.sh.par_chunks_exact(k).zip(&self.bake.normals))
-            .zip(colors.par_chunks_exact_mut(q));
-        each.for_each(|((sh, n), out)| {
-            out.copy_from_slice(&seen_at(&self.nodes, self.encoding, sh, *n).0);
-        });
-        colors
+    /// Linear colour of surfel `i` at the front's nodes, as captured. `[Q]`
+    pub(super) fn colors_of(&self, i: usize) -> Vec<[f32; 3]> {
+        let (nodes, k) = (&self.nodes, coefficient_count(self.nodes.degree));
+        let mut f = self.sh[i * k..][..k].to_vec();
+        SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut f);
+        colors_at(&nodes.evaluate, (nodes, self.encoding), &f)
     }
 
     /// What each surfel radiates when its colour under the source changes by tau. `[n]`
@@ -142,7 +138,7 @@ pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontA
     let nodes = Nodes::new(cloud.sh_degree);
     let k = coefficient_count(cloud.sh_degree);
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
-    each.map(|(sh, n)| seen_at(&nodes, cloud.encoding, sh, *n).1)
+    each.map(|(sh, n)| means_of(&nodes, cloud.encoding, sh, *n))
         .collect()
 }
 
@@ -152,21 +148,17 @@ pub(super) fn rows_of<T: Copy>(table: &[T], width: usize, taken: &[usize]) -> Ve
     taken.iter().flat_map(row).collect()
 }
 
-/// Linear colour of a surfel at the front's nodes, `[Q]`, and the means of both sides.
-fn seen_at(
-    nodes: &Nodes,
-    encoding: Encoding,
-    sh: &[[f32; 3]],
-    normal: Vec3,
-) -> (Vec<[f32; 3]>, FrontAndBack) {
+/// Mean linear colour of a surfel's sides, of its stored colour `[K]`.
+fn means_of(nodes: &Nodes, encoding: Encoding, sh: &[[f32; 3]], normal: Vec3) -> FrontAndBack {
     let mut f = sh.to_vec();
     SurfelFrame::new(normal).apply_sh(nodes.degree, &mut f);
-    let [front, back] = [&nodes.evaluate, &nodes.evaluate_back].map(|e| {
-        let mut values = nodes.values(e, &f);
-        let numbers = bytemuck::cast_slice_mut(&mut values);
-        encoding.decode_all(numbers);
-        values
-    });
-    let means = [&front, &back].map(|v| weighted_mean(&nodes.weights, v));
-    (front, means)
+    [&nodes.evaluate, &nodes.evaluate_back]
+        .map(|e| weighted_mean(&nodes.weights, &colors_at(e, (nodes, encoding), &f)))
+}
+
+/// Linear colour at the nodes of a side, of the stored one in the surfel's frame `[K]`. `[Q]`
+fn colors_at(side: &[f32], (nodes, encoding): (&Nodes, Encoding), f: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let mut values = nodes.values(side, f);
+    encoding.decode_all(bytemuck::cast_slice_mut(&mut values));
+    values
 }

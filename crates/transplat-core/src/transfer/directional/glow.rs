@@ -57,7 +57,6 @@ fn well_lit(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
 /// known, 0 to 1.
 pub(super) fn find_glow(
     asset: &DirectionalAsset,
-    colors: &[[f32; 3]],
     divisor: &[FrontAndBack],
     gloss: &[Gloss],
     (white, above, trust): (f32, f32, f32),
@@ -65,13 +64,8 @@ pub(super) fn find_glow(
     let q = asset.nodes.count();
     let white = white.max(PI * WHITE / well_lit(asset, divisor));
     let bright = BRIGHT.map(|v| srgb_encode(srgb_decode(v) * (above / GLOW_ABOVE).min(1.0)));
-    let each = asset
-        .means
-        .par_iter()
-        .zip(divisor)
-        .zip(gloss)
-        .zip(colors.par_chunks_exact(q));
-    let alone = each.map(|((([mean, _], [light, _]), gloss), colors)| {
+    let each = asset.means.par_iter().zip(divisor).zip(gloss).enumerate();
+    let alone = each.map(|(i, (([mean, _], [light, _]), gloss))| {
         // What mirrors a lamp is as bright as one.
         if !gloss.is_matte() {
             return [0.0; 2];
@@ -81,18 +75,19 @@ pub(super) fn find_glow(
         let purity = 1.0 - mean.iter().copied().fold(brightest, f32::min) / brightest.max(1e-6);
         let vivid = 1.0 + smoothstep(PURE[0], PURE[1], purity);
         let most = vivid * (0..3).map(albedo).fold(0f32, f32::max) / white;
-        let encoded = srgb_encode(brightest);
+        let glows = smoothstep(above, CERTAIN * above, most)
+            * smoothstep(bright[0], bright[1], srgb_encode(brightest));
+        if glows <= 0.0 {
+            return [0.0; 2];
+        }
         let sum = |v: &[f32; 3]| v.iter().sum::<f32>();
         let middle = sum(mean);
-        let spread = colors
-            .iter()
+        let spread = (asset.colors_of(i).iter())
             .map(|v| (sum(v) - middle).powi(2))
             .sum::<f32>()
             / q as f32;
         let variation = spread.sqrt() / middle.max(1e-6);
-        let glow = smoothstep(above, CERTAIN * above, most)
-            * smoothstep(bright[0], bright[1], encoded)
-            * (1.0 - smoothstep(EVEN[0], EVEN[1], variation));
+        let glow = glows * (1.0 - smoothstep(EVEN[0], EVEN[1], variation));
         let is_lamp = smoothstep(LAMPS[0], LAMPS[1], purity);
         [glow, glow * if trust < 1.0 { is_lamp } else { 1.0 }]
     });

@@ -158,7 +158,6 @@ struct Moments {
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
 pub(super) fn find_gloss(
     asset: &DirectionalAsset,
-    colors: &[[f32; 3]],
     (light, radiance): (&Incident<'_>, &[Radiance]),
     white: f32,
 ) -> Vec<Gloss> {
@@ -167,10 +166,12 @@ pub(super) fn find_gloss(
         return vec![Gloss::default(); n];
     }
     let q = asset.nodes.count();
-    let moments: Vec<[[Moments; WIDTHS.len()]; 2]> = (colors.par_chunks_exact(q).enumerate())
+    let (moments, variances): (Vec<[[Moments; WIDTHS.len()]; 2]>, Vec<[f32; 3]>) = (0..n)
+        .into_par_iter()
         .map_init(
             || (Rays::default(), vec![0f32; 3 * q]),
-            |(rays, values), (i, colors)| {
+            |(rays, values), i| {
+                let colors = &asset.colors_of(i)[..];
                 asset.rays_of(i, light, radiance, rays);
                 let frame = SurfelFrame::new(asset.bake.normals[i]);
                 let mut found = [[Moments::default(); WIDTHS.len()]; 2];
@@ -179,13 +180,10 @@ pub(super) fn find_gloss(
                     found[0][w] = moments(asset, (i, colors), values, None);
                     found[1][w] = moments(asset, (i, colors), values, Some(&asset.nodes.rise));
                 }
-                found
+                (found, color_variance(asset, colors, asset.means[i][0]))
             },
         )
-        .collect();
-    let variances: Vec<[f32; 3]> = (colors.par_chunks_exact(q).zip(&asset.means))
-        .map(|(colors, [mean, _])| color_variance(asset, colors, *mean))
-        .collect();
+        .unzip();
     let metal = regress(asset, &moments, &variances, 0);
     let coated = regress(asset, &moments, &variances, 1);
     choose(asset, white, &moments, &metal, &coated)

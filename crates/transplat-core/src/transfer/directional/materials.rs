@@ -19,8 +19,8 @@ impl DirectionalTransfer {
 
     /// As light and pictures tell it, albedos of any size.
     fn material(&self, i: usize) -> Material {
-        let (asset, q) = (&*self.asset, self.asset.nodes.count());
-        let front = weighted_mean(&asset.nodes.weights, &self.matte[i * q..][..q]);
+        let asset = &*self.asset;
+        let front = weighted_mean(&asset.nodes.weights, &self.matte_of(i));
         let back = if self.settings.terms.two_sided {
             asset.bake.two_sided[i]
         } else {

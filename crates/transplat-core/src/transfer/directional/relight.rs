@@ -1,7 +1,6 @@
 //! The directional method as the pipeline asks for it: a relit asset, what was left out, what it takes.
 
 use super::lobe::LEAST_GLOSS;
-use super::nodes::Nodes;
 use super::{DirectionalTransfer, LEAST_IRRADIANCE, TURNS};
 use crate::environment::Illumination;
 use crate::error::Result;
@@ -45,11 +44,10 @@ impl Relight for DirectionalTransfer {
         if degree < cloud.sh_degree {
             let what = format!("SH bands above {degree}");
             let why = "the asset's colour has nothing there";
-            let node_bytes = 12 * n * (Nodes::count_of(cloud.sh_degree) - asset.nodes.count());
             out.push(Skipped {
                 skip: Some(Skip::EmptyBands),
                 // Stored colour, its residual, and the result.
-                bytes: 3 * empty_bytes(n, cloud.sh_degree, degree) + 2 * node_bytes,
+                bytes: 3 * empty_bytes(n, cloud.sh_degree, degree),
                 ..Skipped::exact(Stage::Transfer, what, why)
             });
         }
@@ -116,7 +114,7 @@ impl Relight for DirectionalTransfer {
             + size_of_val(&self.gloss[..])
             + size_of_val(&self.glow[..])
             + size_of_val(&self.divisor[..])
-            + size_of_val(&self.matte[..])
+            + self.matte.bytes()
             + size_of_val(&self.residual[..])
             + size_of_val(&self.encoded_mean[..])
             + size_of_val(&self.darkest[..])
@@ -124,7 +122,7 @@ impl Relight for DirectionalTransfer {
 
     fn bytes_saved_by_half(&self) -> usize {
         let rounded = size_of_val(&self.divisor[..])
-            + size_of_val(&self.matte[..])
+            + size_of_val(&self.matte.kept[..])
             + size_of_val(&self.residual[..]);
         rounded / 2
     }
