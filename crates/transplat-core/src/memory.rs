@@ -7,14 +7,14 @@ const FEW: usize = 100_000;
 
 /// That the memory holds so many surfels at so many bytes each; what is wrong where it does not.
 pub(crate) fn ensure_room(surfels: usize, bytes_each: usize) -> Result<(), String> {
-    match free_bytes().filter(|_| surfels >= FEW) {
-        Some(free) => ensure_room_in(free, surfels, bytes_each),
-        None => Ok(()),
+    if surfels < FEW {
+        return Ok(());
     }
+    free_bytes().map_or(Ok(()), |free| ensure_room_in(free, surfels, bytes_each))
 }
 
 fn ensure_room_in(free: u64, surfels: usize, bytes_each: usize) -> Result<(), String> {
-    let needed = surfels as u64 * bytes_each as u64;
+    let needed = (surfels as u64).saturating_mul(bytes_each as u64);
     if needed <= free {
         return Ok(());
     }

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use rayon::prelude::*;
 use transplat_core::bake::patches::{DIRECTIONS, WORDS, directions};
 use transplat_core::environment::MAX_SUNS;
 use transplat_core::settings::skips::Skip;
@@ -372,7 +373,8 @@ impl Chunk {
     fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
         let k = coefficient_count(p.asset.nodes.degree);
         let matte: Vec<[f32; 3]> = (first..first + count)
-            .flat_map(|i| p.matte_of(i).into_owned())
+            .into_par_iter()
+            .flat_map_iter(|i| p.matte_of(i).into_owned())
             .collect();
         let (surfels, hits) = surfels_of(p, first, count);
         let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);

@@ -74,7 +74,7 @@ impl Kind {
         self == Self::Export
     }
 
-    /// Whether what is shown meanwhile goes before it.
+    /// Whether it takes long: what is shown meanwhile goes before it, and it looks out for being stopped.
     fn is_long(self) -> bool {
         let of_object = matches!(
             self,
@@ -137,17 +137,7 @@ impl Job {
 
     /// Whether it looks out for being stopped.
     pub fn can_be_cancelled(&self) -> bool {
-        matches!(
-            self.kind,
-            Kind::Of(
-                _,
-                Work::Load | Work::Bake(_) | Work::Estimate | Work::Prepare | Work::Measure
-            ) | Kind::Ground
-                | Kind::Surroundings
-                | Kind::Insertion
-                | Kind::Export
-                | Kind::Extremes
-        )
+        self.kind.is_long() || matches!(self.kind, Kind::Surroundings | Kind::Insertion)
     }
 
     pub fn is_cancelled(&self) -> bool {
