@@ -239,6 +239,11 @@ impl Context {
         error.map(GpuError::Driver)
     }
 
+    /// The device and its queue, for work that is nobody's stage.
+    pub fn device(&self) -> (&wgpu::Device, &wgpu::Queue) {
+        (&self.device, &self.queue)
+    }
+
     /// Name of the adapter with its backend.
     pub fn name(&self) -> String {
         let info = self.adapter.get_info();

@@ -3,6 +3,7 @@
 //! The assets are made up, so that every machine has the same ones: a rough ball over a slab, in two layers and with colour of degree 3, about
 //! as many surfels behind a pixel as trained splats have.
 
+mod floor;
 mod measure;
 mod subject;
 
@@ -33,6 +34,7 @@ use transplat_gpu::rasterize::{GpuRasterizer, Layer, ResidentPaint, ResidentSh, 
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_tests::root;
 
+use floor::{Rates, WorkOf};
 use measure::{Bench, read_rows};
 use subject::rough_ball_over_slab;
 
@@ -113,6 +115,10 @@ fn main() {
         "{} threads",
         std::thread::available_parallelism().map_or(1, usize::from)
     );
+    bench.device("cpu", Rates::of_cpu());
+    if let Some(context) = &gpu {
+        bench.device("gpu", Rates::of_gpu(context));
+    }
     let maps = ["city", "sunset"].map(|name| {
         let path = root().join(format!("assets/{name}.hdr"));
         load_environment(&path).expect("it is bundled")
@@ -146,6 +152,10 @@ fn main() {
         let subject = Subject {
             cloud: &cloud,
             bounds: cloud.bounds(),
+            work: WorkOf {
+                surfels: cloud.len(),
+                degree: cloud.sh_degree,
+            },
             lights: &lights,
             sizes: &args.sizes,
         };
@@ -161,9 +171,11 @@ fn main() {
             subject.bake(&mut bench);
         }
         let settings = TransferSettings::of(Method::Directional);
-        let prepared = bench.time("cpu", "prepare", || {
-            PreparedTransfer::new(&cloud, &bake, &lights[0], &settings).expect("it fits")
-        });
+        let prepared = bench
+            .given(subject.work.prepare())
+            .time("cpu", "prepare", || {
+                PreparedTransfer::new(&cloud, &bake, &lights[0], &settings).expect("it fits")
+            });
         if args.device != Devices::Gpu {
             subject.on_cpu(&prepared, &mut bench);
         }
@@ -186,6 +198,7 @@ fn light(map: &EnvironmentMap) -> Illumination {
 struct Subject<'a> {
     cloud: &'a Arc<SurfelCloud>,
     bounds: Bounds,
+    work: WorkOf,
     lights: &'a [Illumination; 2],
     sizes: &'a [[usize; 2]],
 }
@@ -205,14 +218,16 @@ impl Subject<'_> {
         let folder = tempfile::tempdir().expect("a folder for files that go away");
         let [path, out] = ["asset.ply", "relit.ply"].map(|name| folder.path().join(name));
         write_splat(self.cloud, &self.cloud.sh, &path).expect("there is room");
-        let (loaded, file) = bench.time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
-        bench.time("cpu", "export PLY", || {
+        let (loaded, file) = bench
+            .given(self.work.file())
+            .time("cpu", "load PLY", || load_asset(&path).expect("a splat"));
+        bench.given(self.work.file()).time("cpu", "export PLY", || {
             write_relit(&file, &loaded, &loaded.sh, &out).expect("it can be written");
         });
     }
 
     fn bake(&self, bench: &mut Bench) -> Bake {
-        bench.time("cpu", "bake", || {
+        bench.given(self.work.bake()).time("cpu", "bake", || {
             Bake::new(self.cloud, Method::Directional, 0, &no_progress).expect("nobody cancels")
         })
     }
@@ -221,7 +236,7 @@ impl Subject<'_> {
         let tracer = bench.time("cpu", "bake: boxes and fronts", || {
             DirectionalBake::tracer(self.cloud, &no_progress).expect("nobody cancels")
         });
-        let baked = bench.time("gpu", "bake", || {
+        let baked = bench.given(self.work.bake()).time("gpu", "bake", || {
             let rays = GpuTracer::new(context, &tracer).expect("it fits");
             DirectionalBake::bake_by(
                 self.cloud,
@@ -243,35 +258,44 @@ impl Subject<'_> {
         let cloud = self.cloud;
         let mut last = None;
         let mut lights = self.lights.iter().cycle();
-        bench.time("cpu", "transfer", || {
-            let light = lights.next().expect("it goes round");
-            let relit = prepared.relight_after(last.take(), light, Part::Whole, &[]);
-            last = Some(relit.expect("read for it"));
-        });
+        bench
+            .given(self.work.transfer())
+            .time("cpu", "transfer", || {
+                let light = lights.next().expect("it goes round");
+                let relit = prepared.relight_after(last.take(), light, Part::Whole, &[]);
+                last = Some(relit.expect("read for it"));
+            });
         let surfels = cloud.len();
         for &size in self.sizes {
             bench.size([surfels, size[0] * size[1]]);
             let mut next = self.orbit(size);
             if size == self.sizes[0] {
-                bench.time_of("cpu", "sort", &mut next, |camera| {
-                    depth_order(&cloud.positions, &camera, &[])
-                });
-                bench.time_of("cpu", "shade", &mut next, |camera| {
-                    let (degree, encoding) = (cloud.sh_degree, cloud.encoding);
-                    shade(
-                        &cloud.positions,
-                        &cloud.sh,
-                        degree,
-                        encoding,
-                        camera.eye,
-                        ColorSpace::Linear,
-                    )
-                });
+                bench
+                    .given(self.work.sort())
+                    .time_of("cpu", "sort", &mut next, |camera| {
+                        depth_order(&cloud.positions, &camera, &[])
+                    });
+                bench
+                    .given(self.work.shade())
+                    .time_of("cpu", "shade", &mut next, |camera| {
+                        let (degree, encoding) = (cloud.sh_degree, cloud.encoding);
+                        shade(
+                            &cloud.positions,
+                            &cloud.sh,
+                            degree,
+                            encoding,
+                            camera.eye,
+                            ColorSpace::Linear,
+                        )
+                    });
             }
             let colors = vec![[0.5; 3]; surfels];
-            bench.time_of("cpu", "sort and draw", &mut next, |camera| {
-                rasterize(cloud, &camera, &colors, &[])
-            });
+            bench.given(self.work.draw(size[0] * size[1])).time_of(
+                "cpu",
+                "sort and draw",
+                &mut next,
+                |camera| rasterize(cloud, &camera, &colors, &[]),
+            );
         }
     }
 
@@ -289,48 +313,63 @@ impl Subject<'_> {
         let mut live = Live::new(context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
         live.set_asset(0, asset).expect("it fits");
         live.set_transfer(0, transfer);
-        bench.time("gpu", "transfer", || {
-            let relit = live.relight(0, &self.lights[1], Part::Whole, &[]);
-            relit.expect("read for it");
-            done(context);
-        });
+        bench
+            .given(self.work.transfer())
+            .time("gpu", "transfer", || {
+                let relit = live.relight(0, &self.lights[1], Part::Whole, &[]);
+                relit.expect("read for it");
+                done(context);
+            });
         let rasterizer = GpuRasterizer::new(context, cloud).expect("it fits");
         let sh = ResidentSh::upload(context, &cloud.sh, cloud.sh_degree, cloud.encoding);
         for &size in self.sizes {
             bench.size([surfels, size[0] * size[1]]);
             let mut next = self.orbit(size);
             if size == self.sizes[0] {
-                bench.time_of("gpu", "sort", &mut next, |camera| {
-                    rasterizer.sort(&camera, &[]);
-                    done(context);
-                });
-                bench.time_of("gpu", "project", &mut next, |camera| {
-                    rasterizer.project(&camera);
-                    done(context);
-                });
-                bench.time_of("gpu", "shade", &mut next, |camera| {
-                    rasterizer.shade(
-                        &camera,
-                        ResidentPaint::Sh(&sh, Part::Whole),
-                        ColorSpace::Linear,
-                    );
-                    done(context);
-                });
+                bench
+                    .given(self.work.sort())
+                    .time_of("gpu", "sort", &mut next, |camera| {
+                        rasterizer.sort(&camera, &[]);
+                        done(context);
+                    });
+                bench
+                    .given(self.work.project())
+                    .time_of("gpu", "project", &mut next, |camera| {
+                        rasterizer.project(&camera);
+                        done(context);
+                    });
+                bench
+                    .given(self.work.shade())
+                    .time_of("gpu", "shade", &mut next, |camera| {
+                        rasterizer.shade(
+                            &camera,
+                            ResidentPaint::Sh(&sh, Part::Whole),
+                            ColorSpace::Linear,
+                        );
+                        done(context);
+                    });
             }
             let camera = next();
             let order = rasterizer.sort(&camera, &[]);
             rasterizer.project(&camera);
             for (stage, has_depth) in [("draw", false), ("draw with depth", true)] {
                 let target = Target::of_screen(context, size, has_depth);
-                bench.time("gpu", stage, || {
-                    rasterizer.draw_tile(&camera, Layer::default(), &order, &target);
-                    done(context);
-                });
+                bench
+                    .given(self.work.draw(size[0] * size[1]))
+                    .time("gpu", stage, || {
+                        rasterizer.draw_tile(&camera, Layer::default(), &order, &target);
+                        done(context);
+                    });
             }
-            bench.time_of("gpu", "frame, camera moves", &mut next, |camera| {
-                live.frame(&self.frame(camera, size));
-                done(context);
-            });
+            bench.given(self.work.draw(size[0] * size[1])).time_of(
+                "gpu",
+                "frame, camera moves",
+                &mut next,
+                |camera| {
+                    live.frame(&self.frame(camera, size));
+                    done(context);
+                },
+            );
             let camera = next();
             live.frame(&self.frame(camera, size));
             let mut lights = self.lights.iter().cycle();
@@ -357,10 +396,15 @@ impl Subject<'_> {
         for &size in self.sizes {
             bench.size([cloud.len(), size[0] * size[1]]);
             let mut next = self.orbit(size);
-            bench.time_of("cpu", "frame, camera moves", &mut next, |camera| {
-                live.frame(&self.frame(camera, size));
-                context.finish(&context.last_submission());
-            });
+            bench.given(self.work.draw(size[0] * size[1])).time_of(
+                "cpu",
+                "frame, camera moves",
+                &mut next,
+                |camera| {
+                    live.frame(&self.frame(camera, size));
+                    context.finish(&context.last_submission());
+                },
+            );
         }
     }
 
@@ -394,6 +438,7 @@ impl Subject<'_> {
             },
             against_pinned: false,
             marks: false,
+            pixel_step: 1,
             objects: vec![Placement {
                 scene_from_object: Affine3A::IDENTITY,
                 shown: true,

@@ -6,6 +6,8 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::floor::{Rates, Work};
+
 /// Repeats of what is quick, and how many seconds all of them may take.
 const REPEATS: usize = 15;
 const PATIENCE: f64 = 3.0;
@@ -19,10 +21,16 @@ pub struct Row {
     ms: f64,
     spread_ms: f64,
     peak_mib: f64,
+    /// What it has to do, and how long that takes at best, in ms.
+    floor: Option<(Work, f64)>,
 }
 
 /// What is measured so far.
 pub struct Bench {
+    /// Of each device.
+    rates: BTreeMap<String, Rates>,
+    /// What the next stage has to do.
+    work: Option<Work>,
     rows: BTreeMap<Key, Row>,
     before: BTreeMap<Key, Row>,
     of: String,
@@ -34,6 +42,8 @@ impl Bench {
     /// Compares with figures of before.
     pub fn new(before: BTreeMap<Key, Row>) -> Self {
         Self {
+            rates: BTreeMap::new(),
+            work: None,
             rows: BTreeMap::new(),
             before,
             of: String::new(),
@@ -42,13 +52,25 @@ impl Bench {
         }
     }
 
+    /// What a device can do, against which its stages are held.
+    pub fn device(&mut self, name: &str, rates: Rates) {
+        println!("{name}: {}", rates.told());
+        self.rates.insert(name.into(), rates);
+    }
+
+    /// What the next stage has to do.
+    pub fn given(&mut self, work: Work) -> &mut Self {
+        self.work = Some(work);
+        self
+    }
+
     /// What is measured from here on.
     pub fn at(&mut self, of: &str, size: [usize; 2]) {
         self.of = of.into();
         self.size(size);
         println!(
-            "\n{} {of}\n{:<5}{:<26}{:>10}{:>9}{:>9}",
-            size[0], "", "", "ms", "spread", "MiB"
+            "\n{} {of}\n{:<5}{:<26}{:>10}{:>9}{:>9}{:>10}",
+            size[0], "", "", "ms", "spread", "MiB", "floors"
         );
     }
 
@@ -98,6 +120,10 @@ impl Bench {
             ms: at(0.5),
             spread_ms: at(0.75) - at(0.25),
             peak_mib: peak_mib(),
+            floor: self.work.take().and_then(|work| {
+                let rates = self.rates.get(device)?;
+                Some((work, rates.floor_ms(work)))
+            }),
         };
         let key = (
             device.to_owned(),
@@ -114,12 +140,14 @@ impl Bench {
             .before
             .get(&key)
             .map(|b| format!("  x {:.2}", row.ms / b.ms));
+        let floors = row.floor.map(|(_, least)| format!("{:.1}", row.ms / least));
         println!(
-            "{device:<5}{:<26}{:>10.3}{:>9.3}{:>9.0}{}",
+            "{device:<5}{:<26}{:>10.3}{:>9.3}{:>9.0}{:>10}{}",
             format!("{stage}{pixels}"),
             row.ms,
             row.spread_ms,
             row.peak_mib,
+            floors.unwrap_or_default(),
             ratio.unwrap_or_default()
         );
         self.rows.insert(key, row);
@@ -151,6 +179,9 @@ impl Bench {
             json!({
                 "device": device, "stage": stage, "of": of, "surfels": surfels, "pixels": pixels,
                 "ms": row.ms, "spread_ms": row.spread_ms, "peak_mib": row.peak_mib,
+                "bytes": row.floor.map(|(work, _)| work.bytes),
+                "operations": row.floor.map(|(work, _)| work.operations),
+                "floor_ms": row.floor.map(|(_, least)| least),
             })
         }).collect();
         let text = serde_json::to_string_pretty(&rows).expect("numbers and names");
@@ -178,6 +209,7 @@ pub fn read_rows(path: &Path) -> BTreeMap<Key, Row> {
                 ms: number("ms"),
                 spread_ms: number("spread_ms"),
                 peak_mib: number("peak_mib"),
+                floor: None,
             };
             (key, row)
         })

@@ -163,12 +163,13 @@ fn ellipse_box(t_u: Vec3, t_v: Vec3, t_w: Vec3, r2: f32) -> Option<(Vec2, Vec2)>
     Some((center, Vec2::new(half.x.sqrt(), half.y.sqrt())))
 }
 
-/// Projects one surfel; `None` where it is behind the camera, off the screen or too faint.
+/// Projects one surfel, its axes that many times as long; `None` where it is behind the camera, off the screen or too faint.
 #[inline]
 pub(super) fn project_surfel(
     cloud: &SurfelCloud,
     camera: &Camera,
     index: usize,
+    larger: f32,
 ) -> Option<ProjectedSurfel> {
     let opacity = cloud.opacities[index];
     if opacity <= MIN_ALPHA {
@@ -179,13 +180,14 @@ pub(super) fn project_surfel(
     if p.z <= camera.near {
         return None;
     }
-    let a = view * (cloud.tangents[index][0] * cloud.scales[index].x);
-    let b = view * (cloud.tangents[index][1] * cloud.scales[index].y);
+    let [u, v] = cloud.tangents[index];
+    let scales = larger * cloud.scales[index];
+    let (a, b) = (view * (u * scales.x), view * (v * scales.y));
     let thickness = cloud.thicknesses[index];
     let (projected, low, high) = if thickness.is_flat() {
         project_flat(camera, p, [a, b], opacity)?
     } else {
-        let c = view * (cloud.stored_normal(index) * thickness.sigma());
+        let c = view * (cloud.stored_normal(index) * (larger * thickness.sigma()));
         project_gaussian(camera, p, [a, b, c], opacity, thickness)?
     };
     let size = Vec2::new(camera.width as f32, camera.height as f32);

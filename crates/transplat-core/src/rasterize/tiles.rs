@@ -29,6 +29,8 @@ pub struct Placed<'a> {
     pub hidden: &'a [bool],
     /// Whether it is drawn at all.
     pub shown: bool,
+    /// One of so many of its surfels is drawn, as much larger, where a picture has few pixels; 1 draws all.
+    pub one_of: usize,
 }
 
 impl<'a> Placed<'a> {
@@ -40,6 +42,7 @@ impl<'a> Placed<'a> {
             scale: 1.0,
             hidden,
             shown: true,
+            one_of: 1,
         }
     }
 
@@ -48,7 +51,8 @@ impl<'a> Placed<'a> {
         if !self.shown || self.hidden.get(i).is_some_and(|hidden| *hidden) {
             return None;
         }
-        let projected = project_surfel(self.cloud, &self.camera, i)?;
+        let larger = (self.one_of as f32).sqrt();
+        let projected = project_surfel(self.cloud, &self.camera, i, larger)?;
         Some(projected.counted(before).scaled(self.scale))
     }
 }
@@ -61,6 +65,15 @@ struct Piece<'a, 'b> {
     before: usize,
     /// Where its projected ones start.
     start: usize,
+}
+
+impl Piece<'_, '_> {
+    /// Its surfels that are drawn: neighbours in space follow each other, so that these are everywhere.
+    fn drawn(&self) -> impl Iterator<Item = usize> {
+        let one_of = self.object.one_of.max(1);
+        let first = self.surfels.start.next_multiple_of(one_of);
+        (first..self.surfels.end).step_by(one_of)
+    }
 }
 
 fn pieces<'a, 'b>(objects: &'b [Placed<'a>]) -> Vec<Piece<'a, 'b>> {
@@ -123,7 +136,7 @@ impl Tiles {
             .map(|(piece, room)| {
                 let mut touching = vec![0; columns * rows];
                 let mut seen = 0;
-                for i in piece.surfels.clone() {
+                for i in piece.drawn() {
                     if let Some(projected) = piece.object.project(i, piece.before) {
                         touched(&projected, columns, per_tile).for_each(|tile| touching[tile] += 1);
                         room[seen] = projected;

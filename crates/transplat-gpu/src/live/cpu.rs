@@ -11,14 +11,17 @@ use super::paint::Paint;
 use crate::context::Context;
 use crate::rasterize::Target;
 
+/// What moves is not drawn with fewer surfels than that, if there are as many: they take a few hundredths of a second.
+const LEAST_DRAWN: usize = 125_000;
+
 /// Pictures drawn by the CPU.
 pub(super) struct CpuCanvas {
     /// Its own: where jobs keep the others busy, a picture does not wait for them.
     pool: Option<ThreadPool>,
     rasterizer: Rasterizer,
     raster: Raster,
-    /// From the camera, the version of the places, and what of each object is shown.
-    projected: Derived<(Camera, u64, ShownObjects), ()>,
+    /// From the camera, the version of the places, what of each object is shown, and one of how many.
+    projected: Derived<(Camera, u64, ShownObjects, usize), ()>,
 }
 
 impl CpuCanvas {
@@ -46,7 +49,9 @@ impl CpuCanvas {
         passes: &mut Passes,
     ) {
         let camera = &frame.presentation.camera;
-        let key = (*camera, places, shown(objects, frame));
+        let surfels = placed(objects, frame).map(|(o, _)| o.asset.cloud.len());
+        let one_of = one_of(surfels.sum(), frame.pixel_step);
+        let key = (*camera, places, shown(objects, frame), one_of);
         if !self.projected.ask(&key) {
             return;
         }
@@ -56,6 +61,7 @@ impl CpuCanvas {
             scale: object.scale(),
             hidden: &placement.hidden,
             shown: placement.shown,
+            one_of,
         });
         let each: Vec<Placed<'_>> = each.collect();
         let rasterizer = &mut self.rasterizer;
@@ -87,6 +93,11 @@ impl CpuCanvas {
     }
 }
 
+/// One of how many surfels is drawn: as many as the picture has fewer pixels, so that as many are left for each.
+fn one_of(surfels: usize, pixel_step: usize) -> usize {
+    (pixel_step * pixel_step).clamp(1, (surfels / LEAST_DRAWN).max(1))
+}
+
 /// Runs something in a pool, where there is one.
 fn within(pool: &Option<ThreadPool>, work: impl FnOnce() + Send) {
     match pool {
@@ -110,5 +121,19 @@ fn colors_of_all(objects: &[(usize, Paint<'_>)], surfels: &[usize], out: &mut [[
             out[at] = color;
         }
         first += count;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_large_assets_are_thinned_and_only_for_fewer_pixels() {
+        assert_eq!(one_of(30_000, 4), 1);
+        assert_eq!(one_of(10_000_000, 1), 1);
+        assert_eq!(one_of(1_000_000, 2), 4);
+        assert_eq!(one_of(1_000_000, 4), 8);
+        assert_eq!(one_of(0, 4), 1);
     }
 }

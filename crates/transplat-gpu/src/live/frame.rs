@@ -47,6 +47,8 @@ pub struct Frame {
     pub against_pinned: bool,
     /// Whether marks are laid over the surfels.
     pub marks: bool,
+    /// By how much the edges of the picture are shorter than the screen's, while something moves: 1 is all pixels.
+    pub pixel_step: usize,
     /// How the objects stand in the scene.
     pub objects: Vec<Placement>,
 }

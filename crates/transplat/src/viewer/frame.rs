@@ -84,6 +84,7 @@ impl Session {
             },
             against_pinned: self.compared().is_some(),
             marks: self.overlays.marks,
+            pixel_step: 1,
             objects: scene
                 .objects
                 .iter()

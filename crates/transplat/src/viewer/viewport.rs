@@ -111,8 +111,8 @@ impl Viewport {
         };
         let pixels = self.picture_size(ui, session, now);
         session.viewport = pixels;
-        let frame = session.frame(pixels, view);
-        if let Some(frame) = frame {
+        if let Some(mut frame) = session.frame(pixels, view) {
+            frame.pixel_step = self.step;
             let start = std::time::Instant::now();
             let ran = session.live().frame(&frame);
             if ran {
