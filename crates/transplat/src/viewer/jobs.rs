@@ -94,6 +94,9 @@ struct Queue {
     moved: Condvar,
 }
 
+/// How often it is shown how far jobs are.
+pub const TOLD_EVERY: Duration = Duration::from_millis(250);
+
 /// How often one that waits looks whether it was cancelled.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
@@ -168,7 +171,8 @@ impl<E> Handle<E> {
     pub fn progress(&self, done: f64) -> ControlFlow<()> {
         let per_mille = (done * 1e3) as u32;
         if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
-            self.context.request_repaint();
+            // Without a graphics card a picture of the window costs what the job would get.
+            self.context.request_repaint_after(TOLD_EVERY);
         }
         if self.is_cancelled() {
             ControlFlow::Break(())

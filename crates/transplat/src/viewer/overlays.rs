@@ -13,13 +13,13 @@ use transplat_core::settings::skips::Skipped;
 
 use super::app::{Quitting, Viewer};
 use super::export::Task;
-use super::jobs::{Job, Kind, Work};
+use super::jobs::{Job, Kind, TOLD_EVERY, Work};
 use super::language::{tr, tr_format};
 use super::navigation;
 use super::probes::{Key as ProbeKey, Probe};
 use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
-use super::widgets::{named, thousands};
+use super::widgets::{named, thousands, waiting};
 use crate::words::milliseconds;
 
 /// How long a message stays that is no error, in seconds.
@@ -133,13 +133,18 @@ impl Viewer {
                             let bar = egui::ProgressBar::new(job.progress());
                             ui.add(bar.desired_width(90.0).show_percentage());
                         } else {
-                            ui.spinner();
+                            let (rect, _) = ui
+                                .allocate_exact_size(egui::Vec2::splat(16.0), egui::Sense::hover());
+                            waiting(ui, rect);
                         }
                         ui.label(&job.label);
                         if let Some(left) = job.time_left().and_then(left_in_words) {
                             ui.weak(left);
                         }
-                        if job.can_be_cancelled() && ui.small_button(tr("Cancel")).clicked() {
+                        if job.is_cancelled() {
+                            ui.weak(tr("stopping"));
+                        } else if job.can_be_cancelled() && ui.small_button(tr("Cancel")).clicked()
+                        {
                             job.cancel();
                         }
                     });
@@ -181,7 +186,7 @@ impl Viewer {
         });
         // Errors stay; everything else goes by itself or goes on.
         if !jobs.is_empty() || messages.iter().any(|m| !m.is_error) {
-            context.request_repaint_after_secs(0.25);
+            context.request_repaint_after(TOLD_EVERY);
         }
         if goes_on {
             self.session.rebake();

@@ -12,7 +12,7 @@ use super::language::{tr, tr_format};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
-use super::widgets::{entry, named};
+use super::widgets::{entry, named, waiting};
 
 /// Pixels across a thumbnail.
 const THUMBNAIL_PIXELS: usize = 224;
@@ -201,7 +201,7 @@ impl Shelf {
             let texture = Some(self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), false, response.contains_pointer());
             if session.is_loading(&wanted) {
-                ui.put(rect, egui::Spinner::new());
+                waiting(ui, rect);
             }
             ui.add(egui::Label::new(egui::RichText::new(&name).small()).truncate());
             let tip = if side == SOURCE {
@@ -246,7 +246,7 @@ impl Shelf {
             let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
             if session.is_loading(&path) {
-                ui.put(rect, egui::Spinner::new());
+                waiting(ui, rect);
             }
             if index < 9 {
                 let badge = rect.left_top() + egui::vec2(10.0, 9.0);
