@@ -45,6 +45,70 @@ fn relight_writes_the_layout_that_came_in() {
     assert!(b.sh.iter().flatten().all(|v| v.is_finite()));
 }
 
+/// Lights of one's own from a file: on either device alike, where they stand, and nothing else shines that the file does not name.
+#[test]
+fn relight_takes_a_rig_of_lights() {
+    let folder = Folder::empty();
+    let splat = folder.write("a.ply", small_splat(400));
+    let rig = |name: &str, lights: &str, around: &str| {
+        let text = format!(r#"{{"lights": [{lights}], "environment": {around}}}"#);
+        folder.write(name, text)
+    };
+    let point = |z: f32| {
+        format!(r#"{{"type": "point", "position": [0, 0, {z}], "intensity": [40, 30, 20]}}"#)
+    };
+    let (above, below) = (
+        rig("above.json", &point(4.0), "null"),
+        rig("below.json", &point(-4.0), "null"),
+    );
+    let relit = |rig: &str, device: &str| {
+        let out = folder.name("out.ply");
+        let line = "relight {} --source even --rig {} --device {} -o {}";
+        run_json(&args(line, &[&splat, rig, device, &out]));
+        let (cloud, _) = load_asset(out.as_ref()).expect("the result");
+        cloud
+    };
+    let [top, bottom] = [&above, &below].map(|rig| relit(rig, "cpu"));
+    let k = top.sh.len() / top.len();
+    let brightness = |cloud: &transplat_core::surfels::SurfelCloud, upper: bool| -> f32 {
+        let each = (0..cloud.len()).filter(|i| (cloud.positions[*i].z > 0.0) == upper);
+        each.map(|i| cloud.sh[i * k][1]).sum()
+    };
+    assert!(brightness(&top, true) > brightness(&top, false) + 1.0);
+    assert!(brightness(&bottom, true) + 1.0 < brightness(&bottom, false));
+    let on_gpu = relit(&above, "gpu");
+    let off = top
+        .sh
+        .iter()
+        .flatten()
+        .zip(on_gpu.sh.iter().flatten())
+        .map(|(a, b)| (a - b).abs());
+    assert!(off.fold(0.0, f32::max) < 1e-5);
+    // A rig beside a map that lies with it; and wrong ones.
+    let out = folder.name("out.ply");
+    let line = "relight {} --source even --rig {} --device cpu -o {}";
+    let city = fs::read(asset("city.hdr")).expect("it is bundled");
+    folder.write("city.hdr", city);
+    let mixed = rig(
+        "mixed.json",
+        &point(4.0),
+        r#"{"file": "city.hdr", "scale": 2}"#,
+    );
+    run_json(&args(line, &[&splat, &mixed, &out]));
+    let wrong = rig(
+        "wrong.json",
+        r#"{"type": "point", "position": [0, 0, 1]}"#,
+        "null",
+    );
+    run_told(
+        &args(line, &[&splat, &wrong, &out]),
+        1,
+        &["wrong.json", "intensity"],
+    );
+    let lost = rig("lost.json", &point(1.0), r#"{"file": "nowhere.hdr"}"#);
+    run_told(&args(line, &[&splat, &lost, &out]), 1, &["nowhere.hdr"]);
+}
+
 #[test]
 fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
     let folder = Folder::empty();

@@ -1,6 +1,7 @@
 //! Stage *project environment*: a light as an equirectangular map, as SH coefficients of its incident radiance, and as beams.
 
 mod beams;
+mod emitter;
 mod illumination;
 mod layout;
 mod map;
@@ -10,6 +11,7 @@ mod tests;
 mod unfold;
 
 pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
+pub use emitter::{Emitter, FEW, MOST_LIGHTS, MOST_PARTS, Shape};
 pub use illumination::Illumination;
 pub use layout::Layout;
 pub use map::{EnvironmentMap, azimuth};

@@ -38,7 +38,7 @@ pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use format::SplatFormat;
 pub use kind::{FileKind, file_kind, file_of};
-pub use look::{load_look, look_text, save_look};
+pub use look::{load_look, load_rig, look_text, save_look};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};

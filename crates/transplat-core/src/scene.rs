@@ -3,23 +3,23 @@
 mod cut;
 mod light;
 mod object;
+mod rig;
 
 use std::path::{Path, PathBuf};
 
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::environment::{Illumination, Layout};
+use crate::environment::{Illumination, Layout, MOST_LIGHTS};
 use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
 pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
-pub use light::{
-    ESTIMATE, EVEN, EnvironmentLight, Light, STOPS, is_estimate, is_even, is_file, wrap,
-};
+pub use light::{ESTIMATE, EVEN, EnvironmentLight, STOPS, is_estimate, is_even, is_file, wrap};
 pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform, splat_name};
+pub use rig::{Around, KELVIN, Light, LightSource, Rig, black_body};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -154,6 +154,10 @@ impl Scene {
             })?;
         }
         self.environment.validate("target")?;
+        ensure(self.lights.len() <= MOST_LIGHTS, || {
+            format!("more than {MOST_LIGHTS} lights")
+        })?;
+        rig::validate_all(&self.lights)?;
         self.camera.map_or(Ok(()), |c| c.validate())?;
         self.validate_kept()
     }
@@ -201,11 +205,14 @@ impl Scene {
     ) -> [Illumination; 2] {
         let gain = self.match_gain(object, [source, environment]);
         let source = object.source.orient(source, asset_up);
+        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
         let mut target = self.environment.orient(environment, asset_up);
-        if gain != 1.0 {
+        if is_solo {
+            target = target.told([0.0; 3]);
+        } else if gain != 1.0 {
             target = target.scaled(gain);
         }
-        for light in &self.lights {
+        for light in self.lights.iter().filter(|l| l.solo || !is_solo) {
             light.add_to(&mut target, asset_up);
         }
         [source, target]
@@ -334,10 +341,11 @@ mod tests {
         let even = Illumination::even(3);
         let mut scene = Scene::default();
         for i in 0..2 * MAX_SUNS {
-            scene.lights.push(Light::Distant {
-                toward: glam::DVec3::Z,
+            scene.lights.push(Light::of(LightSource::Directional {
+                to_light: glam::DVec3::Z,
                 irradiance: [1.0 + i as f32; 3],
-            });
+                angle_deg: 0.0,
+            }));
         }
         let [source, target] = scene.lights_on(&scene.objects[0], [&even, &even], UpAxis::MinusY);
         let up = UpAxis::MinusY;

@@ -91,7 +91,14 @@ impl GpuTransfer {
     ) -> transplat_core::Result<()> {
         match &self.by {
             By::Harmonic(transfer, _) => {
-                transfer.submit(&transfer.prepared.light(&target.radiance));
+                let prepared = &transfer.prepared;
+                let target = target.at_one_place(prepared.center);
+                transfer.submit(&prepared.light(&target.radiance));
+            }
+            // Their rays differ from surfel to surfel: the CPU traces them.
+            By::Directional(transfer, _) if !target.emitters.is_empty() => {
+                let light = transfer.prepared.light(target)?;
+                transfer.write(&transfer.prepared.relight(light, part, unseen));
             }
             By::Directional(transfer, _) => {
                 let light = transfer.prepared.light(target)?;

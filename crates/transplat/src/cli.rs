@@ -189,6 +189,9 @@ pub struct LightArgs {
     /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
     #[arg(long, value_name = "ENV|even|estimate")]
     pub target: Vec<PathBuf>,
+    /// Lights of one's own beside the environment, and the one that the file names: point, spot, directional, rect and disc (README)
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
     /// How the pictures of these lights are laid out, as --source-layout
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub target_layout: Option<Layout>,
@@ -213,7 +216,7 @@ impl LightArgs {
         let of_objects = scene.objects.iter();
         of_objects
             .flat_map(|o| [&o.source.file, &o.asset])
-            .chain([&self.capture.bake, &self.capture.look])
+            .chain([&self.capture.bake, &self.capture.look, &self.rig])
             .flatten()
             .chain(targets.iter().map(|(_, path)| path))
             .map(PathBuf::as_path)

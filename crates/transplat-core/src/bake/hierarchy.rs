@@ -162,6 +162,44 @@ impl Hierarchy {
         }
         None
     }
+
+    /// The same of rays that each have a direction of their own, in no order.
+    #[inline(always)]
+    pub fn next_leaf_on(
+        &self,
+        origin: &[Lanes; 3],
+        ways: &Ways,
+        farthest: &Lanes,
+        stack: &mut Vec<u32>,
+    ) -> Option<Range<usize>> {
+        while let Some(index) = stack.pop() {
+            let node = &self.nodes[index as usize];
+            if !meets_any(node, origin, &ways.inverse, farthest) {
+                continue;
+            }
+            let first = node.first as usize;
+            if node.count > 0 {
+                return Some(first..first + node.count as usize);
+            }
+            stack.extend([node.first, node.first + 1]);
+        }
+        None
+    }
+}
+
+/// Rays that each have a direction of their own, an axis after the other.
+pub(super) struct Ways {
+    /// Unit vectors.
+    pub direction: [Lanes; 3],
+    inverse: [Lanes; 3],
+}
+
+impl Ways {
+    /// Along unit vectors.
+    pub fn new(direction: [Lanes; 3]) -> Self {
+        let inverse = direction.map(|axis| axis.map(inverse));
+        Self { direction, inverse }
+    }
 }
 
 /// Where the rays of a packet go.
@@ -173,13 +211,16 @@ pub(super) struct Toward {
 impl Toward {
     /// Towards a unit vector.
     pub fn new(direction: Vec3) -> Self {
-        // A direction along an axis never divides by zero.
-        let inverse = direction.to_array().map(|v| {
-            let tiny = 1e-12f32.copysign(v);
-            1.0 / if v.abs() < 1e-12 { tiny } else { v }
-        });
+        let inverse = direction.to_array().map(inverse);
         Self { direction, inverse }
     }
+}
+
+/// One over an axis of a direction: along another axis it never divides by zero.
+#[inline(always)]
+fn inverse(v: f32) -> f32 {
+    let tiny = 1e-12f32.copysign(v);
+    1.0 / if v.abs() < 1e-12 { tiny } else { v }
 }
 
 /// The numbers of a packet's rays.
@@ -233,6 +274,29 @@ fn meets(node: &Node, origin: &[Lanes; 3], inverse: &[f32; 3], farthest: &Lanes)
             );
             enter[i] = if a > enter[i] { a } else { enter[i] };
             leave[i] = if b < leave[i] { b } else { leave[i] };
+        }
+    }
+    let mut any = 0u32;
+    for i in 0..PACKET {
+        any |= u32::from(enter[i] <= leave[i]);
+    }
+    any != 0
+}
+
+/// The same of rays that each have a direction of their own.
+#[inline(always)]
+fn meets_any(node: &Node, origin: &[Lanes; 3], inverse: &[Lanes; 3], farthest: &Lanes) -> bool {
+    let (mut enter, mut leave) = ([0f32; PACKET], *farthest);
+    for axis in 0..3 {
+        let (low, high) = (node.min[axis], node.max[axis]);
+        for i in 0..PACKET {
+            let (a, b) = (
+                (low - origin[axis][i]) * inverse[axis][i],
+                (high - origin[axis][i]) * inverse[axis][i],
+            );
+            let (near, far) = if a < b { (a, b) } else { (b, a) };
+            enter[i] = if near > enter[i] { near } else { enter[i] };
+            leave[i] = if far < leave[i] { far } else { leave[i] };
         }
     }
     let mut any = 0u32;

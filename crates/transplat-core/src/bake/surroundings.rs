@@ -228,6 +228,34 @@ impl Surroundings {
         }
         open
     }
+
+    /// Closes, of rays of the object's surfels `of` to places at some distance, those that another object blocks; as many as a packet holds, in
+    /// the object's coordinates for rays.
+    pub fn unblocked(
+        &self,
+        own: &Tracer,
+        of: &[u32],
+        rays: &[(RayStart, Vec3, f32)],
+        open: &mut [bool; PACKET],
+        stack: &mut Vec<u32>,
+    ) {
+        for other in &self.others {
+            let mut asked = Vec::new();
+            let mut there = Vec::new();
+            for (k, ((_, direction, distance), i)) in rays.iter().zip(of).enumerate() {
+                let start = other.start(&own.surfels[*i as usize], *direction);
+                let toward = other.direction(*direction);
+                if open[k] && other.is_near(start.origin, toward) {
+                    asked.push(k);
+                    there.push((start, toward, distance * other.scale));
+                }
+            }
+            let unblocked = other.bake.tracer.unblocked(&there, stack);
+            for (k, is_open) in asked.into_iter().zip(unblocked) {
+                open[k] &= is_open;
+            }
+        }
+    }
 }
 
 impl Change {

@@ -12,7 +12,9 @@ use rayon::prelude::*;
 
 use super::front::Fronts;
 pub use super::hierarchy::{BoxInOrder, PACKET};
-use super::hierarchy::{Hierarchy, LEAST_FACING, Lanes, Toward, ellipse_box, meet_plane};
+use super::hierarchy::{
+    Hierarchy, LEAST_FACING, Lanes, Toward, Ways, ellipse_box, lanes, meet_plane,
+};
 use super::scaled::ScaledObject;
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
@@ -244,6 +246,24 @@ impl Tracer {
         walk(self, &packet, direction, any, stack)
     }
 
+    /// Which rays, [`PACKET`] at most, come to their ends without meeting a surfel: each starts somewhere, goes in a direction of its own (a unit
+    /// vector), and ends at a distance; all in these coordinates.
+    pub fn unblocked(
+        &self,
+        rays: &[(RayStart, Vec3, f32)],
+        stack: &mut Vec<u32>,
+    ) -> [bool; PACKET] {
+        let last = rays.len().saturating_sub(1);
+        let ray = |lane: usize| &rays[lane.min(last)];
+        if rays.is_empty() {
+            return [true; PACKET];
+        }
+        let packet = Packet::new(rays.len(), |lane| ray(lane).0);
+        let direction = std::array::from_fn(|axis| lanes(|lane| ray(lane).1[axis]));
+        let ends = lanes(|lane| ray(lane).2);
+        walk_to(self, &packet, &Ways::new(direction), ends, stack)
+    }
+
     /// A ball that holds where the rays of some surfels start: its middle and its radius, in these coordinates.
     pub(super) fn ball_of_starts(&self, of: &[u32]) -> (Vec3, f32) {
         let surfels = || of.iter().map(|i| &self.surfels[*i as usize]);
@@ -365,5 +385,108 @@ fn walk(tracer: &Tracer, packet: &Packet, d: Vec3, any: bool, stack: &mut Vec<u3
     Met {
         surfel: hit,
         distance: farthest,
+    }
+}
+
+/// Which rays come to their ends.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
+fn walk_to(
+    tracer: &Tracer,
+    packet: &Packet,
+    ways: &Ways,
+    mut farthest: Lanes,
+    stack: &mut Vec<u32>,
+) -> [bool; PACKET] {
+    let mut open = [true; PACKET];
+    let ([ox, oy, oz], [dx, dy, dz]) = (&packet.origin, &ways.direction);
+    let hierarchy = &tracer.hierarchy;
+    hierarchy.enter(stack);
+    while let Some(discs) = hierarchy.next_leaf_on(&packet.origin, ways, &farthest, stack) {
+        for disc in &tracer.discs[discs] {
+            let (c, n, [a, b]) = (disc.center, disc.normal, disc.inverse_axes);
+            let (cn, ca, cb) = (c.dot(n), c.dot(a), c.dot(b));
+            for i in 0..PACKET {
+                let facing = n.x * dx[i] + n.y * dy[i] + n.z * dz[i];
+                let t = (cn - (ox[i] * n.x + oy[i] * n.y + oz[i] * n.z)) / facing;
+                let [x, y, z] = [ox[i] + t * dx[i], oy[i] + t * dy[i], oz[i] + t * dz[i]];
+                let u = x * a.x + y * a.y + z * a.z - ca;
+                let v = x * b.x + y * b.y + z * b.z - cb;
+                let leaves = disc.one_sided & (facing > 0.0);
+                let nearest = if leaves {
+                    packet.stack[i]
+                } else {
+                    packet.nearest[i]
+                };
+                let met = (facing.abs() >= LEAST_FACING)
+                    & (u * u + v * v <= 1.0)
+                    & (t > nearest)
+                    & (t < farthest[i]);
+                // A ray that has met anything is done: no box is nearer than its start.
+                farthest[i] = if met { -1.0 } else { farthest[i] };
+                open[i] &= !met;
+            }
+        }
+    }
+    open
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::directional::DirectionalBake;
+    use crate::progress::no_progress;
+    use crate::synthetic;
+
+    /// Whether a ray comes to its end, by every disc in turn.
+    fn comes_to_its_end(tracer: &Tracer, (start, d, distance): &(RayStart, Vec3, f32)) -> bool {
+        let (o, d) = (start.origin.as_dvec3(), d.as_dvec3());
+        tracer.discs.iter().all(|disc| {
+            let (c, n) = (disc.center.as_dvec3(), disc.normal.as_dvec3());
+            let facing = n.dot(d);
+            let leaves = disc.one_sided && facing > 0.0;
+            let nearest = f64::from(if leaves { start.stack } else { start.nearest });
+            let t = (c - o).dot(n) / facing;
+            let from = o + t * d - c;
+            let outside: f64 = (disc.inverse_axes.iter())
+                .map(|axis| from.dot(axis.as_dvec3()).powi(2))
+                .sum();
+            let met = outside <= 1.0 && t > nearest && t < f64::from(*distance);
+            facing.abs() < f64::from(LEAST_FACING) || !met
+        })
+    }
+
+    #[test]
+    fn rays_of_all_directions_end_where_every_disc_in_turn_says() {
+        let cloud = synthetic::sphere_over_slab(400);
+        let tracer = DirectionalBake::tracer(&cloud, &no_progress).expect("not cancelled");
+        let (mut differ, mut blocked, mut all) = (0, 0, 0);
+        for end in [
+            Vec3::Z * 0.9,
+            Vec3::new(0.6, -0.3, 0.1),
+            Vec3::splat(1e3),
+            Vec3::ZERO,
+        ] {
+            for of in tracer.order.chunks(7) {
+                let ray = |i: &u32| {
+                    let surfel = &tracer.surfels[*i as usize];
+                    let (direction, distance) = (end - surfel.position).normalize_and_length();
+                    (surfel.start(direction), direction, distance)
+                };
+                let rays: Vec<_> = of.iter().map(ray).collect();
+                let found = tracer.unblocked(&rays, &mut Vec::new());
+                for (ray, found) in rays.iter().zip(found) {
+                    let exact = comes_to_its_end(&tracer, ray);
+                    differ += usize::from(exact != found);
+                    blocked += usize::from(!exact);
+                    all += 1;
+                }
+            }
+        }
+        // A ray may pass an edge by less than f32 tells.
+        assert!(differ * 1000 <= all, "{differ} of {all}");
+        assert!(
+            blocked * 5 > all && blocked * 5 < 4 * all,
+            "{blocked} of {all}"
+        );
     }
 }

@@ -1,8 +1,11 @@
 //! A light in the forms in which the methods need it.
 
-use glam::DMat3;
+use std::borrow::Cow;
+
+use glam::{Affine3A, DMat3, Vec3};
 
 use super::beams::{Beam, Beams};
+use super::emitter::{Emitter, FEW};
 use super::map::EnvironmentMap;
 use super::radiance::{IncidentRadiance, project_environment};
 use crate::error::{Error, Result};
@@ -14,6 +17,8 @@ pub struct Illumination {
     pub radiance: IncidentRadiance,
     /// As beams, for the directional method; where nobody needs them they are left out.
     pub beams: Option<Beams>,
+    /// Lights at a finite distance or with an extent, beside those: the directional method takes them as they are.
+    pub emitters: Vec<Emitter>,
     /// How far it is to be believed as the light of a capture, 0 to 1: what a surfel changes by, away from it, is taken to that power
     /// (the directional method).
     pub trust: f32,
@@ -27,6 +32,7 @@ impl Illumination {
         Self {
             radiance,
             beams,
+            emitters: Vec::new(),
             trust: 1.0,
             told_gain: [1.0; 3],
         }
@@ -64,15 +70,31 @@ impl Illumination {
         Self {
             radiance: self.radiance.rotated(rotation),
             beams: self.beams.as_ref().map(|b| b.rotated(rotation)),
+            emitters: self.emitters_moved(Affine3A::from_mat3(rotation.as_mat3())),
             ..*self
         }
     }
 
-    /// The light mirrored left to right in its own map: `f(x, -y, z)`.
+    /// The light as an object sees it that stands somewhere else.
+    pub fn seen_by(&self, scene_from_object: Affine3A) -> Self {
+        let object_from_scene = scene_from_object.inverse();
+        let (_, turn, _) = object_from_scene.to_scale_rotation_translation();
+        Self {
+            emitters: self.emitters_moved(object_from_scene),
+            ..self.rotated(DMat3::from_quat(turn.as_dquat()))
+        }
+    }
+
+    fn emitters_moved(&self, to_other: Affine3A) -> Vec<Emitter> {
+        self.emitters.iter().map(|e| e.moved(to_other)).collect()
+    }
+
+    /// The light of the map mirrored left to right, `f(x, -y, z)`; what stands in the world stays.
     pub fn mirrored(&self) -> Self {
         Self {
             radiance: self.radiance.mirrored(),
             beams: self.beams.as_ref().map(Beams::mirrored),
+            emitters: self.emitters.clone(),
             ..*self
         }
     }
@@ -82,6 +104,7 @@ impl Illumination {
         Self {
             radiance: self.radiance.tinted(gain),
             beams: self.beams.as_ref().map(|b| b.tinted(gain)),
+            emitters: self.emitters.iter().map(|e| e.tinted(gain)).collect(),
             ..*self
         }
     }
@@ -110,6 +133,28 @@ impl Illumination {
         }
     }
 
+    /// The light as it arrives at a place, which may be taken for the light on all of an object where that is small: what is near becomes a beam
+    /// for each of its samples.
+    pub fn at_one_place(&self, place: Vec3) -> Cow<'_, Self> {
+        if self.emitters.is_empty() {
+            return Cow::Borrowed(self);
+        }
+        let mut all = Self {
+            emitters: Vec::new(),
+            ..self.clone()
+        };
+        for light in &self.emitters {
+            for k in 0..light.shape.samples(FEW) {
+                let seen = light.shape.sample((k, FEW), [0.5; 2], place, 0.0);
+                // Nothing is as bright as a point is in its own place.
+                let strength = seen.strength.min(1e12);
+                all.radiance
+                    .add(seen.direction, light.emission.map(|e| e * strength));
+            }
+        }
+        Cow::Owned(all)
+    }
+
     /// [`IncidentRadiance::mean_irradiance`].
     pub fn mean_irradiance(&self) -> f32 {
         self.radiance.mean_irradiance()
@@ -117,6 +162,6 @@ impl Illumination {
 
     /// Whether the light is black.
     pub fn is_black(&self) -> bool {
-        self.radiance.is_black()
+        self.radiance.is_black() && self.emitters.iter().all(|e| e.emission == [0.0; 3])
     }
 }

@@ -14,13 +14,16 @@ use crate::color::Display;
 use crate::error::{self, Error};
 use crate::present::{Background, View};
 use crate::scene::{
-    Bookmark, Cut, EnvironmentLight, MOST_OBJECTS, Object, Scene, Variant, is_file,
+    Bookmark, Cut, EnvironmentLight, Light, MOST_OBJECTS, Object, Rig, Scene, Variant, is_file,
 };
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-const LOOK_VERSION: u32 = 4;
+const LOOK_VERSION: u32 = 5;
+
+/// The version of those that have no lights beside the environment.
+const VERSION_WITHOUT_LIGHTS: u32 = 4;
 
 /// The version of those that keep neither a note nor views nor other looks, and have neither a table of colours nor a lens.
 const VERSION_OF_SEVERAL: u32 = 3;
@@ -54,6 +57,8 @@ struct Look {
     // Of the scene.
     directions: usize,
     target: EnvironmentLight,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    lights: Vec<Light>,
     match_strength: bool,
     transfer: TransferSettings,
     display: Display,
@@ -118,6 +123,7 @@ impl Look {
         let has_plate = scene.background == Background::Plate;
         let keeps = !scene.bookmarks.is_empty() || !scene.variants.is_empty();
         let has_lens = scene.camera.is_some_and(|c| c.aperture != 0.0);
+        let lights = !scene.lights.is_empty();
         let is_newest = keeps || has_lens || scene.lut.is_some() || !scene.note.is_empty();
         let mark = |Bookmark { name, camera }| Marked { name, camera };
         let keep = |Variant { name, look }| Kept {
@@ -125,8 +131,10 @@ impl Look {
             look: Self::of_none(look),
         };
         Self {
-            version: if is_newest {
+            version: if lights || scene.variants.iter().any(|v| !v.look.lights.is_empty()) {
                 LOOK_VERSION
+            } else if is_newest {
+                VERSION_WITHOUT_LIGHTS
             } else if is_new || has_plate {
                 VERSION_OF_SEVERAL
             } else {
@@ -142,6 +150,7 @@ impl Look {
             hide: one.map(|o| o.hide),
             directions: scene.directions,
             target: scene.environment,
+            lights: scene.lights,
             match_strength: scene.match_strength,
             transfer: scene.transfer,
             display: scene.display,
@@ -204,7 +213,7 @@ impl Look {
         Ok(Scene {
             objects,
             environment: self.target,
-            lights: Vec::new(),
+            lights: self.lights,
             match_strength: self.match_strength,
             directions: self.directions,
             transfer: self.transfer,
@@ -224,6 +233,15 @@ impl Look {
             variants: variants?,
         })
     }
+}
+
+/// Loads a rig of lights from a file of its own; the environment in it is as it is named there.
+///
+/// # Errors
+/// The file cannot be read or is no rig.
+pub fn load_rig(path: &Path) -> error::Result<Rig> {
+    let text = read_all(path, 1 << 24)?;
+    serde_json::from_slice(&text).map_err(|e| Error::invalid(path, format!("not a rig: {e}")))
 }
 
 /// Loads a saved look; its paths are resolved against its own folder.
@@ -376,7 +394,8 @@ mod tests {
             r#"{"objects": []}"#,
             r#"{"environment": {}}"#,
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 5}"#,
+            r#"{"version": 6}"#,
+            r#"{"lights": [{"type": "lamp"}]}"#,
             r#"{"variants": [{"name": "a", "look": {"asset": "a.ply"}}]}"#,
             r#"{"variants": [{"name": "a", "look": {"variants": [{"name": "b", "look": {}}]}}]}"#,
             r#"{"variants": [{"name": "a", "look": {"display": {"exposure": 500}}}]}"#,

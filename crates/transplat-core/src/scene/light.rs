@@ -1,11 +1,11 @@
-//! Lights as they are set: an environment all around, and those of one's own beside it.
+//! Light from all around as it is set.
 
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{Beam, Illumination, Layout};
+use crate::environment::{Illumination, Layout};
 use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
@@ -179,7 +179,7 @@ impl EnvironmentLight {
 }
 
 /// The most that a channel of a light is multiplied by, beside its strength.
-const MOST_TINT: f32 = 1e3;
+pub(super) const MOST_TINT: f32 = 1e3;
 
 /// Whether a light's name stands for uniform white light.
 pub fn is_even(path: &Path) -> bool {
@@ -194,30 +194,6 @@ pub fn is_estimate(path: &Path) -> bool {
 /// Whether a light's name is that of a file.
 pub fn is_file(path: &Path) -> bool {
     !is_even(path) && !is_estimate(path)
-}
-
-/// A light of one's own, beside the environment.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Light {
-    /// From one direction: a sun without a disc.
-    Distant {
-        /// Unit vector towards it, in the Z-up world.
-        toward: DVec3,
-        /// On a surface that faces it, linear RGB.
-        irradiance: [f32; 3],
-    },
-}
-
-impl Light {
-    /// Adds it to what an asset with that up axis is lit by.
-    pub fn add_to(&self, light: &mut Illumination, asset_up: UpAxis) {
-        match self {
-            Self::Distant { toward, irradiance } => light.add(Beam {
-                direction: (asset_up.asset_from_world() * *toward).as_vec3(),
-                energy: *irradiance,
-            }),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod lobe;
 mod materials;
 mod matte;
 mod matte_colors;
+mod near;
 mod neighbors;
 mod nodes;
 mod rays;
@@ -252,6 +253,7 @@ impl DirectionalTransfer {
         let source_was_black = source.1.mean_irradiance() <= 0.0;
         let even = (&IncidentRadiance::even(0), &Beams::even());
         let source = if source_was_black { even } else { source };
+        let source = (source.0, source.1, &[][..]);
         let light_gain = (1.0 / source.1.mean_irradiance()).clamp(1e-30, 1e30);
         let fill = fill_of(source.1);
         let light = asset.light(source, (light_gain, told_gain), settings, fill);
@@ -372,9 +374,10 @@ impl DirectionalTransfer {
     /// The light was not read for the method.
     pub fn light(&self, target: &Illumination) -> Result<DirectionalLight> {
         let (gain, settings) = (self.light_gain, &self.settings);
-        let beams = target.for_directional()?;
+        let (radiance, beams) = target.for_directional()?;
+        let light = (radiance, beams, &target.emitters[..]);
         let told = target.told_gain;
-        Ok(self.asset.light(beams, (gain, told), settings, self.fill))
+        Ok(self.asset.light(light, (gain, told), settings, self.fill))
     }
 
     /// By how much a light's mean, [`DirectionalLight::mean`], is stronger than the source's: from there the bounces start.

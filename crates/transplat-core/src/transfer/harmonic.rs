@@ -44,6 +44,8 @@ pub struct HarmonicTransfer {
     pub settings: TransferSettings,
     /// Number of surfels.
     pub surfels: usize,
+    /// The middle of the asset: lights that are near are as they are seen from there.
+    pub center: Vec3,
     /// Degree of lights and visibility.
     pub light_degree: usize,
     /// Degree of the result: the asset's, or less where its upper bands would be empty.
@@ -159,6 +161,7 @@ impl HarmonicAsset {
         let dark_count = dark.iter().filter(|d| **d).count();
         let mut prepared = HarmonicTransfer {
             settings: settings.clone(),
+            center: cloud.bounds().center,
             surfels: cloud.len(),
             light_degree,
             asset_degree: if settings.skips.has(Skip::EmptyBands) {
@@ -340,7 +343,8 @@ impl Relight for HarmonicTransfer {
         let (mut sh, mut tau) = last.map_or_else(Default::default, |last| (last.sh, last.tau));
         sh.resize(self.surfels * self.coefficients(), [0.0; 3]);
         tau.resize(self.surfels, [0.0; 3]);
-        self.relight_into(&self.light(&target.radiance), &mut sh, &mut tau);
+        let target = self.light(&target.at_one_place(self.center).radiance);
+        self.relight_into(&target, &mut sh, &mut tau);
         Ok(self.part_of(sh, tau, part))
     }
 
@@ -407,6 +411,13 @@ impl Relight for HarmonicTransfer {
     }
 
     fn left_out_for(&self, light: &Illumination, on_gpu: bool) -> Option<Skipped> {
+        if !light.emitters.is_empty() {
+            let why = "preset paper has one light for all surfels: lights are as they are seen from the object's middle";
+            return Some(Skipped {
+                max_error: None,
+                ..Skipped::exact(Stage::Transfer, "how near lights are", why)
+            });
+        }
         let is_gray = (light.radiance.coefficients.iter())
             .take(coefficient_count(self.light_degree))
             .all(|[r, g, b]| r == g && g == b);

@@ -4,7 +4,6 @@ pub mod harmonic;
 
 use std::sync::{Arc, OnceLock};
 
-use glam::DMat3;
 use rayon::prelude::*;
 
 use super::directional::{DirectionalTransfer, FrontAndBack, Incident, Others, Radiance, TURNS};
@@ -66,8 +65,7 @@ impl SceneTransfer {
             .into_par_iter()
             .map(|i| {
                 let (transfer, around) = (&self.objects[i], &self.bake.surroundings[i]);
-                let object_from_scene = self.bake.objects[i].turn().inverse();
-                let target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
+                let target = target.seen_by(self.bake.objects[i].scene_from_object);
                 let light = transfer.light(&target)?;
                 let mut light = (transfer.asset).incident(light, &transfer.settings, Some(around));
                 light.others = self.others_of(i);

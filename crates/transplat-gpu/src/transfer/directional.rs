@@ -258,6 +258,22 @@ impl GpuDirectional {
         }
     }
 
+    /// Takes a result that was made elsewhere.
+    pub fn write(&self, relit: &Relit) {
+        let k = coefficient_count(self.prepared.asset.nodes.degree);
+        let (queue, mut first) = (&self.context.queue, 0);
+        for chunk in &self.chunks {
+            let own = first..first + chunk.count;
+            let sh = &relit.sh[own.start * k..own.end * k];
+            queue.write_buffer(&chunk.relit, 0, bytemuck::cast_slice(sh));
+            // What shows the ratio asks the front.
+            let sides = |tau: &[f32; 3]| [[tau[0], tau[1], tau[2], 0.0]; 2];
+            let tau: Vec<[[f32; 4]; 2]> = relit.tau[own.clone()].iter().map(sides).collect();
+            queue.write_buffer(&chunk.tau, 0, bytemuck::cast_slice(&tau));
+            first = own.end;
+        }
+    }
+
     /// A submission a chunk: drivers stop work that takes seconds.
     fn run(&self, step: &Step) {
         for (chunk, group) in self.chunks.iter().zip(&step.groups) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
-use transplat_core::files::{FileKind, file_kind, load_look};
+use transplat_core::files::{FileKind, file_kind, load_look, load_rig};
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skips;
 
@@ -116,6 +116,9 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     if let Some(source) = &light.capture.source {
         scene.objects[0].source.set_file(source.clone());
     }
+    if let Some(rig) = &light.rig {
+        take_rig(&mut scene, rig)?;
+    }
     if let [target] = &light.target[..] {
         scene.environment.set_file(target.clone());
     }
@@ -136,6 +139,25 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     }
     scene.validate()?;
     Ok(scene)
+}
+
+/// Takes the lights of a rig, and what it has around them. Its environment lies beside it, or beside the light of the capture.
+fn take_rig(scene: &mut Scene, path: &Path) -> Result<()> {
+    let rig = load_rig(path)?;
+    scene.lights = rig.lights;
+    let Some(around) = rig.environment else {
+        return Ok(());
+    };
+    let beside = [Some(path), scene.objects[0].source.file.as_deref()];
+    let find = |file: &PathBuf| {
+        let folders = beside.iter().flatten().filter_map(|beside| beside.parent());
+        let mut places = folders.map(|folder| folder.join(file));
+        let found = places.find(|place| place.is_file());
+        found.unwrap_or_else(|| path.with_file_name(file))
+    };
+    let environment = around.over(&scene.environment, find);
+    scene.environment = environment.with_context(|| path.display().to_string())?;
+    Ok(())
 }
 
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.

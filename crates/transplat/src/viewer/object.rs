@@ -166,7 +166,7 @@ pub type LightsKey = (
     Vec<Light>,
     [UpAxis; 2],
     (u64, EnvironmentLight),
-    Quat,
+    Transform,
 );
 
 /// All that is needed to know what objects see of each other: which, by state and version of its bake, and where each stands.

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
+use super::near::LastMet;
 use super::neighbors::Neighbors;
 use super::nodes::{Nodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
 use crate::color::Encoding;
-use crate::environment::Beam;
+use crate::environment::{Beam, Emitter};
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::{SharedSh, coefficient_count, with_degree};
 use crate::surfels::SurfelCloud;
@@ -46,6 +47,7 @@ pub struct DirectionalAsset {
     /// Mean linear colour of the front and the back: the exitance under the source light, over pi. `[n]`
     pub means: Vec<FrontAndBack>,
     pub(super) neighbors: Neighbors,
+    pub(super) last_met: LastMet,
 }
 
 /// A light as the transfer takes it in.
@@ -55,6 +57,8 @@ pub struct DirectionalLight {
     pub sky: Vec<Beam>,
     /// Compact sources, at most [`crate::environment::MAX_SUNS`].
     pub suns: Vec<Beam>,
+    /// Lights at a finite distance or with an extent, in the coordinates of the asset's rays.
+    pub emitters: Vec<Emitter>,
     /// Irradiance averaged over all normals, with what fills a channel that the source lacks.
     pub mean: [f32; 3],
     /// What of its strength the user told: [`crate::environment::Illumination::told_gain`].
@@ -84,6 +88,7 @@ impl DirectionalAsset {
             .collect();
         Self {
             neighbors: Neighbors::new(&bake.tracer.surfels, &bake.normals),
+            last_met: LastMet::default(),
             nodes,
             encoding,
             bake,
@@ -107,6 +112,7 @@ impl DirectionalAsset {
             means: rows_of(&self.means, 1, surfels),
             // They tell what a surfel is made of, which is known.
             neighbors: Neighbors::alone(surfels.len()),
+            last_met: LastMet::default(),
         }
     }
 

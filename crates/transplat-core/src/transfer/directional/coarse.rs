@@ -4,13 +4,14 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 use super::asset::{FrontAndBack, Radiance};
+use super::near::Tracing;
 use super::{DirectionalTransfer, added};
 use crate::environment::Illumination;
 use crate::error::Result;
 
 impl DirectionalTransfer {
     /// By how much each surfel's front changes in matte light, nearly: asked of one of those that share what they see, suns as a part of the
-    /// sky, light bounced once. `[n]`
+    /// sky, new lights of one's own without their shadows, light bounced once. `[n]`
     ///
     /// # Errors
     /// The light was not read for the method.
@@ -18,9 +19,10 @@ impl DirectionalTransfer {
         let asset = &*self.asset;
         let mut settings = self.settings.clone();
         settings.terms.suns = false;
-        let (beams, told) = (target.for_directional()?, target.told_gain);
-        let light = asset.light(beams, (self.light_gain, told), &settings, self.fill);
-        let light = asset.met(light, &settings, None);
+        let ((radiance, beams), told) = (target.for_directional()?, target.told_gain);
+        let light = (radiance, beams, &target.emitters[..]);
+        let light = asset.light(light, (self.light_gain, told), &settings, self.fill);
+        let light = asset.met(light, &settings, None, Tracing::Known);
         let start = Vec3A::from(self.mean_ratio(light.mean));
         let radiance: Vec<Radiance> = (asset.means.par_iter())
             .map(|sides| sides.map(|m| Vec3A::from(m) * start))

@@ -8,11 +8,12 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Planes, Radiance, planes};
+use super::near::{NearLight, Tracing, mean_irradiance};
 use super::rays::Rays;
 use crate::bake::patches::{DIRECTIONS, Hit, PATCHES, PER_PATCH, WORDS};
 use crate::bake::sight::Sight;
 use crate::bake::surroundings::Surroundings;
-use crate::environment::{Beam, Beams, IncidentRadiance};
+use crate::environment::{Beam, Beams, Emitter, IncidentRadiance, MOST_LIGHTS};
 use crate::settings::skips::{Skip, Skips};
 use crate::settings::{Terms, TransferSettings};
 use crate::sh::evaluate_sh;
@@ -36,6 +37,8 @@ pub(in crate::transfer) struct Incident<'a> {
     sky: Sky,
     /// With the surfels that see them.
     suns: Vec<(Beam, Vec<bool>)>,
+    /// With what the surfels see of them.
+    near: Vec<NearLight>,
     /// Irradiance, with epsilon's share. `[n]`, or empty
     pub irradiance: Vec<FrontAndBack>,
     /// Irradiance of the light, [`DirectionalLight::mean`].
@@ -92,7 +95,7 @@ impl DirectionalAsset {
     /// Takes a light in, its strength multiplied, of which the user told some. `fill` is what a channel gets of the light's mean that the source lacks.
     pub(super) fn light(
         &self,
-        (radiance, beams): (&IncidentRadiance, &Beams),
+        (radiance, beams, emitters): (&IncidentRadiance, &Beams, &[Emitter]),
         (gain, told_gain): (f32, [f32; 3]),
         settings: &TransferSettings,
         fill: [f32; 3],
@@ -115,10 +118,31 @@ impl DirectionalAsset {
                 energy: [0.0; 3],
             });
         }
-        let (means, mean) = (beams.mean_irradiances(), beams.mean_irradiance());
+        let to_rays = self.rays_from_asset();
+        let emitters: Vec<Emitter> = (emitters.iter().take(MOST_LIGHTS))
+            .map(|e| e.moved(to_rays).tinted([gain; 3]))
+            .collect();
+        let (around, near) = (beams.mean_irradiances(), mean_irradiance(self, &emitters));
+        let means: [f32; 3] =
+            std::array::from_fn(|c| (around[c] + near[c]).min(MAX_RELATIVE_LIGHT));
+        let mean = means.iter().sum::<f32>() / 3.0;
+        // What the user made of the rest counts for its share of all.
+        let told_gain = match emitters.is_empty() {
+            true => told_gain,
+            false => std::array::from_fn(|c| {
+                let untold = around[c] / told_gain[c].max(f32::MIN_POSITIVE) + near[c];
+                let told = means[c] / untold;
+                if told.is_finite() && told > 0.0 {
+                    told
+                } else {
+                    1.0
+                }
+            }),
+        };
         DirectionalLight {
             sky,
             suns,
+            emitters,
             told_gain,
             mean: std::array::from_fn(|c| means[c] + fill[c] * mean),
             least: std::array::from_fn(|c| settings.epsilon() * means[c] + fill[c] * mean),
@@ -132,7 +156,7 @@ impl DirectionalAsset {
         settings: &TransferSettings,
         among: Option<&'a Surroundings>,
     ) -> Incident<'a> {
-        let mut light = self.met(light, settings, among);
+        let mut light = self.met(light, settings, among, Tracing::Done);
         light.irradiance = (0..self.bake.len())
             .into_par_iter()
             .map(|i| self.irradiance(i, &light))
@@ -146,6 +170,7 @@ impl DirectionalAsset {
         light: DirectionalLight,
         settings: &TransferSettings,
         among: Option<&'a Surroundings>,
+        tracing: Tracing,
     ) -> Incident<'a> {
         let terms = settings.terms;
         Incident {
@@ -157,6 +182,11 @@ impl DirectionalAsset {
                 .iter()
                 .map(|s| (*s, self.seen_from(s, terms, among)))
                 .collect(),
+            near: self.meet(
+                &light.emitters,
+                if terms.shadow { tracing } else { Tracing::None },
+                among,
+            ),
             irradiance: Vec::new(),
             mean: light.mean,
             told_gain: light.told_gain,
@@ -215,6 +245,9 @@ impl DirectionalAsset {
                     *s += cosine.abs() * e;
                 }
             }
+        }
+        for near in &light.near {
+            near.add_to(i, MAX_RELATIVE_LIGHT, &mut sides);
         }
         sides.map(|e| std::array::from_fn(|c| e[c] + light.least[c]))
     }
@@ -282,6 +315,13 @@ impl DirectionalAsset {
         for (k, (sun, open)) in light.suns.iter().enumerate() {
             if open[i] && n.dot(sun.direction) > 0.0 {
                 out.set(PATCHES + k, sun);
+            }
+        }
+        let mut next = PATCHES + light.suns.len();
+        for near in &light.near {
+            for beam in near.beams(self, i, MAX_RELATIVE_LIGHT).flatten() {
+                out.set(next, &beam);
+                next += 1;
             }
         }
     }

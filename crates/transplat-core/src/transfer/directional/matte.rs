@@ -10,7 +10,7 @@ use crate::numeric::smoothstep;
 use crate::sh::{SQRT_4PI, band, coefficient_count};
 
 /// The back of a two-sided surfel changes by at most this factor more or less than its front.
-pub const BACK_RANGE: f32 = 4.0;
+pub const BACK_RANGE: f32 = 20.0;
 
 /// Cosine to the horizon within which a two-sided surfel's sides blend.
 pub const HORIZON: f32 = 0.2;

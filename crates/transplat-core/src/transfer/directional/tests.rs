@@ -157,7 +157,12 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
         let asset = asset_of(&cloud);
         let settings = TransferSettings::default();
         let beams = source.for_directional().expect("with beams");
-        let light = asset.light(beams, (1.0, [1.0; 3]), &settings, [0.0; 3]);
+        let light = asset.light(
+            (beams.0, beams.1, &[]),
+            (1.0, [1.0; 3]),
+            &settings,
+            [0.0; 3],
+        );
         let light = asset.incident(light, &settings, None);
         let radiance = asset.captured_radiance();
         let mut rays = Rays::default();

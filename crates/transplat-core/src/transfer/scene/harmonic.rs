@@ -81,6 +81,8 @@ impl HarmonicScene {
 
     /// Relights; each object's result is in the scene's coordinates.
     fn relight_placed(&self, target: &Illumination, part: Part) -> Result<Vec<Relit>> {
+        let middle = self.bake.objects[0].cloud.bounds().center;
+        let target = &*target.at_one_place(middle);
         let mut scene = self.objects[0].relight_seen(target, part, &[])?;
         let unshaded = self.objects[0].relight_seen(target, Part::Whole, &[])?;
         let mut all = Vec::new();

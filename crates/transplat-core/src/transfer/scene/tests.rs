@@ -1,5 +1,6 @@
 use std::sync::Arc;
 
+use glam::DMat3;
 use glam::{Affine3A, Quat, Vec3};
 
 use super::*;

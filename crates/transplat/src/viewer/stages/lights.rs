@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, Quat};
-use transplat_core::scene::EnvironmentLight;
+use transplat_core::scene::{EnvironmentLight, Transform};
 
 use crate::viewer::environments::Resolved;
 use crate::viewer::object::{LightsKey, OrientedLight};
@@ -56,7 +55,7 @@ impl Session {
             self.scene.lights.clone(),
             [up, self.scene_up()],
             (captured_under.light.id, first.source.clone()),
-            object.transform.rotation,
+            object.transform,
         );
         if self.states[at].lights.is_asked(&key) {
             return;
@@ -66,9 +65,8 @@ impl Session {
         // All objects are in one light, which they see as they are turned.
         let maps = [&captured_under.light.illumination, environment];
         let [_, mut target] = self.scene.lights_on(first, maps, self.scene_up());
-        if object.transform.rotation != Quat::IDENTITY {
-            let object_from_scene = object.transform.rotation.inverse();
-            target = target.rotated(DMat3::from_quat(object_from_scene.as_dquat()));
+        if object.transform != Transform::default() {
+            target = target.seen_by(object.transform.scene_from_object());
         }
         let made = [source, target].map(Arc::new);
         let before = self.states[at].lights.get();

@@ -1,0 +1,587 @@
+//! Lights of one's own as the surfels of an asset meet them: how much of each is seen, and what that shines on either side.
+//!
+//! What is seen of a light depends on where it is, not on how bright it is: that is kept, so that of several lights only the one that moved is
+//! traced again.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::{Affine3A, Vec3};
+use rayon::prelude::*;
+
+use super::asset::{DirectionalAsset, FrontAndBack};
+use super::rays::Rays;
+use crate::bake::patches::PATCHES;
+use crate::bake::surroundings::Surroundings;
+use crate::bake::trace::{PACKET, RayStart, Tracer};
+use crate::environment::{Beam, Emitter, FEW, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, Shape};
+
+/// Each may be mirrored in as many rays as it has parts.
+const _: () = assert!(PATCHES + MAX_SUNS + MOST_LIGHTS * MOST_PARTS <= Rays::MOST);
+
+/// What a light does to the surfels of an asset, for an emission of 1.
+#[derive(Debug)]
+pub struct Met {
+    shape: Shape,
+    /// Of the front and the back. `[n]`
+    irradiance: Vec<[f32; 2]>,
+    /// How much of each of its parts the front sees, 0 to 1. `[n][parts]`
+    seen: Vec<f32>,
+}
+
+/// A light as an asset meets it.
+#[derive(Clone, Debug)]
+pub struct NearLight {
+    /// In the coordinates of its rays.
+    pub emitter: Emitter,
+    met: Arc<Met>,
+}
+
+/// What lights did that an asset met last.
+#[derive(Debug, Default)]
+pub struct LastMet {
+    met: Mutex<Vec<Arc<Met>>>,
+}
+
+/// What is done for the shadows of lights of one's own.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Tracing {
+    /// They are traced, of a light that was not there before.
+    Done,
+    /// They are taken where they are known.
+    Known,
+    /// There are none.
+    None,
+}
+
+/// What a surfel's rays to a light add up to, by side.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    /// Of what is seen, and of all, the cosine counted.
+    sides: [[f32; 2]; 2],
+    /// The same of each part, the cosine not counted, on the front.
+    parts: [[f32; 2]; MOST_PARTS],
+}
+
+/// Samples along each edge of a light where an edge of a shadow crosses it.
+const MANY: usize = 4;
+
+/// How far a sample is moved from surfel to surfel within each square of its disc, so that neighbours see other places of it and together all:
+/// the first two powers of one over the plastic number (Roberts 2018).
+const SHIFTS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
+
+fn shift_of(place: usize) -> [f32; 2] {
+    SHIFTS.map(|s| ((place as f64 + 0.5) * s).fract() as f32)
+}
+
+/// A ray to the light ends that much before it, relative to how far it is: a surface that the light lies on does not block it.
+const SHORT_OF: f32 = 1e-4;
+
+impl DirectionalAsset {
+    /// From the asset's coordinates to those of its rays.
+    pub(super) fn rays_from_asset(&self) -> Affine3A {
+        let tracer = &self.bake.tracer;
+        let radius = tracer.radius.max(f32::MIN_POSITIVE);
+        Affine3A::from_scale(Vec3::splat(1.0 / radius)) * Affine3A::from_translation(-tracer.center)
+    }
+
+    /// What lights, in the asset's coordinates, shine on the two sides of each surfel, their shadows traced. `[n]`
+    pub fn irradiance_of(&self, lights: &[Emitter]) -> Vec<FrontAndBack> {
+        let to_rays = self.rays_from_asset();
+        let lights: Vec<Emitter> = lights.iter().map(|e| e.moved(to_rays)).collect();
+        let near = self.meet(&lights, Tracing::Done, None);
+        let on = |i: usize| {
+            let mut sides = FrontAndBack::default();
+            for light in &near {
+                light.add_to(i, f32::MAX, &mut sides);
+            }
+            sides
+        };
+        (0..self.bake.len()).into_par_iter().map(on).collect()
+    }
+
+    /// Traces those lights that were not there before.
+    pub(super) fn meet(
+        &self,
+        lights: &[Emitter],
+        tracing: Tracing,
+        among: Option<&Surroundings>,
+    ) -> Vec<NearLight> {
+        // Among others, what is kept may be of another place.
+        let mut kept = Vec::new();
+        if among.is_none() && !lights.is_empty() && tracing != Tracing::None {
+            kept.clone_from(
+                &self
+                    .last_met
+                    .met
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner),
+            );
+        }
+        let near: Vec<NearLight> = lights
+            .iter()
+            .map(|emitter| {
+                let is_it = |m: &&Arc<Met>| m.shape == emitter.shape;
+                let is_shadowed = tracing == Tracing::Done;
+                let known = kept.iter().find(is_it).cloned();
+                let trace = || Arc::new(self.trace_light(&emitter.shape, is_shadowed, among));
+                NearLight {
+                    emitter: *emitter,
+                    met: known.unwrap_or_else(trace),
+                }
+            })
+            .collect();
+        if among.is_none() && tracing == Tracing::Done {
+            let met = near.iter().map(|light| light.met.clone()).collect();
+            *self
+                .last_met
+                .met
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner) = met;
+        }
+        near
+    }
+
+    /// What of a light each surfel sees.
+    fn trace_light(&self, shape: &Shape, is_shadowed: bool, among: Option<&Surroundings>) -> Met {
+        let (tracer, parts) = (&self.bake.tracer, shape.parts());
+        let mut all = vec![Sums::default(); tracer.surfels.len()];
+        self.trace_some((shape, FEW), &tracer.order, (is_shadowed, among), &mut all);
+        if is_shadowed && shape.has_extent() {
+            // Where neighbours see all of them, or none, no edge crosses the light.
+            let crossed = |of: &&[u32]| of.iter().any(|i| all[*i as usize].are_mixed());
+            let crossed = tracer.order.chunks(PACKET).filter(crossed);
+            let crossed: Vec<u32> = crossed.flatten().copied().collect();
+            self.trace_some((shape, MANY), &crossed, (is_shadowed, among), &mut all);
+        }
+        let mut seen = vec![0f32; all.len() * parts];
+        let irradiance = (seen.par_chunks_exact_mut(parts).zip(&all).enumerate())
+            .map(|(i, (seen, sums))| {
+                for (seen, part) in seen.iter_mut().zip(sums.parts) {
+                    *seen = share(part);
+                }
+                let surfel = &tracer.surfels[i];
+                let open = shape.irradiance(surfel.position, self.bake.normals[i], surfel.minor);
+                [0, 1].map(|side| open[side] * share(sums.sides[side]))
+            })
+            .collect();
+        Met {
+            shape: *shape,
+            irradiance,
+            seen,
+        }
+    }
+
+    /// What so many samples across a light tell of some surfels, neighbours after neighbours.
+    fn trace_some(
+        &self,
+        light: (&Shape, usize),
+        of: &[u32],
+        tracing: (bool, Option<&Surroundings>),
+        all: &mut [Sums],
+    ) {
+        let found: Vec<[Sums; PACKET]> = of
+            .par_chunks(PACKET)
+            .enumerate()
+            .map_init(Scratch::default, |scratch, (packet, of)| {
+                self.trace_packet(light, (packet, of), tracing, scratch)
+            })
+            .collect();
+        for (of, sums) in of.chunks(PACKET).zip(found) {
+            for (i, sums) in of.iter().zip(sums) {
+                all[*i as usize] = sums;
+            }
+        }
+    }
+
+    /// The same of those whose rays go together.
+    fn trace_packet(
+        &self,
+        (shape, across): (&Shape, usize),
+        (packet, of): (usize, &[u32]),
+        (is_shadowed, among): (bool, Option<&Surroundings>),
+        scratch: &mut Scratch,
+    ) -> [Sums; PACKET] {
+        let bake = &self.bake;
+        let mut sums = [Sums::default(); PACKET];
+        for sample in 0..shape.samples(across) {
+            let part = shape.part_of(sample, across);
+            scratch.rays.clear();
+            scratch.whose.clear();
+            for (lane, i) in of.iter().enumerate() {
+                let (i, surfel) = (*i as usize, &bake.tracer.surfels[*i as usize]);
+                let shift = shift_of(packet * PACKET + lane);
+                let to = shape.sample((sample, across), shift, surfel.position, surfel.minor);
+                let cosine = to.direction.dot(bake.normals[i]);
+                let side = usize::from(cosine < 0.0);
+                if to.strength <= 0.0 || (side == 1 && bake.two_sided[i] == 0.0) {
+                    continue;
+                }
+                let weight = cosine.abs() * to.strength;
+                sums[lane].sides[side][1] += weight;
+                if side == 0 {
+                    sums[lane].parts[part][1] += to.strength;
+                }
+                let start = surfel.start(to.direction);
+                let distance = to.distance * (1.0 - SHORT_OF);
+                scratch.whose.push((lane, side, weight, to.strength));
+                scratch.rays.push((start, to.direction, distance));
+            }
+            let open = if is_shadowed {
+                unblocked(&bake.tracer, among, of, scratch)
+            } else {
+                [true; PACKET]
+            };
+            for ((lane, side, weight, strength), open) in scratch.whose.iter().zip(open) {
+                if !open {
+                    continue;
+                }
+                sums[*lane].sides[*side][0] += weight;
+                if *side == 0 {
+                    sums[*lane].parts[part][0] += strength;
+                }
+            }
+        }
+        sums
+    }
+}
+
+impl Sums {
+    /// Whether some of the samples on a side are seen, and some are not.
+    fn are_mixed(&self) -> bool {
+        (self.sides.iter()).any(|[seen, all]| *seen > 0.0 && *seen < (1.0 - 1e-4) * all)
+    }
+}
+
+/// Memory that a thread needs for a packet, used again for the next.
+#[derive(Default)]
+struct Scratch {
+    rays: Vec<(RayStart, Vec3, f32)>,
+    /// Which of the packet they are of, on which side, with what they count.
+    whose: Vec<(usize, usize, f32, f32)>,
+    stack: Vec<u32>,
+}
+
+/// Which rays nothing blocks.
+fn unblocked(
+    own: &Tracer,
+    among: Option<&Surroundings>,
+    of: &[u32],
+    scratch: &mut Scratch,
+) -> [bool; PACKET] {
+    let mut open = own.unblocked(&scratch.rays, &mut scratch.stack);
+    if let Some(others) = among {
+        let whose: Vec<u32> = scratch.whose.iter().map(|(lane, ..)| of[*lane]).collect();
+        others.unblocked(own, &whose, &scratch.rays, &mut open, &mut scratch.stack);
+    }
+    open
+}
+
+/// What of all is seen.
+fn share([seen, all]: [f32; 2]) -> f32 {
+    if all > 0.0 { seen / all } else { 0.0 }
+}
+
+impl NearLight {
+    /// Adds what it shines on the sides of surfel `i`, no more than `most`.
+    pub(super) fn add_to(&self, i: usize, most: f32, sides: &mut [[f32; 3]]) {
+        for (side, unit) in sides.iter_mut().zip(self.met.irradiance[i]) {
+            for (sum, emission) in side.iter_mut().zip(self.emitter.emission) {
+                *sum += (unit * emission).min(most);
+            }
+        }
+    }
+
+    /// What its parts shine on the front of surfel `i`, as rays.
+    pub(super) fn beams(
+        &self,
+        asset: &DirectionalAsset,
+        i: usize,
+        most: f32,
+    ) -> impl Iterator<Item = Option<Beam>> {
+        let (shape, parts) = (self.emitter.shape, self.met.shape.parts());
+        let surfel = &asset.bake.tracer.surfels[i];
+        let (at, nearest, normal) = (surfel.position, surfel.minor, asset.bake.normals[i]);
+        let emission = self.emitter.emission;
+        (0..parts).map(move |part| {
+            let seen = self.met.seen[i * parts + part];
+            if seen <= 0.0 {
+                return None;
+            }
+            // Of a sun, its middle.
+            let across = if parts == 1 { 1 } else { FEW };
+            let to = shape.sample((part, across), [0.5; 2], at, nearest);
+            (to.direction.dot(normal) > 0.0 && to.strength > 0.0).then(|| Beam {
+                direction: to.direction,
+                energy: emission.map(|e| (e * to.strength * seen).min(most)),
+            })
+        })
+    }
+}
+
+/// Mean over the surfels of what lights shine on them, all ways that they could face alike.
+pub(super) fn mean_irradiance(asset: &DirectionalAsset, lights: &[Emitter]) -> [f32; 3] {
+    let surfels = &asset.bake.tracer.surfels;
+    let mut sum = [0f64; 3];
+    for light in lights {
+        let facing = surfels
+            .par_iter()
+            .map(|s| f64::from(light.shape.facing(s.position, s.minor)));
+        // The clamped cosine's mean over the sphere is a quarter.
+        let mean = facing.sum::<f64>() / (4 * surfels.len().max(1)) as f64;
+        for (sum, e) in sum.iter_mut().zip(light.emission) {
+            *sum += mean * f64::from(e);
+        }
+    }
+    sum.map(|s| s.min(f64::from(f32::MAX)) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Quat;
+
+    use super::*;
+    use crate::bake::directional::DirectionalBake;
+    use crate::environment::Illumination;
+    use crate::progress::no_progress;
+    use crate::settings::TransferSettings;
+    use crate::surfels::SurfelCloud;
+    use crate::synthetic;
+    use crate::transfer::directional::DirectionalTransfer;
+    use crate::transfer::relit::Part;
+
+    fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
+        let settings = TransferSettings::default();
+        let bake = DirectionalBake::bake(cloud, &no_progress).expect("not cancelled");
+        Arc::new(DirectionalAsset::new(
+            cloud,
+            Arc::new(bake),
+            &settings.skips,
+        ))
+    }
+
+    fn transfer_of(cloud: &SurfelCloud) -> DirectionalTransfer {
+        let source = Illumination::even(3);
+        DirectionalTransfer::new(&asset_of(cloud), &source, &TransferSettings::default())
+            .expect("with beams")
+    }
+
+    fn point(position: Vec3, intensity: f32) -> Emitter {
+        Emitter {
+            shape: Shape::Point { position },
+            emission: [intensity; 3],
+        }
+    }
+
+    fn dark() -> Illumination {
+        Illumination::even(3).scaled(0.0)
+    }
+
+    /// A ball over a slab: from above it shades a disc of the slab, and how large that is tells how near the light is.
+    #[test]
+    fn a_near_light_throws_the_shadow_that_it_should() {
+        let cloud = synthetic::sphere_over_slab(3000);
+        let asset = asset_of(&cloud);
+        let height = 2.2f32;
+        // The ball's middle is at 0.7, its radius 0.5: the cone that touches it.
+        let touches = (0.5 / (height - 0.7)).asin().tan() * height;
+        let found = asset.irradiance_of(&[point(Vec3::Z * height, 2.0)]);
+        let mut seen = [0, 0];
+        for (i, sides) in found.iter().enumerate() {
+            let p = cloud.positions[i];
+            if p.z.abs() > 1e-3 || asset.bake.normals[i].z < 0.9 {
+                continue;
+            }
+            let from_middle = p.truncate().length();
+            let spacing = 3.0 * cloud.scales[i].max_element();
+            if from_middle < touches - spacing {
+                assert_eq!(sides[0][0], 0.0, "{p}");
+                seen[0] += 1;
+            } else if from_middle > touches + spacing {
+                let d = p.distance(Vec3::Z * height);
+                let exact = 2.0 * (height / d) / (d * d);
+                assert!(
+                    (sides[0][0] / exact - 1.0).abs() < 1e-3,
+                    "{p}: {}",
+                    sides[0][0]
+                );
+                seen[1] += 1;
+            }
+        }
+        assert!(seen.iter().all(|n| *n > 300), "{seen:?}");
+    }
+
+    /// A soft box has a penumbra, which no surfel is far off from: the exact share of a disc that a half plane hides.
+    #[test]
+    fn a_soft_box_has_a_penumbra() {
+        let cloud = synthetic::sphere_over_slab(3000);
+        let asset = asset_of(&cloud);
+        let shape = |half: f32| Shape::Area {
+            center: 3.0 * Vec3::Z,
+            half: [half * Vec3::X, half * Vec3::Y],
+            normal: -Vec3::Z,
+            is_round: false,
+        };
+        let share_of = |half: f32| {
+            let found = asset.irradiance_of(&[Emitter {
+                shape: shape(half),
+                emission: [1.0; 3],
+            }]);
+            let on_slab =
+                |i: &usize| cloud.positions[*i].z.abs() < 1e-3 && asset.bake.normals[*i].z > 0.9;
+            let partly = (0..cloud.len()).filter(on_slab).filter(|i| {
+                let all =
+                    shape(half).irradiance(cloud.positions[*i], asset.bake.normals[*i], 0.0)[0];
+                (0.02..0.98).contains(&(found[*i][0][0] / all))
+            });
+            partly.count()
+        };
+        let [crisp, soft] = [0.01, 0.6].map(share_of);
+        assert!(soft > 10 * crisp.max(10), "{crisp} {soft}");
+    }
+
+    /// Without a disc and far away, a light of one's own is what a sun of the environment is.
+    #[test]
+    fn a_light_far_away_relights_like_a_sun() {
+        let cloud = synthetic::glossy_sphere_over_plate(800, 3);
+        let prepared = transfer_of(&cloud);
+        let toward = Vec3::new(0.5, -0.3, 0.8).normalize();
+        let mut sun = dark();
+        sun.add(Beam {
+            direction: toward,
+            energy: [3.0, 2.0, 1.0],
+        });
+        let mut distant = dark();
+        distant.emitters.push(Emitter {
+            shape: Shape::Distant {
+                toward,
+                radius: 0.0,
+            },
+            emission: [3.0, 2.0, 1.0],
+        });
+        let mut far = dark();
+        let d = 1e4f32;
+        let intensity = [3.0, 2.0, 1.0].map(|e| e * d * d);
+        far.emitters.push(Emitter {
+            shape: Shape::Point {
+                position: d * toward,
+            },
+            emission: intensity,
+        });
+        let relit = |light: &Illumination| {
+            let light = prepared.light(light).expect("with beams");
+            prepared.relight(light, Part::Whole, &[])
+        };
+        let exact = relit(&sun);
+        for light in [&distant, &far] {
+            let found = relit(light);
+            let squares = |of: &[[f32; 3]]| {
+                of.iter()
+                    .flatten()
+                    .map(|v| f64::from(*v).powi(2))
+                    .sum::<f64>()
+            };
+            let off: Vec<[f32; 3]> = (found.sh.iter().zip(&exact.sh))
+                .map(|(a, b)| std::array::from_fn(|c| a[c] - b[c]))
+                .collect();
+            let share = (squares(&off) / squares(&exact.sh)).sqrt();
+            assert!(share < 1e-3, "{share}");
+        }
+    }
+
+    /// Only a light that moved is traced again: neither its brightness nor another one asks for that.
+    #[test]
+    fn only_what_moved_is_traced_again() {
+        let asset = asset_of(&synthetic::sphere_over_plate(300));
+        let (a, b) = (
+            point(Vec3::new(0.2, 0.1, 2.0), 1.0),
+            point(Vec3::X * 2.0, 1.0),
+        );
+        let meet = |lights: &[Emitter]| asset.meet(lights, Tracing::Done, None);
+        let first = meet(&[a, b]);
+        let again = meet(&[
+            b.tinted([5.0, 1.0, 1.0]),
+            point(Vec3::new(0.2, 0.1, 2.1), 1.0),
+        ]);
+        assert!(Arc::ptr_eq(&first[1].met, &again[0].met));
+        assert!(!Arc::ptr_eq(&first[0].met, &again[1].met));
+        // What is not there any more is forgotten.
+        let back = meet(&[a]);
+        assert!(!Arc::ptr_eq(&first[0].met, &back[0].met));
+    }
+
+    /// A light that an asset is moved with relights it alike.
+    #[test]
+    fn a_light_moves_with_the_coordinates() {
+        let cloud = synthetic::sphere_over_slab(500);
+        let there = Affine3A::from_scale_rotation_translation(
+            Vec3::splat(2.5),
+            Quat::from_rotation_x(0.7),
+            Vec3::new(3.0, 0.0, -1.0),
+        );
+        let light = Emitter {
+            shape: Shape::Area {
+                center: Vec3::new(1.0, 0.5, 1.5),
+                half: [0.3 * Vec3::X, 0.3 * Vec3::Y],
+                normal: -Vec3::Z,
+                is_round: true,
+            },
+            emission: [4.0; 3],
+        };
+        let [before, after] = [
+            (cloud.clone(), light),
+            (cloud.transformed(there), light.moved(there)),
+        ]
+        .map(|(cloud, light)| asset_of(&cloud).irradiance_of(&[light]));
+        // Where an edge crosses the light, which places of it are asked follows the order of the surfels.
+        let off = before
+            .iter()
+            .zip(&after)
+            .filter(|(a, b)| (a[0][0] - b[0][0]).abs() > 0.02 * (1.0 + a[0][0]));
+        let (off, n) = (off.count(), before.len());
+        assert!(off < n / 40 && n > 900, "{off} of {n}");
+    }
+
+    #[test]
+    fn no_light_is_too_near_too_far_or_too_bright() {
+        let cloud = synthetic::glossy_sphere_over_plate(300, 3);
+        let prepared = transfer_of(&cloud);
+        let on_surfel = cloud.positions[10];
+        for position in [
+            Vec3::Z * 0.7,
+            on_surfel,
+            on_surfel + Vec3::splat(1e-6),
+            Vec3::splat(1e6),
+        ] {
+            for intensity in [0.0, 1e-30, 1.0, 1e30] {
+                for shape in [
+                    Shape::Point { position },
+                    Shape::Area {
+                        center: position,
+                        half: [Vec3::X, Vec3::Y],
+                        normal: Vec3::Z,
+                        is_round: false,
+                    },
+                    Shape::Spot {
+                        position,
+                        axis: -Vec3::Z,
+                        beam: 0.0,
+                        cutoff: 0.0,
+                    },
+                ] {
+                    let mut light = dark();
+                    light.emitters.push(Emitter {
+                        shape,
+                        emission: [intensity; 3],
+                    });
+                    let light = prepared.light(&light).expect("with beams");
+                    let relit = prepared.relight(light, Part::Whole, &[]);
+                    let all = relit.sh.iter().chain(&relit.tau).flatten();
+                    assert!(
+                        all.into_iter().all(|v| v.is_finite()),
+                        "{shape:?} {intensity}"
+                    );
+                }
+            }
+        }
+    }
+}
