@@ -3,7 +3,9 @@
 use std::fs;
 use std::process::Command;
 
+use glam::Vec3;
 use transplat_core::files::load_asset;
+use transplat_core::surfels::SurfelCloud;
 use transplat_tests::{
     Folder, args, asset, exr_pixels, level_cameras, program, run, run_json, run_told, small_lut,
     small_splat,
@@ -54,13 +56,11 @@ fn relight_takes_a_rig_of_lights() {
         let text = format!(r#"{{"lights": [{lights}], "environment": {around}}}"#);
         folder.write(name, text)
     };
-    let point = |z: f32| {
-        format!(r#"{{"type": "point", "position": [0, 0, {z}], "intensity": [40, 30, 20]}}"#)
+    let point = |x: f32, y: f32| {
+        format!(r#"{{"type": "point", "position": [{x}, {y}, 2], "intensity": [40, 30, 20]}}"#)
     };
-    let (above, below) = (
-        rig("above.json", &point(4.0), "null"),
-        rig("below.json", &point(-4.0), "null"),
-    );
+    let near_first = rig("near_first.json", &point(0.0, 0.0), "null");
+    let near_last = rig("near_last.json", &point(9.0, 39.0), "null");
     let relit = |rig: &str, device: &str| {
         let out = folder.name("out.ply");
         let line = "relight {} --source even --rig {} --device {} -o {}";
@@ -68,22 +68,18 @@ fn relight_takes_a_rig_of_lights() {
         let (cloud, _) = load_asset(out.as_ref()).expect("the result");
         cloud
     };
-    let [top, bottom] = [&above, &below].map(|rig| relit(rig, "cpu"));
-    let k = top.sh.len() / top.len();
-    let brightness = |cloud: &transplat_core::surfels::SurfelCloud, upper: bool| -> f32 {
-        let each = (0..cloud.len()).filter(|i| (cloud.positions[*i].z > 0.0) == upper);
-        each.map(|i| cloud.sh[i * k][1]).sum()
+    let brightness = |cloud: &SurfelCloud, x: f32, y: f32| {
+        let is_there = |p: &Vec3| (p.x, p.y) == (x, y);
+        let i = cloud.positions.iter().position(is_there).expect("a surfel");
+        cloud.sh[i * cloud.sh.len() / cloud.len()][1]
     };
-    assert!(brightness(&top, true) > brightness(&top, false) + 1.0);
-    assert!(brightness(&bottom, true) + 1.0 < brightness(&bottom, false));
-    let on_gpu = relit(&above, "gpu");
-    let off = top
-        .sh
-        .iter()
-        .flatten()
-        .zip(on_gpu.sh.iter().flatten())
-        .map(|(a, b)| (a - b).abs());
-    assert!(off.fold(0.0, f32::max) < 1e-5);
+    let ends = |cloud: &SurfelCloud| [brightness(cloud, 0.0, 0.0), brightness(cloud, 9.0, 39.0)];
+    let first = relit(&near_first, "cpu");
+    let ([a, b], [c, d]) = (ends(&first), ends(&relit(&near_last, "cpu")));
+    assert!(a > b + 0.5 && d > c + 0.5, "{a} {b} {c} {d}");
+    let on_gpu = relit(&near_first, "gpu");
+    let off = (first.sh.iter().flatten()).zip(on_gpu.sh.iter().flatten());
+    assert!(off.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-5);
     // A rig beside a map that lies with it; and wrong ones.
     let out = folder.name("out.ply");
     let line = "relight {} --source even --rig {} --device cpu -o {}";
@@ -91,7 +87,7 @@ fn relight_takes_a_rig_of_lights() {
     folder.write("city.hdr", city);
     let mixed = rig(
         "mixed.json",
-        &point(4.0),
+        &point(0.0, 0.0),
         r#"{"file": "city.hdr", "scale": 2}"#,
     );
     run_json(&args(line, &[&splat, &mixed, &out]));
@@ -105,7 +101,7 @@ fn relight_takes_a_rig_of_lights() {
         1,
         &["wrong.json", "intensity"],
     );
-    let lost = rig("lost.json", &point(1.0), r#"{"file": "nowhere.hdr"}"#);
+    let lost = rig("lost.json", &point(0.0, 0.0), r#"{"file": "nowhere.hdr"}"#);
     run_told(&args(line, &[&splat, &lost, &out]), 1, &["nowhere.hdr"]);
 }
 

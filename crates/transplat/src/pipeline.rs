@@ -468,7 +468,7 @@ impl Pipeline {
         summary: &mut Summary,
     ) -> Result<Relit> {
         let on_gpu = matches!(transfer, Transfer::Gpu(_));
-        tell_of_light((prepared, on_gpu), name, light, summary);
+        self.tell_of_light((prepared, on_gpu), name, light, summary);
         timed(summary, || transfer.change_light(light, part, unseen))?;
         transfer.result()
     }
@@ -481,30 +481,31 @@ impl Pipeline {
         (light, part, unseen): (&Illumination, Part, &[bool]),
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
-        tell_of_light((prepared, false), name, light, summary);
+        self.tell_of_light((prepared, false), name, light, summary);
         timed(summary, || {
             Ok(prepared.relight_objects(light, part, unseen)?)
         })
     }
-}
 
-/// Tells what a light leaves out, and how strong it is.
-fn tell_of_light(
-    (prepared, on_gpu): (&PreparedTransfer, bool),
-    name: &str,
-    light: &Illumination,
-    summary: &mut Summary,
-) {
-    summary.skipped(prepared.left_out_for(light, on_gpu));
-    if light.is_black() {
-        summary.warn(format!(
-            "{name}: the target light is black, and so is the result"
-        ));
-    } else {
-        summary.target(
-            name,
-            (light.mean_irradiance() * prepared.light_gain()).log2(),
-        );
+    /// Tells what a light leaves out, and how strong it is: lights that are near as they are seen from the middle.
+    fn tell_of_light(
+        &self,
+        (prepared, on_gpu): (&PreparedTransfer, bool),
+        name: &str,
+        light: &Illumination,
+        summary: &mut Summary,
+    ) {
+        summary.skipped(prepared.left_out_for(light, on_gpu));
+        if light.is_black() {
+            summary.warn(format!(
+                "{name}: the target light is black, and so is the result"
+            ));
+            return;
+        }
+        let mean = light
+            .at_one_place(self.cloud.bounds().center)
+            .mean_irradiance();
+        summary.target(name, (mean * prepared.light_gain()).log2());
     }
 }
 

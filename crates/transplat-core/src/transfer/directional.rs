@@ -11,6 +11,7 @@ mod lobe;
 mod materials;
 mod matte;
 mod matte_colors;
+mod met;
 mod near;
 mod neighbors;
 mod nodes;

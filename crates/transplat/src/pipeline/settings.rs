@@ -117,7 +117,7 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
         scene.objects[0].source.set_file(source.clone());
     }
     if let Some(rig) = &light.rig {
-        take_rig(&mut scene, rig)?;
+        take_rig(&mut scene, rig, light.target.is_empty())?;
     }
     if let [target] = &light.target[..] {
         scene.environment.set_file(target.clone());
@@ -141,11 +141,11 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     Ok(scene)
 }
 
-/// Takes the lights of a rig, and what it has around them. Its environment lies beside it, or beside the light of the capture.
-fn take_rig(scene: &mut Scene, path: &Path) -> Result<()> {
+/// Takes the lights of a rig and, where no target is named, what it has around them: that lies beside it, or beside the light of the capture.
+fn take_rig(scene: &mut Scene, path: &Path, with_environment: bool) -> Result<()> {
     let rig = load_rig(path)?;
     scene.lights = rig.lights;
-    let Some(around) = rig.environment else {
+    let Some(around) = rig.environment.filter(|_| with_environment) else {
         return Ok(());
     };
     let beside = [Some(path), scene.objects[0].source.file.as_deref()];
@@ -184,6 +184,10 @@ pub fn targets_of(light: &LightArgs, scene: &Scene) -> Result<Vec<(String, PathB
             );
         }
         targets.extend(inside.into_iter().map(|p| (stem(&p), p)));
+    }
+    // What a rig has around its lights is called as the rig.
+    if let ([], [(name, _)], Some(rig)) = (&light.target[..], &mut targets[..], &light.rig) {
+        *name = stem(rig);
     }
     // Two files of one name must not write over each other.
     let mut taken = HashSet::new();

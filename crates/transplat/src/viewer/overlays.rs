@@ -107,6 +107,7 @@ impl Viewer {
             // Windows can be brought before it.
             .order(egui::Order::Middle);
         let is_stopped = self.is_stopped;
+        let is_relit = self.session.state().relit.get().is_some();
         let mut goes_on = false;
         let Session { messages, jobs, .. } = &mut self.session;
         messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
@@ -153,7 +154,10 @@ impl Viewer {
             if is_stopped {
                 egui::Frame::popup(ui.style()).show(ui, |ui| {
                     ui.horizontal(|ui| {
-                        ui.label(tr("That was stopped before the object was relit."));
+                        ui.label(match is_relit {
+                            true => tr("That was stopped: what is shown is coarse."),
+                            false => tr("That was stopped before the object was relit."),
+                        });
                         goes_on = ui.small_button(tr("Go on")).clicked();
                     });
                 });

@@ -659,7 +659,10 @@ impl Session {
             bake.is_some_and(|b| b.share == 1.0)
         };
         if !shown().all(is_whole) {
-            return Some(tr("coarse: visibility is being baked"));
+            return Some(match self.is_stopped() {
+                true => tr("coarse: visibility is baked in part"),
+                false => tr("coarse: visibility is being baked"),
+            });
         }
         let is_traced = !self.is_composed() || self.is_traced();
         (!is_traced).then_some(tr("coarse: light between the objects is being traced"))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::near::LastMet;
+use super::met::LastMet;
 use super::neighbors::Neighbors;
 use super::nodes::{Nodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;

@@ -3,12 +3,13 @@
 //! What is seen of a light depends on where it is, not on how bright it is: that is kept, so that of several lights only the one that moved is
 //! traced again.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, FrontAndBack};
+use super::met::Met;
 use super::rays::Rays;
 use crate::bake::patches::PATCHES;
 use crate::bake::surroundings::Surroundings;
@@ -18,28 +19,12 @@ use crate::environment::{Beam, Emitter, FEW, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, 
 /// Each may be mirrored in as many rays as it has parts.
 const _: () = assert!(PATCHES + MAX_SUNS + MOST_LIGHTS * MOST_PARTS <= Rays::MOST);
 
-/// What a light does to the surfels of an asset, for an emission of 1.
-#[derive(Debug)]
-pub struct Met {
-    shape: Shape,
-    /// Of the front and the back. `[n]`
-    irradiance: Vec<[f32; 2]>,
-    /// How much of each of its parts the front sees, 0 to 1. `[n][parts]`
-    seen: Vec<f32>,
-}
-
 /// A light as an asset meets it.
 #[derive(Clone, Debug)]
 pub struct NearLight {
     /// In the coordinates of its rays.
     pub emitter: Emitter,
     met: Arc<Met>,
-}
-
-/// What lights did that an asset met last.
-#[derive(Debug, Default)]
-pub struct LastMet {
-    met: Mutex<Vec<Arc<Met>>>,
 }
 
 /// What is done for the shadows of lights of one's own.
@@ -109,13 +94,7 @@ impl DirectionalAsset {
         // Among others, what is kept may be of another place.
         let mut kept = Vec::new();
         if among.is_none() && !lights.is_empty() && tracing != Tracing::None {
-            kept.clone_from(
-                &self
-                    .last_met
-                    .met
-                    .lock()
-                    .unwrap_or_else(PoisonError::into_inner),
-            );
+            kept = self.last_met.get();
         }
         let near: Vec<NearLight> = lights
             .iter()
@@ -131,12 +110,8 @@ impl DirectionalAsset {
             })
             .collect();
         if among.is_none() && tracing == Tracing::Done {
-            let met = near.iter().map(|light| light.met.clone()).collect();
-            *self
-                .last_met
-                .met
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner) = met;
+            let met = near.iter().map(|light| light.met.clone());
+            self.last_met.set(met.collect());
         }
         near
     }

@@ -1,13 +1,12 @@
 use std::sync::Arc;
 
-use glam::DMat3;
-use glam::{Affine3A, Quat, Vec3};
+use glam::{Affine3A, DMat3, Quat, Vec3};
 
 use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::scene::SceneBake;
 use crate::bake::surroundings::Placed;
-use crate::environment::{Beam, Illumination};
+use crate::environment::{Beam, Emitter, Illumination, Shape};
 use crate::progress::no_progress;
 use crate::settings::TransferSettings;
 use crate::settings::skips::Skips;
@@ -15,8 +14,8 @@ use crate::surfels::SurfelCloud;
 use crate::synthetic;
 use crate::transfer::directional::DirectionalAsset;
 
-/// Objects where they stand, each captured under even light of radiance 1, relit together by that light.
-fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
+/// Objects where they stand, each captured under even light of radiance 1.
+fn scene_of(objects: &[(SurfelCloud, Affine3A)]) -> SceneTransfer {
     let light = Illumination::even(3);
     let settings = TransferSettings::default();
     let transfers: Vec<Arc<DirectionalTransfer>> = (objects.iter())
@@ -35,11 +34,17 @@ fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
         })
         .collect();
     let bake = SceneBake::new(placed, &no_progress).expect("not cancelled");
-    let scene = SceneTransfer::new(transfers.clone(), Arc::new(bake));
+    SceneTransfer::new(transfers, Arc::new(bake))
+}
+
+/// The same relit by that light, together and each alone.
+fn relit(objects: &[(SurfelCloud, Affine3A)]) -> (Vec<Relit>, Vec<Relit>) {
+    let (scene, light) = (scene_of(objects), Illumination::even(3));
     let whole = |t: &dyn Relight| t.relight_seen(&light, Part::Whole, &[]);
-    let alone = transfers.iter().map(|t| whole(&**t).expect("with beams"));
+    let alone = (scene.objects.iter()).map(|t| whole(&**t).expect("with beams"));
+    let alone = alone.collect();
     let together = scene.relight_objects(&light, Part::Whole, &[]);
-    (together.expect("with beams"), alone.collect())
+    (together.expect("with beams"), alone)
 }
 
 /// Up to rounding: a scene's bounces start from what it keeps.
@@ -101,6 +106,57 @@ fn a_plate_loses_what_the_ball_over_it_takes_and_gains_what_it_throws() {
         let corner = together[0].tau[0][1];
         assert!(corner > 0.93 && corner <= 1.0, "{corner}");
     }
+}
+
+/// A light stands in the scene, whatever coordinates its objects have: a ball throws its shadow on a plate that is another object, as wide as
+/// the light is near.
+#[test]
+fn a_near_light_shines_from_one_place_on_all_objects() {
+    let (mut ball, mut plate) = (synthetic::sphere(1500), synthetic::sheet(41));
+    // Black, so that nothing bounces.
+    ball.sh.fill([0.0; 3]);
+    plate.sh.fill([0.05; 3]);
+    let (radius, height, lamp) = (0.2f32, 0.5f32, 1.5f32);
+    let place = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(radius),
+        Quat::from_rotation_y(2.0),
+        height * Vec3::Z,
+    );
+    // The plate has its own coordinates as well: twice as large there, and turned.
+    let turned = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(0.5),
+        Quat::from_rotation_z(0.4),
+        Vec3::ZERO,
+    );
+    let large = plate.transformed(turned.inverse());
+    let scene = scene_of(&[(large, turned), (ball, place)]);
+    let mut light = Illumination::even(3).scaled(0.0);
+    light.emitters.push(Emitter {
+        shape: Shape::Point {
+            position: lamp * Vec3::Z,
+        },
+        emission: [2.0; 3],
+    });
+    let tau = &scene
+        .relight_objects(&light, Part::Whole, &[])
+        .expect("with beams")[0]
+        .tau;
+    let touches = (radius / (lamp - height)).asin().tan() * lamp;
+    let mut seen = [0, 0];
+    for (p, tau) in plate.positions.iter().zip(tau) {
+        let from_middle = p.length();
+        if from_middle < touches - 0.1 {
+            assert!(tau[1] < 0.02, "{p}: {tau:?}");
+            seen[0] += 1;
+        } else if from_middle > touches + 0.1 {
+            let d = p.distance(lamp * Vec3::Z);
+            // Under even light of radiance 1 it got pi; what is added is epsilon's.
+            let exact = 2.0 * lamp / d.powi(3) / std::f32::consts::PI;
+            assert!((tau[1] / exact - 1.0).abs() < 0.03, "{p}: {tau:?} {exact}");
+            seen[1] += 1;
+        }
+    }
+    assert!(seen[0] > 40 && seen[1] > 800, "{seen:?}");
 }
 
 /// Where a scene stands and which way it is turned is nothing to it.

@@ -14,12 +14,22 @@ use crate::viewer::language::tr_format;
 use crate::viewer::object::{PrepareKey, Prepared};
 use crate::viewer::session::{Outcome, Session};
 
+/// From so many surfels on gloss is left to the whole bake.
+const PREPARED_TWICE: usize = 200_000;
+
 impl Session {
     /// All that an object's preparation depends on, as it is now.
     fn prepare_key(&self, at: usize) -> Option<PrepareKey> {
         let [source, _] = self.oriented_of(at);
-        let settings = self.scene.transfer.clone();
-        let bake = self.states[at].bakes.get(&settings.method)?;
+        let mut settings = self.scene.transfer.clone();
+        let state = &self.states[at];
+        let bake = state.bakes.get(&settings.method)?;
+        // Of many surfels, what they mirror takes longest to find, and would be found anew with the whole bake.
+        let surfels = state.asset.as_ref().map_or(0, |a| a.cloud.len());
+        let is_soon_anew = self.is_bake_awaited(at, settings.method);
+        if surfels >= PREPARED_TWICE && is_soon_anew && state.bake_share(settings.method) < 1.0 {
+            settings.terms.lobe = false;
+        }
         Some(PrepareKey {
             bake: bake.version(),
             source,

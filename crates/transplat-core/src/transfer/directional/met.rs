@@ -1,0 +1,34 @@
+//! What a light of one's own does to the surfels of an asset, and what is kept of it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::environment::Shape;
+
+/// What a light does to the surfels of an asset, for an emission of 1.
+#[derive(Debug)]
+pub struct Met {
+    pub shape: Shape,
+    /// Of the front and the back. `[n]`
+    pub irradiance: Vec<[f32; 2]>,
+    /// How much of each of its parts the front sees, 0 to 1. `[n][parts]`
+    pub seen: Vec<f32>,
+}
+
+/// What lights did that an asset met last.
+#[derive(Debug, Default)]
+pub struct LastMet(Mutex<Vec<Arc<Met>>>);
+
+impl LastMet {
+    /// All of it.
+    pub fn get(&self) -> Vec<Arc<Met>> {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    /// Forgets that for this.
+    pub fn set(&self, met: Vec<Arc<Met>>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = met;
+    }
+}
