@@ -1,5 +1,6 @@
 //! Transfer curves, tone curves, and SH functions between display-encoded and linear colour. Light is linear everywhere else.
 
+use glam::DVec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -90,6 +91,38 @@ pub fn srgb_decode_all(values: &mut [f32]) {
 /// Luminance of linear Rec. 709 colour.
 pub fn luminance(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+}
+
+/// Linear colour of a black body, of luminance 1: Planck's law seen by the observer of CIE 1931, in the fit of Wyman, Sloan and Shirley
+/// ("Simple Analytic Approximations to the CIE XYZ Color Matching Functions", 2013). What Rec. 709 cannot show is 0.
+pub fn black_body(kelvin: f32) -> [f32; 3] {
+    let lobe = |nm: f64, height: f64, middle: f64, widths: [f64; 2]| {
+        let off = (nm - middle) / widths[usize::from(nm >= middle)];
+        height * (-0.5 * off * off).exp()
+    };
+    let mut xyz = DVec3::ZERO;
+    for step in 0..=95 {
+        let nm = 360.0 + 5.0 * f64::from(step);
+        let meters = nm * 1e-9;
+        let power = meters.powi(-5) / ((0.014_387_77 / (meters * f64::from(kelvin))).exp() - 1.0);
+        xyz += power
+            * DVec3::new(
+                lobe(nm, 1.056, 599.8, [37.9, 31.0])
+                    + lobe(nm, 0.362, 442.0, [16.0, 26.7])
+                    + lobe(nm, -0.065, 501.1, [20.4, 26.2]),
+                lobe(nm, 0.821, 568.8, [46.9, 40.5]) + lobe(nm, 0.286, 530.9, [16.3, 31.1]),
+                lobe(nm, 1.217, 437.0, [11.8, 36.0]) + lobe(nm, 0.681, 459.0, [26.0, 13.8]),
+            );
+    }
+    let DVec3 { x, y, z } = xyz / xyz.y;
+    let rgb = [
+        3.240_970 * x - 1.537_383 * y - 0.498_611 * z,
+        -0.969_244 * x + 1.875_968 * y + 0.041_555 * z,
+        0.055_630 * x - 0.203_977 * y + 1.056_972 * z,
+    ];
+    let rgb = rgb.map(|v| v.max(0.0) as f32);
+    let one = luminance(rgb);
+    rgb.map(|v| v / one)
 }
 
 /// How linear colour is brought into the display's range.
@@ -472,6 +505,22 @@ mod tests {
         let y0 = 1.0 / sh::SQRT_4PI as f32;
         for (s, l) in stored[0].iter().zip(linear[0]) {
             assert!((srgb_decode(s * y0 + 0.5) - l * y0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn daylight_is_white_and_a_candle_is_red() {
+        let day = black_body(6500.0);
+        assert!(day.iter().all(|v| (v - 1.0).abs() < 0.06), "{day:?}");
+        let candle = black_body(1900.0);
+        assert!(
+            candle[0] > 2.0 * candle[1] && candle[2] < 0.05,
+            "{candle:?}"
+        );
+        let sky = black_body(20_000.0);
+        assert!(sky[2] > 1.5 * sky[0], "{sky:?}");
+        for kelvin in [1000.0, 3200.0, 40_000.0] {
+            assert!((luminance(black_body(kelvin)) - 1.0).abs() < 1e-4);
         }
     }
 }

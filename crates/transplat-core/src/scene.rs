@@ -19,7 +19,7 @@ use crate::surfels::UpAxis;
 pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
 pub use light::{ESTIMATE, EVEN, EnvironmentLight, STOPS, is_estimate, is_even, is_file, wrap};
 pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform, splat_name};
-pub use rig::{Around, KELVIN, Light, LightSource, Rig, black_body};
+pub use rig::{Around, KELVIN, Light, LightSource, Rig};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]

@@ -253,12 +253,11 @@ impl Tracer {
         rays: &[(RayStart, Vec3, f32)],
         stack: &mut Vec<u32>,
     ) -> [bool; PACKET] {
-        let last = rays.len().saturating_sub(1);
-        let ray = |lane: usize| &rays[lane.min(last)];
         if rays.is_empty() {
             return [true; PACKET];
         }
-        let packet = Packet::new(rays.len(), |lane| ray(lane).0);
+        let packet = Packet::new(rays.len(), |i| rays[i].0);
+        let ray = |lane: usize| &rays[lane.min(rays.len() - 1)];
         let direction = std::array::from_fn(|axis| lanes(|lane| ray(lane).1[axis]));
         let ends = lanes(|lane| ray(lane).2);
         walk_to(self, &packet, &Ways::new(direction), ends, stack)

@@ -655,8 +655,12 @@ impl Session {
         }
         let method = self.scene.transfer.method;
         let is_whole = |state: &ObjectState| {
-            let bake = state.bakes.get(&method).and_then(|b| b.current());
-            bake.is_some_and(|b| b.share == 1.0)
+            let Some(bake) = state.bakes.get(&method) else {
+                return false;
+            };
+            // What is shown may be of the bake before.
+            let of = state.prepared.made_from().map(|key| key.bake);
+            bake.current().is_some_and(|b| b.share == 1.0) && of == Some(bake.version())
         };
         if !shown().all(is_whole) {
             return Some(match self.is_stopped() {

@@ -35,7 +35,7 @@ impl DirectionalTransfer {
         };
         let of_rows: Vec<FrontAndBack> = sharing.leaders.par_iter().map(of_leader).collect();
         let mut tau = sharing.spread(&of_rows);
-        self.trusted(told, &mut tau);
+        self.trusted(light.told_gain, &mut tau);
         Ok(tau.into_iter().map(|[front, _]| front).collect())
     }
 }

@@ -156,7 +156,9 @@ impl DirectionalAsset {
         settings: &TransferSettings,
         among: Option<&'a Surroundings>,
     ) -> Incident<'a> {
-        let mut light = self.met(light, settings, among, Tracing::Done);
+        let all = settings.skips == Skips::NONE;
+        let tracing = Tracing::Done { all };
+        let mut light = self.met(light, settings, among, tracing);
         light.irradiance = (0..self.bake.len())
             .into_par_iter()
             .map(|i| self.irradiance(i, &light))
@@ -319,7 +321,7 @@ impl DirectionalAsset {
         }
         let mut next = PATCHES + light.suns.len();
         for near in &light.near {
-            for beam in near.beams(self, i, MAX_RELATIVE_LIGHT).flatten() {
+            for beam in near.beams(self, i, MAX_RELATIVE_LIGHT) {
                 out.set(next, &beam);
                 next += 1;
             }
