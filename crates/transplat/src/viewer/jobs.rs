@@ -283,10 +283,11 @@ impl<E: Send + 'static> Jobs<E> {
                 false => beside_the_rest(kind.is_long(), || work(&handle)),
             };
             let result = catch_unwind(AssertUnwindSafe(work));
-            queue.iter().for_each(|queue| queue.leave(id));
             let internal = |_| Err(anyhow!(tr("an internal error; the scene is as it was")));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
+            // Not before: the next one could be told as done first.
+            queue.iter().for_each(|queue| queue.leave(id));
         });
     }
 
