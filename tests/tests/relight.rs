@@ -101,6 +101,66 @@ fn relight_takes_a_rig_of_lights() {
     run_told(&args(line, &[&splat, &lost, &out]), 1, &["nowhere.hdr"]);
 }
 
+/// One light more on the command line is one more in the file; a rig that is written as an environment is the same light where it is far away;
+/// and sun and sky are a light like any other.
+#[test]
+fn a_rig_is_told_on_the_command_line_and_written_as_an_environment() {
+    let folder = Folder::empty();
+    let splat = folder.write("a.ply", small_splat(200));
+    let key = r#"{"type": "directional", "to_light": [0.3, -0.4, 0.8], "irradiance": [3, 2, 1], "angle_deg": 6}"#;
+    let fill = r#"{"type": "directional", "to_light": [-0.7, 0.2, 0.6], "irradiance": [0.5, 0.6, 0.9], "angle_deg": 6}"#;
+    let around = r#""environment": {"uniform": [0.2, 0.2, 0.3]}"#;
+    let both = format!(r#"{{"lights": [{key}, {fill}], {around}}}"#);
+    let both = folder.write("both.json", both);
+    let one = folder.write("one.json", format!(r#"{{"lights": [{key}], {around}}}"#));
+    let out = folder.name("out.ply");
+    let relit = |told: &[&str]| {
+        let line = "relight {} --source even --device cpu -o {}";
+        run_json(&[&args(line, &[&splat, &out])[..], told].concat());
+        let (cloud, _) = load_asset(out.as_ref()).expect("the result");
+        cloud.sh
+    };
+    let expected = relit(&["--rig", &both]);
+    assert_eq!(relit(&["--rig", &one, "--light", fill]), expected);
+    for name in ["rig.hdr", "rig.exr"] {
+        let map = folder.name(name);
+        let told = run_json(&args("light {} -o {}", &[&both, &map]));
+        assert_eq!(told["output"], map);
+        let found = relit(&["--target", &map]);
+        let off = |c: usize| {
+            let each = expected.iter().zip(&found);
+            let off: f32 = each.map(|(a, b)| (a[c] - b[c]).abs()).sum();
+            off / expected.iter().map(|a| a[c].abs()).sum::<f32>()
+        };
+        for c in 0..3 {
+            assert!(off(c) < 0.03, "{name}: {}", off(c));
+        }
+    }
+    let sky = r#"{"lights": [], "environment": {"sky": {"sun": {"azimuth": 30, "elevation": 4}}}}"#;
+    let sky = folder.write("sky.json", sky);
+    let (evening, day) = (relit(&["--rig", &sky]), relit(&["--target", "sky"]));
+    let mean = |sh: &[[f32; 3]], c: usize| sh.iter().map(|v| v[c]).sum::<f32>();
+    assert!(mean(&day, 1) > mean(&evening, 1), "a low sun is dimmer");
+    let map = folder.name("sky.exr");
+    run_json(&args("light {} --columns 512 -o {}", &[&sky, &map]));
+    // What is wrong is said.
+    let line = "relight {} --source even --target even --device cpu -o {} --light {}";
+    let lamp = r#"{"type": "lamp"}"#;
+    run_told(&args(line, &[&splat, &out, lamp]), 2, &["--light", "lamp"]);
+    let late = folder.write(
+        "late.json",
+        r#"{"lights": [], "environment": {"sky": {"turbidity": 30}}}"#,
+    );
+    run_told(
+        &args("light {} -o {}", &[&late, &map]),
+        1,
+        &["late.json", "turbidity"],
+    );
+    run_told(&args("light {} -o a.png", &[&both]), 1, &[".hdr or .exr"]);
+    let line = "relight {} --source sky --target even --device cpu -o {}";
+    run_told(&args(line, &[&splat, &out]), 1, &["sun and sky"]);
+}
+
 #[test]
 fn several_targets_give_one_output_each_and_a_saved_bake_gives_the_same() {
     let folder = Folder::empty();

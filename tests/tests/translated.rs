@@ -8,6 +8,7 @@ use egui_kittest::kittest::Queryable as _;
 use proc_macro2::{TokenStream, TokenTree};
 use transplat::viewer::language;
 use transplat_core::present::View;
+use transplat_core::scene::{LightKind, SKY};
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, root, small_lut};
 
@@ -152,6 +153,8 @@ fn check(d: &Driver, place: &str) {
         .filter(|text| !NAMES.contains(&text.trim()))
         .filter(|text| !text.starts_with('/') && !text.starts_with("llvmpipe"))
         .filter(|text| !text.starts_with("ctrl") && !text.starts_with("shift"))
+        // Units.
+        .filter(|text| !text.contains(" W/"))
         .collect();
     assert!(left.is_empty(), "{place}: {left:?}");
 }
@@ -199,6 +202,18 @@ fn all_is_said_in_the_language() {
         d.click(&format!("«{page}»"));
         check(&d, page);
     }
+    d.click("«lights»");
+    for kind in LightKind::ALL {
+        d.after(|v| v.session.add_light(kind));
+        check(&d, &format!("lights, {kind:?}"));
+    }
+    d.after(|v| {
+        v.session.set_light(1, SKY.into());
+        v.session.scene.lights.clear();
+    });
+    d.harness.key_press(Key::J);
+    d.settle();
+    check(&d, "sun and sky, timeline");
     for view in [View::Split, View::Tau, View::Doubts] {
         d.after(|v| v.session.scene.view = view);
         check(&d, &format!("{view:?}"));

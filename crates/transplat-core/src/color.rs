@@ -93,19 +93,20 @@ pub fn luminance(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 }
 
-/// Linear colour of a black body, of luminance 1: Planck's law seen by the observer of CIE 1931, in the fit of Wyman, Sloan and Shirley
-/// ("Simple Analytic Approximations to the CIE XYZ Color Matching Functions", 2013). What Rec. 709 cannot show is 0.
-pub fn black_body(kelvin: f32) -> [f32; 3] {
+/// What of a spectrum is seen: linear Rec. 709, its luminance the integral of the spectrum and the observer of CIE 1931 over the wavelength in
+/// nanometres, in the fit of Wyman, Sloan and Shirley ("Simple Analytic Approximations to the CIE XYZ Color Matching Functions", 2013). What
+/// Rec. 709 cannot show is 0.
+pub fn of_spectrum(power: impl Fn(f64) -> f64) -> [f64; 3] {
     let lobe = |nm: f64, height: f64, middle: f64, widths: [f64; 2]| {
         let off = (nm - middle) / widths[usize::from(nm >= middle)];
         height * (-0.5 * off * off).exp()
     };
+    let step = 5.0;
     let mut xyz = DVec3::ZERO;
-    for step in 0..=95 {
-        let nm = 360.0 + 5.0 * f64::from(step);
-        let meters = nm * 1e-9;
-        let power = meters.powi(-5) / ((0.014_387_77 / (meters * f64::from(kelvin))).exp() - 1.0);
-        xyz += power
+    for at in 0..=95 {
+        let nm = 360.0 + step * f64::from(at);
+        xyz += step
+            * power(nm)
             * DVec3::new(
                 lobe(nm, 1.056, 599.8, [37.9, 31.0])
                     + lobe(nm, 0.362, 442.0, [16.0, 26.7])
@@ -114,13 +115,24 @@ pub fn black_body(kelvin: f32) -> [f32; 3] {
                 lobe(nm, 1.217, 437.0, [11.8, 36.0]) + lobe(nm, 0.681, 459.0, [26.0, 13.8]),
             );
     }
-    let DVec3 { x, y, z } = xyz / xyz.y;
+    let DVec3 { x, y, z } = xyz;
     let rgb = [
         3.240_970 * x - 1.537_383 * y - 0.498_611 * z,
         -0.969_244 * x + 1.875_968 * y + 0.041_555 * z,
         0.055_630 * x - 0.203_977 * y + 1.056_972 * z,
     ];
-    let rgb = rgb.map(|v| v.max(0.0) as f32);
+    rgb.map(|v| v.max(0.0))
+}
+
+/// Spectral radiance of a black body at a wavelength in nanometres, W/m²/sr/nm (Planck's law).
+pub fn planck(kelvin: f64, nm: f64) -> f64 {
+    let meters = nm * 1e-9;
+    1e-9 * 1.191_042_97e-16 / meters.powi(5) / ((0.014_387_77 / (meters * kelvin)).exp() - 1.0)
+}
+
+/// Linear colour of a black body, of luminance 1.
+pub fn black_body(kelvin: f32) -> [f32; 3] {
+    let rgb = of_spectrum(|nm| planck(f64::from(kelvin), nm)).map(|v| v as f32);
     let one = luminance(rgb);
     rgb.map(|v| v / one)
 }

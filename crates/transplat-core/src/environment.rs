@@ -5,7 +5,9 @@ mod emitter;
 mod illumination;
 mod layout;
 mod map;
+mod panorama;
 mod radiance;
+mod sky;
 #[cfg(test)]
 mod tests;
 mod unfold;
@@ -16,3 +18,4 @@ pub use illumination::Illumination;
 pub use layout::Layout;
 pub use map::{EnvironmentMap, azimuth};
 pub use radiance::{IncidentRadiance, project_environment, row_weights};
+pub use sky::{Date, Sky, Sun, TURBIDITIES, YEARS};

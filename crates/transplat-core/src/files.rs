@@ -38,13 +38,13 @@ pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use format::SplatFormat;
 pub use kind::{FileKind, file_kind, file_of};
-pub use look::{load_look, load_rig, look_text, save_look};
+pub use look::{is_rig_file, load_look, load_rig, look_text, save_look, save_rig};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};
 pub use write::{
-    Channel, ExrFloats, PngBits, check_folder, check_output, folder_of, write_atomically,
-    write_environment, write_exr, write_layers, write_png,
+    Channel, ExrFloats, PngBits, check_folder, check_output, folder_of, is_environment_name,
+    write_atomically, write_environment, write_exr, write_layers, write_png,
 };
 
 /// Whether two paths are of one file, however they are spelled.

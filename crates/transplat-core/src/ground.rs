@@ -7,7 +7,7 @@ use crate::bake::harmonic::{BakeInput, Softness, bake_receivers};
 use crate::bake::scaled::BakeSurfel;
 use crate::camera::Camera;
 use crate::color::luminance;
-use crate::environment::IncidentRadiance;
+use crate::environment::Illumination;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::rasterize::ColorSpace;
@@ -103,8 +103,10 @@ impl Ground {
 
     /// Share of the light that reaches each cell, `[GROUND_CELLS^2]`, 1 is unshadowed: by a sum over the bake's directions.
     ///
-    /// `light` is the light as the asset sees it, of the highest degree there is.
-    pub fn lit_share(&self, light: &IncidentRadiance) -> Vec<f32> {
+    /// `light` is the light as the asset sees it, of the highest degree there is; what of it is near counts as it is seen from the object's middle.
+    pub fn lit_share(&self, light: &Illumination) -> Vec<f32> {
+        let middle = self.center + self.normal * (self.half / GROUND_REACH);
+        let light = &light.at_one_place(middle).radiance;
         let weights: Vec<f32> = lattice(self.directions)
             .into_iter()
             .map(|d| {
@@ -184,6 +186,7 @@ fn in_space(lit: f32, space: ColorSpace) -> f32 {
 mod tests {
     use super::*;
     use crate::bake::harmonic::DEFAULT_DIRECTIONS;
+    use crate::environment::IncidentRadiance;
     use crate::present::PLAIN;
     use crate::progress::no_progress;
     use crate::synthetic;
@@ -202,7 +205,7 @@ mod tests {
             let radiance = d.dot(towards).max(0.0).powi(30);
             light.add(d, [radiance / 4000.0; 3]);
         }
-        let lit = ground.lit_share(&light);
+        let lit = ground.lit_share(&Illumination::new(light, None));
         let at = |x: f32, y: f32| {
             let cell = |v: f32| ((v / ground.half * 0.5 + 0.5) * GROUND_CELLS as f32) as usize;
             lit[cell(y) * GROUND_CELLS + cell(x)]

@@ -1,5 +1,6 @@
 //! A scene: objects, what each was captured under, what they are relit by, and how that is shown. Plain data; its file form is a look.
 
+mod animation;
 mod cut;
 mod light;
 mod object;
@@ -7,19 +8,27 @@ mod rig;
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::environment::{Illumination, Layout, MOST_LIGHTS};
+use crate::environment::{EnvironmentMap, Illumination, Layout, MOST_LIGHTS};
 use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
 use crate::surfels::UpAxis;
 
+pub use animation::{Animation, Ease, LONGEST, LightKey, MOST_FRAMES, MOST_KEYS};
 pub use cut::{Cut, FARTHEST, Keep, MOST_CUTS, kept};
-pub use light::{ESTIMATE, EVEN, EnvironmentLight, STOPS, is_estimate, is_even, is_file, wrap};
+pub use light::{
+    ESTIMATE, EVEN, EnvironmentLight, SKY, STOPS, is_estimate, is_even, is_file, is_sky, wrap,
+};
 pub use object::{MOST_OBJECTS, MOST_PLACES, Object, SCALES, Transform, splat_name};
-pub use rig::{Around, KELVIN, Light, LightSource, Rig};
+pub use rig::{
+    Around, FixedTo, KELVIN, KEY, Light, LightKind, LightSource, Lit, Placed, Rig, RigPreset,
+    SUN_DEG,
+};
 
 /// Every setting that changes the picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +39,8 @@ pub struct Scene {
     pub environment: EnvironmentLight,
     /// And what lights them beside it.
     pub lights: Vec<Light>,
+    /// How all of that changes over time.
+    pub animation: Animation,
     /// The environment's mean irradiance is brought to the source's, before its strength.
     pub match_strength: bool,
     /// Directions of the bake.
@@ -93,6 +104,7 @@ impl Default for Scene {
             objects: vec![Object::default()],
             environment: EnvironmentLight::default(),
             lights: Vec::new(),
+            animation: Animation::default(),
             match_strength: false,
             directions: DEFAULT_DIRECTIONS,
             transfer: TransferSettings::default(),
@@ -158,6 +170,7 @@ impl Scene {
             format!("more than {MOST_LIGHTS} lights")
         })?;
         rig::validate_all(&self.lights)?;
+        self.animation.validate()?;
         self.camera.map_or(Ok(()), |c| c.validate())?;
         self.validate_kept()
     }
@@ -216,6 +229,95 @@ impl Scene {
             light.add_to(&mut target, asset_up);
         }
         [source, target]
+    }
+
+    /// Adds a light of one's own, which the keys of the light then know as it is.
+    pub fn add_light(&mut self, light: Light) {
+        self.animation.add_light(&light);
+        self.lights.push(light);
+    }
+
+    /// Takes a light of one's own away, and out of the keys of the light.
+    pub fn remove_light(&mut self, at: usize) {
+        self.lights.remove(at);
+        self.animation.remove_light(at);
+    }
+
+    /// Other lights of one's own in the place of those there are, which no key knows.
+    pub fn set_lights(&mut self, lights: Vec<Light>) {
+        self.lights = lights;
+        for key in &mut self.animation.keys {
+            key.lights.clear();
+        }
+    }
+
+    /// The light as it is set, as a key at a time.
+    pub fn light_key(&self, time: f64) -> LightKey {
+        LightKey::of(&self.environment, &self.lights, time)
+    }
+
+    /// Sets the light as it is at a time of the animation, if there is one.
+    pub fn go_to(&mut self, time: f64) {
+        if let Some(key) = self.animation.at(time) {
+            key.apply(&mut self.environment, &mut self.lights);
+        }
+    }
+
+    /// The suns of the environment's picture as lights of one's own, as strong as they are in it, in the Z-up world; the brightest first.
+    pub fn suns(&self, maps: [&Illumination; 2]) -> Vec<Light> {
+        let whole = EnvironmentLight {
+            without_suns: false,
+            ..self.environment.clone()
+        };
+        let gain = self.match_gain(&self.objects[0], maps);
+        let light = whole.orient(maps[1], UpAxis::PlusZ).scaled(gain);
+        let suns = light.beams.into_iter().flat_map(|beams| beams.suns);
+        suns.map(|sun| {
+            Light::of(LightSource::Directional {
+                to_light: sun.direction.as_dvec3().normalize(),
+                irradiance: sun.energy,
+                angle_deg: SUN_DEG,
+            })
+        })
+        .collect()
+    }
+
+    /// All that lights the objects as one environment, Z up, as it is seen from a place of that world: what is near has that place's distance.
+    /// `around` is the environment's map and `maps` the lights of the source's and of that, as they are in their files.
+    pub fn panorama(
+        &self,
+        around: &EnvironmentMap,
+        maps: [&Illumination; 2],
+        place: DVec3,
+        columns: usize,
+    ) -> EnvironmentMap {
+        let [_, all] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
+        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
+        let gain = self.environment_gain(&self.objects[0], maps);
+        let settings = &self.environment;
+        let gain = settings.gain().map(|g| g * gain);
+        let around = around.reduced(columns);
+        let around = settings.backdrop(&around);
+        let map_from_world = settings.map_from_asset(UpAxis::PlusZ);
+        let map = EnvironmentMap::of_directions(columns, columns / 2, |d| {
+            let radiance = around.sample((map_from_world * d).as_vec3());
+            std::array::from_fn(|c| radiance[c] * gain[c])
+        });
+        // Those without a disc are beams among the light's own.
+        let shine = self.lights.iter().filter(|l| l.on && (l.solo || !is_solo));
+        let crisp = shine.filter(|l| l.is_beam()).map(Light::emitter);
+        let lights: Vec<_> = crisp.chain(all.emitters).collect();
+        map.with_lights(&lights, place.as_vec3())
+    }
+
+    /// What the environment is multiplied by beside its own strength and tint, from the light of the two maps: nothing of it shines where a light
+    /// is solo.
+    pub fn environment_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
+        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
+        if is_solo {
+            return 0.0;
+        }
+        self.match_gain(object, maps)
     }
 
     /// What brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as
@@ -342,7 +444,7 @@ mod tests {
         let mut scene = Scene::default();
         for i in 0..2 * MAX_SUNS {
             scene.lights.push(Light::of(LightSource::Directional {
-                to_light: glam::DVec3::Z,
+                to_light: DVec3::Z,
                 irradiance: [1.0 + i as f32; 3],
                 angle_deg: 0.0,
             }));

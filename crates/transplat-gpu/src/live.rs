@@ -17,7 +17,7 @@ use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::present::View;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::Part;
+use transplat_core::transfer::{Part, Relit};
 
 use cpu::CpuCanvas;
 pub use frame::{Frame, Passes, Placement};
@@ -220,6 +220,18 @@ impl Live {
             self.passes.transfer += 1;
         }
         Ok(())
+    }
+
+    /// Shows what was relit on the CPU by the adapter's own transfer, which stays.
+    pub fn take_relit(&mut self, object: usize, made: &Relit, part: Part) {
+        let Some(LiveObject { relit, .. }) = self.object_mut(object) else {
+            return;
+        };
+        if let Some(Shown::Live(transfer)) = &mut relit.value {
+            transfer.take(made, part);
+            relit.version += 1;
+            self.passes.transfer += 1;
+        }
     }
 
     /// Keeps what is shown relit of an object now, to compare others with it.

@@ -110,6 +110,14 @@ impl GpuTransfer {
         Ok(())
     }
 
+    /// Takes what was relit elsewhere, by the directional method; `part` is what it has.
+    pub fn take(&mut self, relit: &Relit, part: Part) {
+        if let By::Directional(transfer, _) = &self.by {
+            transfer.write(relit);
+            self.part = part;
+        }
+    }
+
     /// Waits until what was submitted is done.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use transplat_core::color::ToneMap;
 use transplat_core::environment::Layout;
 use transplat_core::present::{Background, View};
 use transplat_core::probe::DEFAULT_ROWS;
-use transplat_core::scene::Scene;
+use transplat_core::scene::{Light, Scene};
 use transplat_core::settings::{Method, Terms};
 use transplat_core::surfels::UpAxis;
 
@@ -82,6 +82,11 @@ pub enum Command {
         after_help = "Examples:\n  transplat probe yard.ply --at 0.1,0.6,0.2 -o light.exr\n  transplat probe scene.json --at vase -o light.exr\n\nThe light is an equirectangular map, as --source and --target take it. A scene that was trained on display-encoded pictures ends at white: what was brighter is clipped, and the command says how much of the light that is."
     )]
     Probe(ProbeArgs),
+    /// Write lights of one's own, and what is around them, as one environment.
+    #[command(
+        after_help = "Example:\n  transplat light rig.json -o rig.hdr\n\nThe environment is an equirectangular map, as --target and other programs take it. Distant lights are in it as they are; what is near has there the direction and the strength that it has at one place."
+    )]
+    Light(PanoramaArgs),
     /// Tell what a splat, environment, bake or look holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
@@ -186,12 +191,15 @@ pub struct CaptureArgs {
 pub struct LightArgs {
     #[command(flatten)]
     pub capture: CaptureArgs,
-    /// The light to relight by: an environment, "even", or the asset's own "estimate"; several, or a folder of them, give one output each
-    #[arg(long, value_name = "ENV|even|estimate")]
+    /// The light to relight by: an environment, "even", "sky" (sun and sky), or the asset's own "estimate"; several, or a folder of them, give one output each
+    #[arg(long, value_name = "ENV|even|sky|estimate")]
     pub target: Vec<PathBuf>,
     /// Lights of one's own beside the environment, and the one that the file names: point, spot, directional, rect and disc (README)
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
+    /// Another light of one's own, as a rig lists them: {"type": "point", "position": [0, 0, 2], "intensity": [5, 5, 5]}; several add up
+    #[arg(long, value_name = "JSON", value_parser = parse_light)]
+    pub light: Vec<Light>,
     /// How the pictures of these lights are laid out, as --source-layout
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub target_layout: Option<Layout>,
@@ -248,9 +256,12 @@ pub struct RenderArgs {
     /// Folder for the pictures, or the one picture's name; a name that ends in .mp4, .webm or .webp makes a film of them (with ffmpeg)
     #[arg(short, long, value_name = "DIR|FILE")]
     pub output: PathBuf,
-    /// Frames a second of a film
+    /// Frames a second of a film, or of --animation
     #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub frame_rate: u32,
+    /// Draw the light as it changes over time by the look's keys, a frame for each moment
+    #[arg(long, conflicts_with_all = ["turntable", "cameras", "layers", "batch"])]
+    pub animation: bool,
     /// Picture size; default: the camera file's, else 800x800
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[usize; 2]>,
@@ -430,6 +441,29 @@ pub struct ProbeArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct PanoramaArgs {
+    /// The lights: a rig, or a look, whose lights and environment are meant
+    #[arg(value_name = "RIG|LOOK")]
+    pub rig: PathBuf,
+    /// What is around them [default: what the rig or the look names]
+    #[arg(long, value_name = "ENV|even|sky")]
+    pub target: Option<PathBuf>,
+    /// Where they are seen from, in the world's coordinates, z up [default: the middle of a look's splats, or 0,0,0]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    pub at: Option<[f32; 3]>,
+    /// Columns of the map, twice its rows
+    #[arg(long, value_name = "N", default_value_t = 2048, value_parser = parse_columns)]
+    pub columns: usize,
+    #[command(flatten)]
+    pub options: AssetOptions,
+    /// The environment
+    #[arg(short, long, value_name = "LIGHT.hdr|exr")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    pub out: OutputArgs,
+}
+
+#[derive(Debug, Args)]
 pub struct ReportArgs {
     /// The splat to report on, with --source; default: the bundled scene, with its path-traced truth
     pub asset: Option<PathBuf>,
@@ -563,8 +597,8 @@ mod tests {
         assert_eq!(
             names,
             [
-                "relight", "render", "convert", "delight", "bake", "estimate", "probe", "info",
-                "report"
+                "relight", "render", "convert", "delight", "bake", "estimate", "probe", "light",
+                "info", "report"
             ]
         );
     }

@@ -11,6 +11,7 @@ pub mod convert;
 pub mod delight;
 pub mod estimate;
 pub mod info;
+pub mod light;
 pub mod probe;
 pub mod relight;
 pub mod render;

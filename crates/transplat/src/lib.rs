@@ -56,6 +56,7 @@ pub fn main() -> ExitCode {
         Some(Command::Bake(args)) => commands::bake::run(args),
         Some(Command::Estimate(args)) => commands::estimate::run(args),
         Some(Command::Probe(args)) => commands::probe::run(args),
+        Some(Command::Light(args)) => commands::light::run(args),
         Some(Command::Info(args)) => commands::info::run(args),
         Some(Command::Report(args)) => commands::report::run(args),
         None => commands::view::run(&cli.view),

@@ -74,7 +74,7 @@ pub fn lit_ground(
     up: UpAxis,
 ) -> [Vec<f32>; 2] {
     let lights = scene.lights_on(object, maps, up);
-    lights.map(|light| ground.lit_share(&light.radiance))
+    lights.map(|light| ground.lit_share(&light))
 }
 
 /// A look that another is compared with.

@@ -23,7 +23,9 @@ use transplat_core::estimate::Estimate;
 use transplat_core::files::{inspect_bake, load_environment_as};
 use transplat_core::ground::Ground;
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{EnvironmentLight, Object, Scene, is_estimate, is_even, is_file};
+use transplat_core::scene::{
+    EnvironmentLight, Object, Scene, is_estimate, is_even, is_file, is_sky,
+};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
@@ -40,6 +42,9 @@ use settings::{asset_of, assets_of, targets_of};
 use warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
 };
+
+/// Columns of the map of a sky that is shown.
+pub const SKY_COLUMNS: usize = 2048;
 
 /// The objects of a scene, loaded, and everything the command line says about them.
 pub struct Pipeline {
@@ -405,13 +410,21 @@ impl Pipeline {
         saved: Option<&Path>,
         summary: &mut Summary,
     ) -> Result<Illumination> {
+        if is_sky(path) {
+            let sky = self.scene.environment.sky().unwrap_or_default();
+            return summary.time("project", || Ok(sky.illumination(MAX_DEGREE)));
+        }
         let Some(map) = self.load_light(object, path, saved, summary)? else {
             summary.skip("projection of an environment", "even light");
             let estimate = object.known_estimate().filter(|_| is_estimate(path));
             let even = || Illumination::even(MAX_DEGREE);
             return Ok(estimate.map_or_else(even, Estimate::stand_in));
         };
-        let method = self.scene.transfer.method;
+        // Which suns there are, beams tell.
+        let method = match self.scene.environment.without_suns {
+            true => Method::Directional,
+            false => self.scene.transfer.method,
+        };
         summary.time("project", || self.device.light(&map, method))
     }
 
@@ -434,6 +447,10 @@ impl Pipeline {
     ) -> Result<Option<EnvironmentMap>> {
         if is_even(path) {
             return Ok(None);
+        }
+        if is_sky(path) {
+            let sky = self.scene.environment.sky().unwrap_or_default();
+            return Ok(Some(sky.map(SKY_COLUMNS)));
         }
         if is_estimate(path) {
             let estimate = object.estimate((&self.device, &self.scene), saved, summary)?;
@@ -556,7 +573,12 @@ impl Lights {
 
     /// The target as the scene sees it.
     pub fn on_scene(&self, pipeline: &Pipeline, target: &Target) -> Illumination {
-        let (scene, first) = (&pipeline.scene, pipeline.first());
+        self.in_scene(pipeline, &pipeline.scene, target)
+    }
+
+    /// The same where the scene's light is set otherwise.
+    pub fn in_scene(&self, pipeline: &Pipeline, scene: &Scene, target: &Target) -> Illumination {
+        let first = pipeline.first();
         let [_, target] = scene.lights_on(&first.settings, self.maps(target), pipeline.cloud.up);
         target
     }

@@ -5,6 +5,7 @@ mod dropping;
 mod estimate;
 mod gestures;
 mod keeping;
+mod lights;
 mod live;
 mod named;
 

@@ -2,6 +2,8 @@
 
 use eframe::egui::{Key, Modifiers, accesskit::Role};
 use egui_kittest::kittest::{NodeT, Queryable};
+use transplat_core::environment::{Sky, Sun};
+use transplat_core::scene::{LightKind, SKY};
 use transplat_tests::driver::Driver;
 use transplat_tests::small_lut;
 
@@ -72,6 +74,26 @@ fn every_control_has_a_name() {
     side.click();
     d.settle();
     check(&d, "captured under");
+    d.click("lights");
+    for kind in LightKind::ALL {
+        d.after(|v| v.session.add_light(kind));
+        check(&d, &format!("lights, {kind:?}"));
+    }
+    d.after(|v| v.session.set_light(1, SKY.into()));
+    let side = d.harness.get_by_role_and_label(Role::Button, "relit by");
+    side.click();
+    d.settle();
+    for sun in [Sky::default().sun, Sun::SOMEWHERE] {
+        let sky = Sky {
+            sun,
+            ..Sky::default()
+        };
+        d.after(|v| v.session.scene.environment.sky = Some(sky));
+        check(&d, "sun and sky");
+    }
+    d.harness.key_press(Key::J);
+    d.settle();
+    check(&d, "timeline");
 }
 
 /// Tab goes through all of a panel, and the space bar does what a click does.

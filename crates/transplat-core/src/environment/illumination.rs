@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use glam::{Affine3A, DMat3, Vec3};
 
 use super::beams::{Beam, Beams};
-use super::emitter::{Emitter, FEW};
+use super::emitter::{Emitter, FEW, Shape};
 use super::map::EnvironmentMap;
 use super::radiance::{IncidentRadiance, project_environment};
 use crate::error::{Error, Result};
@@ -89,12 +89,12 @@ impl Illumination {
         self.emitters.iter().map(|e| e.moved(to_other)).collect()
     }
 
-    /// The light of the map mirrored left to right, `f(x, -y, z)`; what stands in the world stays.
+    /// The light mirrored left to right, `f(x, -y, z)`.
     pub fn mirrored(&self) -> Self {
         Self {
             radiance: self.radiance.mirrored(),
             beams: self.beams.as_ref().map(Beams::mirrored),
-            emitters: self.emitters.clone(),
+            emitters: self.emitters_moved(Affine3A::from_scale(Vec3::new(1.0, -1.0, 1.0))),
             ..*self
         }
     }
@@ -133,6 +133,18 @@ impl Illumination {
         }
     }
 
+    /// The light without its compact sources, where it was read with them.
+    #[must_use]
+    pub fn without_suns(&self) -> Self {
+        let mut light = self.clone();
+        let suns = light.beams.as_mut().map(|b| std::mem::take(&mut b.suns));
+        for sun in suns.unwrap_or_default() {
+            let less = sun.energy.map(|e| -e);
+            light.radiance.add(sun.direction, less);
+        }
+        light
+    }
+
     /// The light as it arrives at a place, which may be taken for the light on all of an object where that is small: what is near becomes a beam
     /// for each of its samples.
     pub fn at_one_place(&self, place: Vec3) -> Cow<'_, Self> {
@@ -155,9 +167,14 @@ impl Illumination {
         Cow::Owned(all)
     }
 
-    /// [`IncidentRadiance::mean_irradiance`].
+    /// [`IncidentRadiance::mean_irradiance`], with what comes from infinitely far away beside it.
     pub fn mean_irradiance(&self) -> f32 {
-        self.radiance.mean_irradiance()
+        let far = self.emitters.iter().filter_map(|light| match light.shape {
+            // A surface turned all ways sees a quarter of what one does that faces it.
+            Shape::Distant { .. } => Some(light.emission.iter().sum::<f32>() / 12.0),
+            _ => None,
+        });
+        self.radiance.mean_irradiance() + far.sum::<f32>()
     }
 
     /// Whether the light is black.

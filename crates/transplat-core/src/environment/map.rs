@@ -8,9 +8,6 @@ use rayon::prelude::*;
 use super::layout::Layout;
 use crate::color::luminance;
 
-/// No light is brighter; sums of pixels stay finite.
-const MAX_RADIANCE: f32 = 1e15;
-
 /// An equirectangular map of linear RGB radiance, Z up; row 0 is the zenith, the image centre looks at +X, +Y is a quarter from the left.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMap {
@@ -24,6 +21,9 @@ pub struct EnvironmentMap {
 }
 
 impl EnvironmentMap {
+    /// No light is brighter; sums of pixels stay finite.
+    pub(super) const BRIGHTEST: f32 = 1e15;
+
     /// A map from its pixels, row by row. Values that are no numbers, negative or beyond any light are replaced by the nearest possible and counted.
     ///
     /// # Panics
@@ -33,11 +33,11 @@ impl EnvironmentMap {
         let repaired = pixels
             .par_iter_mut()
             .filter_map(|pixel| {
-                let bad = pixel.iter().any(|v| !(0.0..=MAX_RADIANCE).contains(v));
+                let bad = pixel.iter().any(|v| !(0.0..=Self::BRIGHTEST).contains(v));
                 if bad {
                     *pixel = pixel.map(|v| {
                         if v.is_finite() {
-                            v.clamp(0.0, MAX_RADIANCE)
+                            v.clamp(0.0, Self::BRIGHTEST)
                         } else {
                             0.0
                         }
@@ -304,9 +304,14 @@ pub(super) fn bilinear(texel: impl Fn(f32, f32) -> [f32; 3], [fu, fv]: [f32; 2])
 
 /// Direction of a pixel's centre in a panorama of that width and height.
 pub(super) fn direction(column: usize, row: usize, [width, height]: [usize; 2]) -> [f64; 3] {
-    let (sin_t, cos_t) = (PI * (row as f64 + 0.5) / height as f64).sin_cos();
-    let (sin_p, cos_p) = azimuth(column, width).sin_cos();
-    [sin_t * cos_p, sin_t * sin_p, cos_t]
+    direction_at([column as f64 + 0.5, row as f64 + 0.5], [width, height]).to_array()
+}
+
+/// Direction of a point of a map, in pixels from its upper left corner.
+pub(super) fn direction_at([x, y]: [f64; 2], [width, height]: [usize; 2]) -> DVec3 {
+    let (sin_t, cos_t) = (PI * y / height as f64).sin_cos();
+    let (sin_p, cos_p) = (PI * (1.0 - 2.0 * x / width as f64)).sin_cos();
+    DVec3::new(sin_t * cos_p, sin_t * sin_p, cos_t)
 }
 
 /// Azimuth `atan2(y, x)` of a column's centre: u = 1/2 - azimuth / 2 pi.

@@ -14,7 +14,8 @@ use crate::color::Display;
 use crate::error::{self, Error};
 use crate::present::{Background, View};
 use crate::scene::{
-    Bookmark, Cut, EnvironmentLight, Light, MOST_OBJECTS, Object, Rig, Scene, Variant, is_file,
+    Animation, Bookmark, Cut, EnvironmentLight, Light, MOST_OBJECTS, Object, Rig, Scene, Variant,
+    is_file,
 };
 use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
@@ -22,7 +23,7 @@ use crate::surfels::{Hide, UpAxis};
 /// The version of looks that this program writes; it reads all up to it.
 const LOOK_VERSION: u32 = 5;
 
-/// The version of those that have no lights beside the environment.
+/// The version of those that have neither lights beside the environment nor a sky nor keys of the light, and the suns of their pictures.
 const VERSION_WITHOUT_LIGHTS: u32 = 4;
 
 /// The version of those that keep neither a note nor views nor other looks, and have neither a table of colours nor a lens.
@@ -59,6 +60,8 @@ struct Look {
     target: EnvironmentLight,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     lights: Vec<Light>,
+    #[serde(skip_serializing_if = "Animation::is_empty")]
+    animation: Animation,
     match_strength: bool,
     transfer: TransferSettings,
     display: Display,
@@ -80,6 +83,13 @@ struct Look {
     bookmarks: Vec<Marked>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     variants: Vec<Kept>,
+}
+
+/// Whether a scene has what looks have from the newest version on.
+fn is_lit_anew(scene: &Scene) -> bool {
+    let environment = &scene.environment;
+    let has_sky = environment.sky().is_some() || environment.without_suns;
+    has_sky || !scene.lights.is_empty() || !scene.animation.is_empty()
 }
 
 /// A [`Bookmark`].
@@ -114,6 +124,7 @@ impl Look {
     }
 
     fn of(scene: Scene) -> Self {
+        let is_of_newest = is_lit_anew(&scene);
         let mut objects = scene.objects;
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
         let one = objects.pop_if(|_| is_one);
@@ -123,7 +134,6 @@ impl Look {
         let has_plate = scene.background == Background::Plate;
         let keeps = !scene.bookmarks.is_empty() || !scene.variants.is_empty();
         let has_lens = scene.camera.is_some_and(|c| c.aperture != 0.0);
-        let lights = !scene.lights.is_empty();
         let is_newest = keeps || has_lens || scene.lut.is_some() || !scene.note.is_empty();
         let mark = |Bookmark { name, camera }| Marked { name, camera };
         let keep = |Variant { name, look }| Kept {
@@ -131,7 +141,7 @@ impl Look {
             look: Self::of_none(look),
         };
         Self {
-            version: if lights || scene.variants.iter().any(|v| !v.look.lights.is_empty()) {
+            version: if is_of_newest || scene.variants.iter().any(|v| is_lit_anew(&v.look)) {
                 LOOK_VERSION
             } else if is_newest {
                 VERSION_WITHOUT_LIGHTS
@@ -151,6 +161,7 @@ impl Look {
             directions: scene.directions,
             target: scene.environment,
             lights: scene.lights,
+            animation: scene.animation,
             match_strength: scene.match_strength,
             transfer: scene.transfer,
             display: scene.display,
@@ -214,6 +225,7 @@ impl Look {
             objects,
             environment: self.target,
             lights: self.lights,
+            animation: self.animation,
             match_strength: self.match_strength,
             directions: self.directions,
             transfer: self.transfer,
@@ -241,7 +253,34 @@ impl Look {
 /// The file cannot be read or is no rig.
 pub fn load_rig(path: &Path) -> error::Result<Rig> {
     let text = read_all(path, 1 << 24)?;
-    serde_json::from_slice(&text).map_err(|e| Error::invalid(path, format!("not a rig: {e}")))
+    let rig: Rig = serde_json::from_slice(&text)
+        .map_err(|e| Error::invalid(path, format!("not a rig: {e}")))?;
+    rig.validate()
+        .map_err(|e| Error::invalid(path, e.to_string()))?;
+    Ok(rig)
+}
+
+/// Writes a rig of lights to a file of its own.
+///
+/// # Errors
+/// The file cannot be written; one that was there before is still there then.
+pub fn save_rig(path: &Path, rig: &Rig) -> error::Result<()> {
+    let text = serde_json::to_string_pretty(rig);
+    let text = text.map_err(|e| Error::invalid(path, e.to_string()))?;
+    write_atomically(path, |out| writeln!(out, "{text}"))
+}
+
+/// Whether a file in JSON that may be a look is a rig: it has lights or what is around them, and no version, which looks have.
+pub fn is_rig_file(path: &Path) -> bool {
+    let text = read_all(path, 1 << 24).ok();
+    let value = text.and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok());
+    let names = value.as_ref().and_then(|value| value.as_object());
+    names.is_some_and(|names| {
+        ["lights", "environment"]
+            .iter()
+            .any(|name| names.contains_key(*name))
+            && !names.contains_key("version")
+    })
 }
 
 /// Loads a saved look; its paths are resolved against its own folder.

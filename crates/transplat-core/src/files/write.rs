@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use image::ImageEncoder;
+use image::codecs::hdr::HdrEncoder;
+use image::{ExtendedColorType, ImageEncoder};
 
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
@@ -132,13 +133,13 @@ pub fn write_png(
     let (bytes, kind): (Vec<u8>, _) = match bits {
         PngBits::Eight => (
             values().map(|v| (v * 255.0 + 0.5) as u8).collect(),
-            image::ExtendedColorType::Rgba8,
+            ExtendedColorType::Rgba8,
         ),
         PngBits::Sixteen => (
             values()
                 .flat_map(|v| ((v * 65535.0 + 0.5) as u16).to_ne_bytes())
                 .collect(),
-            image::ExtendedColorType::Rgba16,
+            ExtendedColorType::Rgba16,
         ),
     };
     write_atomically(path, |out| {
@@ -168,11 +169,31 @@ pub enum ExrFloats {
     Half,
 }
 
-/// Writes an environment as OpenEXR.
+/// Whether an environment can be written by that name.
+pub fn is_environment_name(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    is_radiance(path) || extension.eq_ignore_ascii_case("exr")
+}
+
+fn is_radiance(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    extension.eq_ignore_ascii_case("hdr")
+}
+
+/// Writes an environment as OpenEXR, or as Radiance where its name ends with .hdr.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_environment(path: &Path, map: &EnvironmentMap) -> Result<()> {
+    if is_radiance(path) {
+        let size = [map.width() as u32, map.height() as u32];
+        let bytes = bytemuck::cast_slice(map.pixels());
+        return write_atomically(path, |out| {
+            HdrEncoder::new(out)
+                .write_image(bytes, size[0], size[1], ExtendedColorType::Rgb32F)
+                .map_err(std::io::Error::other)
+        });
+    }
     let opaque = |&[r, g, b]: &[f32; 3]| [r, g, b, 1.0];
     let raster = Raster {
         width: map.width(),

@@ -1,11 +1,12 @@
 //! Light from all around as it is set.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{Illumination, Layout};
+use crate::environment::{Beams, EnvironmentMap, Illumination, Layout, Sky};
 use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
@@ -18,15 +19,24 @@ pub const EVEN: &str = "even";
 /// The name that stands for the light that the asset itself tells of.
 pub const ESTIMATE: &str = "estimate";
 
+/// The name that stands for the light of sun and sky.
+pub const SKY: &str = "sky";
+
 /// Light from all around: which environment, how it is turned, how strong it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EnvironmentLight {
-    /// The environment's file, or `even`, or of the source `estimate`; none where the look leaves it open.
+    /// The environment's file, or `even`, of the source `estimate`, or of the target `sky`; none where the look leaves it open.
     pub file: Option<PathBuf>,
+    /// Sun and sky, where the file is `sky`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sky: Option<Sky>,
     /// How its picture lays out what is all around; none where its shape says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layout: Option<Layout>,
+    /// Without the suns in its picture, which may be among the lights instead.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub without_suns: bool,
     /// Turn about the up axis, in degrees, counter-clockwise seen from above.
     pub rotation: f64,
     /// Tilt about the world's X axis, before the turn, in degrees.
@@ -45,7 +55,9 @@ impl Default for EnvironmentLight {
     fn default() -> Self {
         Self {
             file: None,
+            sky: None,
             layout: None,
+            without_suns: false,
             rotation: 0.0,
             tilt: 0.0,
             mirror: false,
@@ -78,14 +90,27 @@ impl EnvironmentLight {
         self.file.as_deref().is_some_and(is_estimate)
     }
 
-    /// Takes another light. The estimate comes as the asset sees it: how a map was turned, and how strong it was, is nothing to it, nor
-    /// the other way round.
+    /// The light of sun and sky, if it is that.
+    pub fn sky(&self) -> Option<Sky> {
+        let is_it = self.file.as_deref().is_some_and(is_sky);
+        is_it.then(|| self.sky.unwrap_or_default())
+    }
+
+    /// Takes another light. The estimate comes as the asset sees it, even light and the sky are no pictures: how a map was turned, and how strong
+    /// it was, is nothing to them, nor the other way round.
     pub fn set_file(&mut self, file: PathBuf) {
-        if is_estimate(&file) != self.is_estimate() {
+        let kind = |file: &Path| [is_estimate(file), is_even(file), is_sky(file)];
+        if self
+            .file
+            .as_deref()
+            .map_or(is_estimate(&file), |last| kind(last) != kind(&file))
+        {
             *self = Self::default();
         }
         if self.file.as_deref() != Some(&file) {
             self.layout = None;
+            self.sky = None;
+            self.without_suns = false;
         }
         self.file = Some(file);
     }
@@ -152,14 +177,25 @@ impl EnvironmentLight {
         self.tint.map(|t| t * self.strength.exp2())
     }
 
+    /// Its map as it is seen behind the objects.
+    pub fn backdrop<'a>(&self, map: &'a EnvironmentMap) -> Cow<'a, EnvironmentMap> {
+        if !self.without_suns {
+            return Cow::Borrowed(map);
+        }
+        let beams = Beams::of(map);
+        Cow::Owned(map.clone().without_suns(&beams.suns))
+    }
+
     /// A map's light as the asset sees it: mirrored, turned, tinted, with its strength.
     pub fn orient(&self, light: &Illumination, asset_up: UpAxis) -> Illumination {
         let turn = asset_up.asset_from_world() * self.world_from_map();
-        let light = if self.mirror {
-            light.mirrored()
-        } else {
-            light.clone()
+        let mut light = match self.without_suns {
+            true => Cow::Owned(light.without_suns()),
+            false => Cow::Borrowed(light),
         };
+        if self.mirror {
+            light = Cow::Owned(light.mirrored());
+        }
         light.rotated(turn).told(self.gain())
     }
 
@@ -168,6 +204,17 @@ impl EnvironmentLight {
         ensure(STOPS.contains(&strength), || {
             format!("strength of the {name} {strength} is out of range -60 to 60 stops")
         })?;
+        if let Some(sky) = self.sky() {
+            // What a capture was made under is told by a map of it.
+            ensure(name != SOURCE, || {
+                "the light of sun and sky is one to relight by; of a capture, write it to a file first".into()
+            })?;
+            sky.validate()?;
+        } else {
+            ensure(self.sky.is_none(), || {
+                format!("a sky of the {name} is told where its file is \"{SKY}\"")
+            })?;
+        }
         ensure(self.rotation.is_finite() && self.tilt.is_finite(), || {
             format!("the turn of the {name} light is not a number")
         })?;
@@ -178,12 +225,20 @@ impl EnvironmentLight {
     }
 }
 
+/// What the light of a capture is called where it is wrong.
+pub(super) const SOURCE: &str = "source";
+
 /// The most that a channel of a light is multiplied by, beside its strength.
 pub(super) const MOST_TINT: f32 = 1e3;
 
 /// Whether a light's name stands for uniform white light.
 pub fn is_even(path: &Path) -> bool {
     path.as_os_str() == EVEN
+}
+
+/// Whether a light's name stands for sun and sky.
+pub fn is_sky(path: &Path) -> bool {
+    path.as_os_str() == SKY
 }
 
 /// Whether a light's name stands for the light that the asset tells of.
@@ -193,13 +248,12 @@ pub fn is_estimate(path: &Path) -> bool {
 
 /// Whether a light's name is that of a file.
 pub fn is_file(path: &Path) -> bool {
-    !is_even(path) && !is_estimate(path)
+    !is_even(path) && !is_estimate(path) && !is_sky(path)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::environment::EnvironmentMap;
     use crate::sh::{evaluate_sh, lattice};
 
     #[test]

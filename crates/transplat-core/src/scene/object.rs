@@ -6,7 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::cut::{Cut, FARTHEST, MOST_CUTS};
-use super::light::EnvironmentLight;
+use super::light::{EnvironmentLight, SOURCE};
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
@@ -109,7 +109,7 @@ impl Object {
         }
         self.transform.validate()?;
         self.hide.validate()?;
-        self.source.validate("source")
+        self.source.validate(SOURCE)
     }
 }
 

@@ -1,70 +1,158 @@
 //! Rigs: lights of one's own with what is around them, as a file.
 
 mod light;
+mod placing;
+mod presets;
 mod written;
 
 use std::path::PathBuf;
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use serde::de::{Error as _, IgnoredAny};
+use serde::{Deserialize, Serialize};
 
-use super::light::{EVEN, EnvironmentLight};
+use super::light::{EVEN, EnvironmentLight, SKY};
+use crate::environment::{MOST_LIGHTS, Sky};
 use crate::error::{Result, ensure};
 pub(super) use light::validate_all;
-pub use light::{KELVIN, Light, LightSource};
+pub use light::{FixedTo, KELVIN, Light, LightSource};
+pub use placing::{LightKind, Placed, SUN_DEG};
+pub use presets::{KEY, Lit, RigPreset};
 
 /// Lights, and what is around them, as a file of their own.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rig {
     /// The lights.
+    #[serde(default)]
     pub lights: Vec<Light>,
     /// What shines from all around; where it is not named, whatever does already.
-    #[serde(default, deserialize_with = "named")]
+    #[serde(
+        default,
+        deserialize_with = "named",
+        serialize_with = "written",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub environment: Option<Around>,
     // What it is called, for what it was made and how it was exposed: nothing here follows that.
-    #[serde(default, rename = "name")]
+    #[serde(default, rename = "name", skip_serializing)]
     _name: IgnoredAny,
-    #[serde(default, rename = "object")]
+    #[serde(default, rename = "object", skip_serializing)]
     _object: IgnoredAny,
-    #[serde(default, rename = "exposure")]
+    #[serde(default, rename = "exposure", skip_serializing)]
     _exposure: IgnoredAny,
 }
 
+impl Rig {
+    /// Checks its lights.
+    ///
+    /// # Errors
+    /// Says which of them is wrong.
+    pub fn validate(&self) -> Result<()> {
+        ensure(self.lights.len() <= MOST_LIGHTS, || {
+            format!("more than {MOST_LIGHTS} lights")
+        })?;
+        validate_all(&self.lights)
+    }
+
+    /// Of lights, and what is around them.
+    pub fn of(lights: Vec<Light>, environment: Option<Around>) -> Self {
+        Self {
+            lights,
+            environment,
+            ..Self::default()
+        }
+    }
+}
+
 /// What shines from all around the lights of a [`Rig`].
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(rename_all = "lowercase", deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Around {
     /// Nothing; `null` in the file.
-    #[serde(skip)]
     Nothing,
     /// The same radiance from everywhere, linear RGB.
-    #[serde(untagged)]
     Uniform {
         /// That radiance.
         uniform: [f32; 3],
     },
+    /// Sun and sky.
+    Sky {
+        /// Which.
+        sky: Sky,
+    },
     /// An environment's picture, its radiance multiplied.
-    #[serde(untagged)]
     File {
         /// Where it is, as seen from the rig's folder.
         file: PathBuf,
         /// By what.
-        #[serde(default = "one")]
         scale: f32,
     },
 }
 
-fn one() -> f32 {
-    1.0
+/// It as files have it: one of its parts.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct AroundWritten {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uniform: Option<[f32; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sky: Option<Sky>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale: Option<f32>,
+}
+
+impl AroundWritten {
+    fn of(around: &Around) -> Option<Self> {
+        let none = Self::default();
+        Some(match around.clone() {
+            Around::Nothing => return None,
+            Around::Uniform { uniform } => Self {
+                uniform: Some(uniform),
+                ..none
+            },
+            Around::Sky { sky } => Self {
+                sky: Some(sky),
+                ..none
+            },
+            Around::File { file, scale } => Self {
+                file: Some(file),
+                scale: Some(scale),
+                ..none
+            },
+        })
+    }
+
+    fn around(self) -> std::result::Result<Around, &'static str> {
+        match (self.uniform, self.sky, self.file, self.scale) {
+            (Some(uniform), None, None, None) => Ok(Around::Uniform { uniform }),
+            (None, Some(sky), None, None) => Ok(Around::Sky { sky }),
+            (None, None, Some(file), scale) => Ok(Around::File {
+                file,
+                scale: scale.unwrap_or(1.0),
+            }),
+            _ => Err(
+                "the environment of a rig is null, or has one of \"uniform\", \"sky\" and \"file\" (with its \"scale\")",
+            ),
+        }
+    }
 }
 
 /// What is named, if only to be nothing.
 fn named<'de, D: serde::Deserializer<'de>>(
     from: D,
 ) -> std::result::Result<Option<Around>, D::Error> {
-    let around = Option::<Around>::deserialize(from)?;
-    Ok(Some(around.unwrap_or(Around::Nothing)))
+    let written = Option::<AroundWritten>::deserialize(from)?;
+    let around = written.map_or(Ok(Around::Nothing), AroundWritten::around);
+    around.map(Some).map_err(D::Error::custom)
+}
+
+/// Nothing is `null` there.
+fn written<S: serde::Serializer>(
+    around: &Option<Around>,
+    to: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    around.as_ref().and_then(AroundWritten::of).serialize(to)
 }
 
 impl Around {
@@ -81,6 +169,14 @@ impl Around {
         match self {
             Self::Nothing => Ok(even([0.0; 3])),
             Self::Uniform { uniform } => Ok(even(*uniform)),
+            Self::Sky { sky } => {
+                sky.validate()?;
+                Ok(EnvironmentLight {
+                    rotation: before.rotation,
+                    sky: Some(*sky),
+                    ..EnvironmentLight::of(SKY)
+                })
+            }
             Self::File { file, scale } => {
                 ensure(*scale > 0.0 && scale.is_finite(), || {
                     format!("the environment's scale {scale} is not above 0")
@@ -139,5 +235,27 @@ mod tests {
             .expect("nothing");
         assert_eq!(dark.gain(), [0.0; 3]);
         assert!(rig(r#", "enviroment": null"#).is_err());
+        for (around, what) in [
+            (r#"{"uniform": [1, 1]}"#, "length 2"),
+            (r#"{"uniform": [1, 1, 1], "file": "a.hdr"}"#, "one of"),
+            (
+                r#"{"sky": {"sun": {"latitude": 50, "longitude": 9, "date": "2026-02-31", "hour": 3}}}"#,
+                "2026-02-31",
+            ),
+            (r#"{"sky": {"sun": {"azimuth": 50}}}"#, "elevation"),
+        ] {
+            let why = rig(&format!(r#", "environment": {around}"#));
+            let why = why.expect_err(around).to_string();
+            assert!(why.contains(what), "{why}");
+        }
+        // And comes back as it was written.
+        let sky = Around::Sky {
+            sky: Sky::default(),
+        };
+        for around in [None, Some(Around::Nothing), Some(file), Some(sky)] {
+            let rig = Rig::of(Vec::new(), around);
+            let text = serde_json::to_string(&rig).expect("plain data");
+            assert_eq!(serde_json::from_str::<Rig>(&text).expect(&text), rig);
+        }
     }
 }

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::camera::APERTURE;
 use transplat_core::present::Background;
+use transplat_core::scene::Light;
 use transplat_core::settings::{EPSILON, GLOW_RANGE};
 use transplat_core::surfels::UpAxis;
 
@@ -55,6 +56,20 @@ pub(super) fn parse_rows(text: &str) -> Result<usize, String> {
         text,
         |n: &usize| (8..=2048).contains(n),
         "a number from 8 to 2048",
+    )
+}
+
+pub(super) fn parse_light(text: &str) -> Result<Light, String> {
+    serde_json::from_str(text).map_err(|why| {
+        format!("not a light as a rig lists them ({why}); a file of lights is for --rig")
+    })
+}
+
+pub(super) fn parse_columns(text: &str) -> Result<usize, String> {
+    parsed(
+        text,
+        |n: &usize| (64..=8192).contains(n) && n.is_multiple_of(2),
+        "an even number from 64 to 8192",
     )
 }
 

@@ -2,6 +2,7 @@
 
 mod frames;
 
+use std::cell::RefCell;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,19 +18,21 @@ use transplat_core::files::{
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{EVEN, Scene};
+use transplat_core::scene::{EVEN, MOST_FRAMES, Scene, is_sky};
 use transplat_core::settings::skips::{Skip, Skipped};
-use transplat_core::transfer::Part;
+use transplat_core::sh::MAX_DEGREE;
+use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::device::Transfer;
 use crate::film::{Film, FilmFormat};
 use crate::layers::Layers;
 use crate::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::settings::{
     assets_of, check_objects, look_of, put, targets_of, with_scene_as_look,
 };
-use crate::pipeline::{Lights, Pipeline, Target};
+use crate::pipeline::{Lights, Pipeline, SKY_COLUMNS, Target};
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
 
@@ -89,6 +92,20 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         summary.warn(
             "nothing tells what the objects were captured under (\"source\" in the scene): they are drawn as captured, and throw no light or shadow on each other",
         );
+    }
+    if args.animation && scene.animation.keys.len() < 2 {
+        return usage(
+            "--animation needs a look with two keys of the light or more: set them on the timeline of the window, or write \"animation\" into it",
+        );
+    }
+    let frames_of_light = scene.animation.frames(args.frame_rate);
+    if args.animation && frames_of_light > MOST_FRAMES {
+        bail!(
+            "the animation has {frames_of_light} frames; {MOST_FRAMES} are possible: lower --frame-rate"
+        );
+    }
+    if args.animation && !view.needs_relit() {
+        return usage("--animation is of what is relit, and this view is not");
     }
     let pipeline = Pipeline::load(&args.asset, scene, summary)?;
     let frames = frames(args, &pipeline, summary)?;
@@ -169,6 +186,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         output: &output,
         studio,
         plate: None,
+        seen_behind: RefCell::default(),
         pipeline: &pipeline,
     };
     let written = match (&lights, &bake) {
@@ -344,6 +362,8 @@ struct Shots<'a> {
     studio: Studio,
     /// The photograph that is behind it now.
     plate: Option<PathBuf>,
+    /// The map that the last frame of an animation had behind it.
+    seen_behind: RefCell<Option<(PathBuf, Arc<EnvironmentMap>)>>,
     pipeline: &'a Pipeline,
 }
 
@@ -367,6 +387,12 @@ impl Shots<'_> {
                 &[]
             };
             summary.skipped(Skipped::of_unseen(unseen));
+            if self.args.animation {
+                let unseen = unseen.to_vec();
+                let by = (&prepared, &mut transfer, bake);
+                written += self.animate(by, (lights, target), &unseen, summary)?;
+                continue;
+            }
             let wanted = (&light, self.studio.view.part(), unseen);
             let relit =
                 pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
@@ -381,13 +407,56 @@ impl Shots<'_> {
             };
             let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
             let maps = lights.maps(target);
-            self.surround(&mut lit, &target.path, Some(maps), summary)?;
+            self.surround(&mut lit, &pipeline.scene, &target.path, Some(maps), summary)?;
             written += match &layers {
                 Some(layers) => self.take_layers((target, layers), &lit, summary)?,
                 None => self.take(Some(&target.name), &lit, summary)?,
             };
         }
         Ok(written)
+    }
+
+    /// Frame by frame under the light of its time.
+    fn animate(
+        &mut self,
+        (prepared, transfer, bake): (&PreparedTransfer, &mut Transfer, &Bake),
+        (lights, target): (&Lights, &Target),
+        unseen: &[bool],
+        summary: &mut Summary,
+    ) -> Result<usize> {
+        let pipeline = self.pipeline;
+        let mut sink = Sink::default();
+        let bar = summary.progress_bar("drawing");
+        let name = Some(&*target.name);
+        if !self.output.is_file {
+            make_folder(&self.output.folder(name))?;
+        }
+        for (done, frame) in self.frames.iter().enumerate() {
+            bar.set_position((1000 * done / self.frames.len()) as u64);
+            if !self.wants(name, frame) {
+                continue;
+            }
+            let mut scene = pipeline.scene.clone();
+            scene.go_to(frame.number as f64 / f64::from(self.args.frame_rate));
+            // A sky is another light for each place of its sun.
+            let sky = scene.environment.sky().filter(|_| is_sky(&target.path));
+            let of_sky = sky.map(|sky| Target {
+                name: target.name.clone(),
+                path: target.path.clone(),
+                light: sky.illumination(MAX_DEGREE),
+            });
+            let target = of_sky.as_ref().unwrap_or(target);
+            let light = lights.in_scene(pipeline, &scene, target);
+            let part = self.studio.view.part();
+            let change = || transfer.change_light(&light, part, unseen);
+            summary.time("transfer", change)?;
+            let relit = transfer.result()?;
+            let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, prepared);
+            let maps = lights.maps(target);
+            self.surround(&mut lit, &scene, &target.path, Some(maps), summary)?;
+            self.take_frame((name, frame), &lit, &mut sink, summary)?;
+        }
+        sink.finish(summary)
     }
 
     /// The same picture for each target, but for its background and ground.
@@ -404,7 +473,7 @@ impl Shots<'_> {
         for (i, (name, path)) in targets.iter().enumerate() {
             let mut lit = Lit::default();
             let maps = lights.map(|l| l.maps(&l.targets[i]));
-            self.surround(&mut lit, path, maps, summary)?;
+            self.surround(&mut lit, &self.pipeline.scene, path, maps, summary)?;
             written += self.take(Some(name), &lit, summary)?;
         }
         Ok(written)
@@ -415,11 +484,11 @@ impl Shots<'_> {
     fn surround(
         &self,
         lit: &mut Lit,
+        scene: &Scene,
         target: &Path,
         maps: Option<[&Illumination; 2]>,
         summary: &mut Summary,
     ) -> Result<()> {
-        let scene = &self.pipeline.scene;
         let up = self.pipeline.cloud.up;
         if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
             lit.ground = lit_ground(ground, scene, &self.pipeline.first().settings, maps, up);
@@ -430,7 +499,7 @@ impl Shots<'_> {
         }
         let view = self.studio.view;
         let matched = maps.map_or(1.0, |[source, target]| {
-            scene.match_gain(&self.pipeline.first().settings, [source, target])
+            scene.environment_gain(&self.pipeline.first().settings, [source, target])
         });
         let first = self.pipeline.first();
         let sides = [
@@ -446,10 +515,23 @@ impl Shots<'_> {
             let Some(path) = path.filter(|_| shown) else {
                 continue;
             };
-            let saved = self.args.light.capture.bake.as_deref();
-            let map = self.pipeline.load_light(first, path, saved, summary)?;
-            let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
-            let map = Arc::new(map.blurred(scene.background_blur));
+            let known = self.seen_behind.borrow().clone();
+            let known = known.filter(|(of, _)| of == path && !is_sky(path));
+            let map = match known {
+                Some((_, map)) => map,
+                None => {
+                    let saved = self.args.light.capture.bake.as_deref();
+                    let map = match settings.sky() {
+                        Some(sky) => Some(sky.map(SKY_COLUMNS)),
+                        None => self.pipeline.load_light(first, path, saved, summary)?,
+                    };
+                    let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
+                    Arc::new(settings.backdrop(&map).blurred(scene.background_blur))
+                }
+            };
+            if self.args.animation {
+                *self.seen_behind.borrow_mut() = Some((path.to_owned(), map.clone()));
+            }
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
         }
         Ok(())
@@ -468,7 +550,7 @@ impl Shots<'_> {
         }
         let pipeline = self.pipeline;
         let mut look = pipeline.scene.clone();
-        look.environment.file = Some(target.path.clone());
+        look.environment.set_file(target.path.clone());
         look.objects[0].asset = Some(pipeline.first().file.path.clone());
         let middle = pipeline.cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
@@ -508,44 +590,66 @@ impl Shots<'_> {
             make_folder(&self.output.folder(target))?;
         }
         let bar = summary.progress_bar("drawing");
-        let mut written = 0;
-        let mut film = None;
+        let mut sink = Sink::default();
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             if !self.wants(target, frame) {
                 continue;
             }
-            self.set_plate(frame)?;
-            let path = self.output.picture(target, frame.number);
-            let factor = usize::from(self.args.supersample);
-            let raster = summary.time("rasterize", || {
-                self.studio.take(&frame.camera, factor, lit, &no_progress)
-            })?;
-            if self.output.is_film {
-                let size = [raster.width, raster.height];
-                let film = match &mut film {
-                    Some(film) => film,
-                    none => none.insert(Film::new(&path, size, self.args.frame_rate)?),
-                };
-                summary.time("export", || film.add(&raster))?;
-                written += 1;
-                continue;
-            }
-            summary.time("export", || match self.output.format {
-                PictureFormat::Png => write_png(
-                    &path,
-                    raster.width,
-                    raster.height,
-                    &present::straight(&raster),
-                    PngBits::Eight,
-                ),
-                PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
-            })?;
-            written += 1;
+            self.take_frame((target, frame), lit, &mut sink, summary)?;
         }
-        if let Some(film) = film {
+        sink.finish(summary)
+    }
+
+    /// Draws a frame, into a file of its own or the film.
+    fn take_frame(
+        &mut self,
+        (target, frame): (Option<&str>, &Frame),
+        lit: &Lit,
+        sink: &mut Sink,
+        summary: &mut Summary,
+    ) -> Result<()> {
+        self.set_plate(frame)?;
+        let path = self.output.picture(target, frame.number);
+        let factor = usize::from(self.args.supersample);
+        let raster = summary.time("rasterize", || {
+            self.studio.take(&frame.camera, factor, lit, &no_progress)
+        })?;
+        sink.written += 1;
+        if self.output.is_film {
+            let size = [raster.width, raster.height];
+            let film = match &mut sink.film {
+                Some(film) => film,
+                none => none.insert(Film::new(&path, size, self.args.frame_rate)?),
+            };
+            return summary.time("export", || film.add(&raster));
+        }
+        summary.time("export", || match self.output.format {
+            PictureFormat::Png => write_png(
+                &path,
+                raster.width,
+                raster.height,
+                &present::straight(&raster),
+                PngBits::Eight,
+            ),
+            PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
+        })?;
+        Ok(())
+    }
+}
+
+/// What of a set of pictures was written, and the film that they go into.
+#[derive(Default)]
+struct Sink {
+    written: usize,
+    film: Option<Film>,
+}
+
+impl Sink {
+    fn finish(self, summary: &mut Summary) -> Result<usize> {
+        if let Some(film) = self.film {
             summary.time("export", || film.finish())?;
         }
-        Ok(written)
+        Ok(self.written)
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
 use transplat_core::files::{FileKind, file_kind, load_look, load_rig};
-use transplat_core::scene::Scene;
+use transplat_core::scene::{EVEN, EnvironmentLight, Scene};
 use transplat_core::settings::skips::Skips;
 
 use super::object::name_of;
@@ -119,8 +119,18 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     if let Some(rig) = &light.rig {
         take_rig(&mut scene, rig, light.target.is_empty())?;
     }
-    if let [target] = &light.target[..] {
+    scene.lights.extend(light.light.iter().cloned());
+    // What the look says of its own light's picture is nothing to others.
+    if let Some(target) = light.target.first() {
         scene.environment.set_file(target.clone());
+    }
+    let has_rig = light.rig.is_some() || !light.light.is_empty();
+    if has_rig && scene.environment.file.is_none() {
+        // Lights are enough.
+        scene.environment = EnvironmentLight {
+            tint: [0.0; 3],
+            ..EnvironmentLight::of(EVEN)
+        };
     }
     put(
         &mut scene.objects[0].source.rotation,
@@ -142,22 +152,27 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
 }
 
 /// Takes the lights of a rig and, where no target is named, what it has around them: that lies beside it, or beside the light of the capture.
-fn take_rig(scene: &mut Scene, path: &Path, with_environment: bool) -> Result<()> {
+pub fn take_rig(scene: &mut Scene, path: &Path, with_environment: bool) -> Result<()> {
     let rig = load_rig(path)?;
-    scene.lights = rig.lights;
+    scene.set_lights(rig.lights);
     let Some(around) = rig.environment.filter(|_| with_environment) else {
         return Ok(());
     };
-    let beside = [Some(path), scene.objects[0].source.file.as_deref()];
-    let find = |file: &PathBuf| {
-        let folders = beside.iter().flatten().filter_map(|beside| beside.parent());
-        let mut places = folders.map(|folder| folder.join(file));
-        let found = places.find(|place| place.is_file());
-        found.unwrap_or_else(|| path.with_file_name(file))
-    };
-    let environment = around.over(&scene.environment, find);
+    let places = [Some(path), scene.objects[0].source.file.as_deref()];
+    let environment = around.over(&scene.environment, |file| beside(file, places));
     scene.environment = environment.with_context(|| path.display().to_string())?;
+    // It is as bright as the rig has it.
+    scene.match_strength = false;
     Ok(())
+}
+
+/// Where a file is that is named without its folder: beside one of some others, the first of them unless it is beside another.
+pub fn beside(file: &Path, others: [Option<&Path>; 2]) -> PathBuf {
+    let folders = || others.iter().flatten().filter_map(|other| other.parent());
+    let mut places = folders().map(|folder| folder.join(file));
+    let found = places.find(|place| place.is_file());
+    let first = || folders().next().map(|folder| folder.join(file));
+    found.or_else(first).unwrap_or_else(|| file.to_owned())
 }
 
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.

@@ -102,6 +102,7 @@ impl Viewer {
             Action::LastLook => session.next_look(false),
             Action::Grid => session.overlays.grid = !session.overlays.grid,
             Action::Probes => self.preferences.probes = !self.preferences.probes,
+            Action::Timeline => self.timeline.is_shown = !self.timeline.is_shown,
             Action::Marks => session.overlays.marks = !session.overlays.marks,
             Action::Background => {
                 session.scene.background = match session.scene.background {
@@ -127,20 +128,26 @@ impl Viewer {
     }
 
     pub(super) fn undo(&mut self) {
-        if let Some(scene) = self.history.undo(&self.session.scene).cloned() {
+        let now = self.session.scene_as_step();
+        if let Some(scene) = self.history.undo(&now).cloned() {
             self.come_back_to(scene);
         }
     }
 
     pub(super) fn redo(&mut self) {
-        if let Some(scene) = self.history.redo(&self.session.scene).cloned() {
+        let now = self.session.scene_as_step();
+        if let Some(scene) = self.history.redo(&now).cloned() {
             self.come_back_to(scene);
         }
     }
 
     /// Settings of another time, seen from where the camera is now.
     pub(super) fn come_back_to(&mut self, scene: Scene) {
+        let then = scene.camera;
         let camera = Some(self.session.pose);
         self.session.apply(Scene { camera, ..scene });
+        if let Some(then) = then {
+            self.session.bring_lights_along(&then);
+        }
     }
 }

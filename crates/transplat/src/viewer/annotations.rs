@@ -73,7 +73,8 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
     }
 }
 
-fn tag(painter: &Painter, at: Pos2, anchor: Align2, text: &str) {
+/// A text on a plate.
+pub fn tag(painter: &Painter, at: Pos2, anchor: Align2, text: &str) {
     let font = egui::FontId::proportional(13.0);
     let galley = painter.layout_no_wrap(text.to_owned(), font, Color32::WHITE);
     let rect = anchor.anchor_size(at, galley.size());

@@ -24,6 +24,8 @@ use super::probes::Probe;
 use super::session::{Dialog, Event, SOURCE, SaveKind, Session, TARGET};
 use super::shelf::Shelf;
 use super::style;
+use super::tabs::LightPage;
+use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
 use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
@@ -62,8 +64,8 @@ pub struct Shown {
     pub help: bool,
     pub about: bool,
     pub panels: bool,
-    /// Which side's light the panel is about.
-    pub light: usize,
+    /// What the panel Light is about.
+    pub light: LightPage,
     pub path_field: Option<PathField>,
 }
 
@@ -87,6 +89,8 @@ pub struct Viewer {
     pub(super) history: History,
     pub(super) probes: [Option<Probe>; 2],
     pub(super) maps: [LightMap; 2],
+    pub(super) rig_map: LightMap,
+    pub(super) timeline: Timeline,
     /// How the lights were turned when one of the probes' balls was taken: rotation and tilt.
     pub(super) grabbed_balls: [Grab<(f64, f64)>; 4],
     pub(super) shown: Shown,
@@ -163,10 +167,12 @@ impl Viewer {
             history: History::default(),
             probes: [None, None],
             maps: Default::default(),
+            rig_map: LightMap::default(),
+            timeline: Timeline::default(),
             grabbed_balls: Default::default(),
             shown: Shown {
                 panels: true,
-                light: TARGET,
+                light: LightPage::RelitBy,
                 ..Shown::default()
             },
             unproven: Vec::new(),
@@ -431,7 +437,8 @@ impl Viewer {
         }
         // A picture's name may say another format.
         let (wanted, may_differ) = match kind {
-            SaveKind::Look => ("json", false),
+            SaveKind::Look | SaveKind::Rig => ("json", false),
+            SaveKind::Environment => ("exr", transplat_core::files::is_environment_name(path)),
             SaveKind::Splat | SaveKind::Delit => {
                 (self.splat_ending(), SplatFormat::of_name(path).is_some())
             }
@@ -457,6 +464,8 @@ impl Viewer {
         } else {
             match kind {
                 SaveKind::Look => self.save_look(&path),
+                SaveKind::Rig => self.session.save_rig(&path),
+                SaveKind::Environment => self.session.save_environment(path),
                 SaveKind::Splat => self.export(Task::Splat(path)),
                 SaveKind::Delit => self.export(Task::Delit(path)),
                 _ => self.export(Task::Screenshot(Some(path))),
@@ -527,9 +536,14 @@ impl Viewer {
             Event::Light(path) => self.shelf.add(&mut self.session, &path),
             Event::NoDialog(dialog) => {
                 let folder = match dialog {
-                    Dialog::Save(SaveKind::Look | SaveKind::Splat | SaveKind::Delit, _) => {
-                        self.session.asset().and_then(|a| a.path.parent())
-                    }
+                    Dialog::Save(
+                        SaveKind::Look
+                        | SaveKind::Rig
+                        | SaveKind::Environment
+                        | SaveKind::Splat
+                        | SaveKind::Delit,
+                        _,
+                    ) => self.session.asset().and_then(|a| a.path.parent()),
                     _ => None,
                 };
                 let folder = folder.map_or_else(

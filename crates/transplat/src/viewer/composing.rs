@@ -272,6 +272,11 @@ impl Session {
 
     pub(super) fn remove(&mut self, at: usize) {
         self.scene.objects.remove(at);
+        let kept = self.scene.variants.iter_mut();
+        let kept = kept.flat_map(|kept| &mut kept.look.lights);
+        for light in self.scene.lights.iter_mut().chain(kept) {
+            light.fixed_to = light.fixed_to.without_object(at);
+        }
         let others = (0..self.states.len()).filter(|other| *other != at);
         self.arrange(&others.map(Some).collect::<Vec<_>>());
         if self.selected > at {

@@ -8,16 +8,19 @@ use std::sync::{Arc, LazyLock};
 use anyhow::Result;
 use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, Layout};
+use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, Layout, Sky};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment_as;
-use transplat_core::scene::{ESTIMATE, EVEN, EnvironmentLight, is_estimate, is_even, is_file};
+use transplat_core::scene::{
+    ESTIMATE, EVEN, EnvironmentLight, SKY, is_estimate, is_even, is_file, is_sky,
+};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
 use super::adapter::BackgroundDevice;
 use super::language::tr;
 use crate::device::Device;
+use crate::pipeline::SKY_COLUMNS;
 use crate::pipeline::warnings::map_warnings;
 
 /// Environments that are read at the same time.
@@ -33,6 +36,8 @@ pub struct Environments {
     waiting: Vec<PathBuf>,
     /// Whole maps of the last that were seen behind the objects.
     maps: Vec<(u64, Arc<EnvironmentMap>)>,
+    /// The last sky.
+    sky: Option<Arc<Environment>>,
 }
 
 impl Default for Environments {
@@ -44,6 +49,7 @@ impl Default for Environments {
             reading: Vec::new(),
             waiting: Vec::new(),
             maps: Vec::new(),
+            sky: None,
         }
     }
 }
@@ -52,6 +58,18 @@ impl Environments {
     /// One that was read.
     pub fn get(&self, path: &Path) -> Option<&Arc<Environment>> {
         self.read.get(path)
+    }
+
+    /// Makes sun and sky on the spot, unless it is there.
+    pub(super) fn make_sky(&mut self, sky: Sky) {
+        let kept = self.sky.take().filter(|kept| kept.sky == Some(sky));
+        let make = || Arc::new(Environment::of_sky(sky));
+        self.sky = Some(kept.unwrap_or_else(make));
+    }
+
+    /// Sun and sky as they were made last.
+    pub(super) fn sky(&self) -> Option<&Arc<Environment>> {
+        self.sky.as_ref()
     }
 
     /// Whether one is to be read.
@@ -146,6 +164,8 @@ pub struct Environment {
     pub brightest: Option<Vec3>,
     /// The whole map where there is no file.
     map: Option<Arc<EnvironmentMap>>,
+    /// Sun and sky, where it is that.
+    pub sky: Option<Sky>,
 }
 
 impl Environment {
@@ -188,6 +208,7 @@ impl Environment {
             thumbnail_gain: 1.0,
             brightest: None,
             map: Some(Arc::new(EnvironmentMap::even_backdrop())),
+            sky: None,
         }
     }
 
@@ -197,6 +218,18 @@ impl Environment {
         let mut light = Self::of(ESTIMATE.into(), &map, illumination, Vec::new());
         light.map = Some(Arc::new(map));
         Ok(light)
+    }
+
+    /// The light of sun and sky.
+    pub fn of_sky(sky: Sky) -> Self {
+        let map = sky.map(SMALL_WIDTH);
+        let light = Self::of(SKY.into(), &map, sky.illumination(MAX_DEGREE), Vec::new());
+        Self {
+            sky: Some(sky),
+            size: [0, 0],
+            brightest: sky.sun().map(|_| sky.toward_sun().as_vec3()),
+            ..light
+        }
     }
 
     /// Reads a file and projects it, on the GPU where that can be had.
@@ -238,6 +271,7 @@ impl Environment {
             thumbnail_gain: 0.18 / mean,
             small,
             map: None,
+            sky: None,
         }
     }
 
@@ -283,6 +317,9 @@ pub fn light_name(path: &Path) -> String {
     if is_estimate(path) {
         return tr("estimated from the object").into();
     }
+    if is_sky(path) {
+        return tr("sun and sky").into();
+    }
     path.file_stem().map_or_else(
         || path.display().to_string(),
         |stem| stem.to_string_lossy().into_owned(),
@@ -291,9 +328,10 @@ pub fn light_name(path: &Path) -> String {
 
 /// Reads the whole map again, to be seen behind the object.
 pub fn load_map(light: &Environment) -> Result<Arc<EnvironmentMap>> {
-    match &light.map {
-        Some(map) => Ok(map.clone()),
-        None => Ok(Arc::new(load_environment_as(&light.path, light.told)?)),
+    match (&light.map, light.sky) {
+        (Some(map), _) => Ok(map.clone()),
+        (None, Some(sky)) => Ok(Arc::new(sky.map(SKY_COLUMNS))),
+        (None, None) => Ok(Arc::new(load_environment_as(&light.path, light.told)?)),
     }
 }
 

@@ -158,6 +158,8 @@ pub enum Task {
     ContactSheet,
     /// Numbered frames, or a film.
     Turntable,
+    /// The same of the light as its keys have it over time.
+    Animation,
     /// The relit splat.
     Splat(PathBuf),
     /// The selected object's splat without its light.
@@ -177,7 +179,9 @@ impl Task {
                 settings.size = settings.size.map(scaled);
             }
             // A film holds display values too.
-            Self::Turntable if settings.film.is_some() => settings.format = Format::Png8,
+            Self::Turntable | Self::Animation if settings.film.is_some() => {
+                settings.format = Format::Png8;
+            }
             Self::Screenshot(Some(path)) => {
                 let extension = path.extension().unwrap_or_default().to_string_lossy();
                 let format = match &*extension.to_lowercase() {
@@ -238,6 +242,7 @@ impl Task {
                     as_what = as_what
                 )
             }
+            Self::Animation => tr_format!("light over time on {name}", name = name),
             Self::Splat(path) => tr_format!("relit splat {}", file(path)),
             Self::Delit(path) => tr_format!("delit splat {}", file(path)),
         }
@@ -263,8 +268,8 @@ struct Snapshot {
     /// What the pinned look shows: its lights are its own.
     pinned_relit: OnceCell<Relit>,
     pinned_lut: OnceCell<Option<Arc<Lut>>>,
-    /// Blurred maps by light.
-    maps: RefCell<HashMap<u64, Arc<EnvironmentMap>>>,
+    /// Blurred maps by light, and whether their suns are taken out.
+    maps: RefCell<HashMap<(u64, bool), Arc<EnvironmentMap>>>,
     device: BackgroundDevice,
     cloud: Arc<SurfelCloud>,
     /// That the cloud is yet to be made of, where it is all objects.

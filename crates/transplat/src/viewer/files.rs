@@ -54,6 +54,12 @@ impl PathField {
             ],
             Some(Dialog::Open | Dialog::OpenFolder) => vec![(tr("Open"), None)],
             Some(Dialog::Save(SaveKind::Look, _)) => vec![(tr("Save look"), Some(SaveKind::Look))],
+            Some(Dialog::Save(SaveKind::Rig, _)) => {
+                vec![(tr("Save lights"), Some(SaveKind::Rig))]
+            }
+            Some(Dialog::Save(SaveKind::Environment, _)) => {
+                vec![(tr("Save as environment"), Some(SaveKind::Environment))]
+            }
             Some(Dialog::Save(SaveKind::Splat, _)) => {
                 vec![(tr("Export splat"), Some(SaveKind::Splat))]
             }
@@ -137,6 +143,12 @@ fn show(dialog: Dialog) -> Option<Event> {
         Dialog::Save(kind, name) => {
             let (title, filter, extensions): (_, _, &[&str]) = match kind {
                 SaveKind::Look => (tr("Save look"), tr("Look"), &["json"]),
+                SaveKind::Rig => (tr("Save lights"), tr("Lights"), &["json"]),
+                SaveKind::Environment => (
+                    tr("Save as environment"),
+                    tr("Environment"),
+                    &["exr", "hdr"],
+                ),
                 SaveKind::Splat => (
                     tr("Export relit splat"),
                     tr("Splat"),
@@ -164,6 +176,8 @@ mod tests {
         let actions = |dialog| PathField::of(dialog, Path::new("folder")).actions();
         for kind in [
             SaveKind::Look,
+            SaveKind::Rig,
+            SaveKind::Environment,
             SaveKind::Splat,
             SaveKind::Screenshot,
             SaveKind::Folder,

@@ -49,7 +49,11 @@ impl Session {
         let (center, axes, half_edge) = self.ground_plane()?;
         let ready = |side: usize| {
             let shown = self.backdrops[side].made_from();
-            shown.is_some_and(|k| k.light == self.behind(side, view).0.id)
+            let (light, settings, _) = self.behind(side, view);
+            shown.is_some_and(|k| {
+                let is_it = k.light == light.id && k.without_suns == settings.without_suns;
+                is_it || k.is_sky && light.sky.is_some()
+            })
         };
         let [source, target] = view.backdrops();
         // Until its map is read, an environment behind the object is a plain grey.
@@ -106,22 +110,22 @@ impl Session {
         let pinned = self.compared();
         if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
             let maps = [&pinned.sources[0], &pinned.environment];
-            let gain = match_gain(&pinned.scene, 0, maps);
+            let gain = environment_gain(&pinned.scene, 0, maps);
             return (&pinned.environment, &pinned.scene.environment, gain);
         }
         let sides = self.sides_of(at);
         let gain = match side {
             SOURCE => 1.0,
-            _ => match_gain(&self.scene, at, sides.map(|(_, there)| &there.light)),
+            _ => environment_gain(&self.scene, at, sides.map(|(_, there)| &there.light)),
         };
         let (settings, there) = sides[side];
         (&there.light, settings, gain)
     }
 }
 
-fn match_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
+fn environment_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
     let maps = lights.map(|light| &light.illumination);
-    scene.match_gain(&scene.objects[at], maps)
+    scene.environment_gain(&scene.objects[at], maps)
 }
 
 /// How an object stands in the scene, and what of it is drawn.

@@ -15,6 +15,10 @@ pub enum Gesture {
     Wipe,
     /// Pulls one of the selected object's handles.
     Handle,
+    /// Pulls a handle of a light.
+    LightHandle,
+    /// Places a light by what it does on the object.
+    Place,
 }
 
 /// Points from where the button went down within which it is a click.

@@ -2,12 +2,12 @@
 
 use std::f32::consts::{PI, TAU};
 
-use eframe::egui::{self, Color32, Pos2, Rect, Response, Stroke, Ui};
+use eframe::egui::{self, Color32, Pos2, Response, Stroke, Ui};
 use glam::{Quat, Vec2, Vec3};
-use transplat_core::camera::Camera;
 use transplat_core::scene::Transform;
 
 use super::frame::grid_spacing;
+use super::screen::{Screen, from_segment};
 use super::session::Session;
 
 /// Points from the middle to an arrow's tip, to the rings, and to the circle that scales.
@@ -25,9 +25,6 @@ const CORNERS: usize = 48;
 /// In steps: of a turn in degrees, and of a scale.
 const TURN_STEP: f32 = 15.0;
 const SCALE_STEP: f32 = 0.1;
-
-/// Cosine between a ray and a plane under which it does not tell a place in it.
-const GRAZING: f32 = 0.08;
 
 const AXES: [Vec3; 3] = [Vec3::X, Vec3::Y, Vec3::Z];
 
@@ -63,8 +60,7 @@ pub struct Gizmo {
 
 /// Where the handles are on the screen.
 struct View<'a> {
-    camera: &'a Camera,
-    part: Rect,
+    screen: Screen<'a>,
     /// The object's middle in the scene, and in its own coordinates.
     middle: Vec3,
     own_middle: Vec3,
@@ -75,33 +71,17 @@ struct View<'a> {
 
 impl View<'_> {
     fn at(&self, point: Vec3) -> Option<Pos2> {
-        let ([x, y], depth) = self.camera.project(point);
-        let shown = depth > self.camera.near;
-        shown.then(|| self.part.min + egui::vec2(x + 0.5, y + 0.5))
-    }
-
-    /// Unit direction of what is at a place, points from the part's corner.
-    fn ray(&self, at: Vec2) -> Vec3 {
-        let [cx, cy] = self.camera.principal_point();
-        let view = Vec3::new(at.x - 0.5 - cx, at.y - 0.5 - cy, self.camera.focal);
-        (self.camera.view_from_world.transpose() * view).normalize()
+        self.screen.at(point)
     }
 
     /// Where a place is on the plane through the middle.
     fn on_plane(&self, at: Vec2, normal: Vec3) -> Option<Vec3> {
-        let ray = self.ray(at);
-        let falls = ray.dot(normal);
-        let meets = (self.middle - self.camera.eye).dot(normal) / falls;
-        (falls.abs() > GRAZING && meets > 0.0).then(|| self.camera.eye + ray * meets)
+        self.screen.on_plane(at, self.middle, normal)
     }
 
     /// How far along a line through the middle a place is.
     fn along(&self, at: Vec2, axis: Vec3) -> Option<f32> {
-        let ray = self.ray(at);
-        let across = ray.dot(axis);
-        let from = self.middle - self.camera.eye;
-        let sine = 1.0 - across * across;
-        (sine > GRAZING * GRAZING).then(|| (across * from.dot(ray) - from.dot(axis)) / sine)
+        self.screen.along(at, self.middle, axis)
     }
 
     fn ring(&self, axis: usize) -> Vec<Option<Pos2>> {
@@ -110,7 +90,7 @@ impl View<'_> {
             let (sin, cos) = (TAU * i as f32 / CORNERS as f32).sin_cos();
             let outward = a * cos + b * sin;
             // The half that is turned away is hidden.
-            let towards = self.middle - self.camera.eye;
+            let towards = self.middle - self.screen.camera.eye;
             let is_near = outward.dot(towards) <= 0.15 * towards.length();
             is_near.then(|| self.at(self.middle + RING * self.unit * outward))?
         };
@@ -162,7 +142,7 @@ impl View<'_> {
                 made.translation = there;
             }
             Handle::Slide => {
-                let forward = self.camera.view_from_world.row(2);
+                let forward = self.screen.forward();
                 // Over the ground, unless that is seen from its edge.
                 let is_flat = forward.dot(self.up).abs() < 0.2;
                 let normal = if is_flat { forward } else { self.up };
@@ -186,8 +166,8 @@ impl View<'_> {
                 made.rotation = (turn * drag.from.rotation).normalize();
             }
             Handle::Scale => {
-                let middle = self.at(self.middle)? - self.part.min;
-                let from = |p: Vec2| p.distance(Vec2::new(middle.x, middle.y)).max(1.0);
+                let middle = self.screen.inside(self.at(self.middle)?);
+                let from = |p: Vec2| p.distance(middle).max(1.0);
                 made.scale = drag.from.scale * from(at) / from(drag.pointer);
                 if step.is_some() {
                     made.scale = (made.scale / SCALE_STEP).round().max(1.0) * SCALE_STEP;
@@ -209,7 +189,7 @@ impl View<'_> {
             return Some(axis.dot(a.cross(b)).atan2(a.dot(b)));
         }
         // Seen from its edge, a ring is a rod that is rolled.
-        let right = self.camera.view_from_world * axis;
+        let right = self.screen.camera.view_from_world * axis;
         let across = Vec2::new(-right.y, right.x).normalize_or_zero();
         Some((to - from).dot(across) / RING % (2.0 * PI))
     }
@@ -217,39 +197,33 @@ impl View<'_> {
 
 impl Gizmo {
     /// Takes hold of the handle at a place; whether there is one.
-    pub fn hold(&mut self, session: &Session, at: Pos2, (part, camera): (Rect, &Camera)) -> bool {
+    pub fn hold(&mut self, session: &Session, at: Pos2, screen: Screen<'_>) -> bool {
         let from = session.object().transform;
-        let view = view(session, from, (part, camera));
+        let view = view(session, from, screen);
         let handle = view.and_then(|view| view.handle_at(at));
         self.drag = handle.map(|handle| Drag {
             handle,
             object: session.state().id,
             from,
-            pointer: inside(part, at),
+            pointer: screen.inside(at),
         });
         self.drag.is_some()
     }
 
     /// Pulls what is held to a place, in steps where that is asked for.
-    pub fn drag(
-        &mut self,
-        session: &mut Session,
-        to: Pos2,
-        in_steps: bool,
-        (part, camera): (Rect, &Camera),
-    ) {
+    pub fn drag(&mut self, session: &mut Session, to: Pos2, in_steps: bool, screen: Screen<'_>) {
         let object = session.state().id;
         // Another one that is selected meanwhile is not held.
         let Some(drag) = self.drag.as_ref().filter(|drag| drag.object == object) else {
             return;
         };
         // What is held is where it was when it was taken.
-        let Some(view) = view(session, drag.from, (part, camera)) else {
+        let Some(view) = view(session, drag.from, screen) else {
             return;
         };
         let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
         let step = in_steps.then(|| grid_spacing(radius) / 10.0);
-        if let Some(made) = view.dragged(drag, inside(part, to), step) {
+        if let Some(made) = view.dragged(drag, screen.inside(to), step) {
             session.object_mut().transform = made;
         }
     }
@@ -260,14 +234,8 @@ impl Gizmo {
     }
 
     /// Draws the handles over the picture.
-    pub fn draw(
-        &self,
-        ui: &Ui,
-        session: &Session,
-        response: &Response,
-        (part, camera): (Rect, &Camera),
-    ) {
-        let Some(view) = view(session, session.object().transform, (part, camera)) else {
+    pub fn draw(&self, ui: &Ui, session: &Session, response: &Response, screen: Screen<'_>) {
+        let Some(view) = view(session, session.object().transform, screen) else {
             return;
         };
         let active = self.drag.as_ref().map(|drag| drag.handle);
@@ -279,24 +247,15 @@ impl Gizmo {
     }
 }
 
-/// A place in the window from a part's corner.
-fn inside(part: Rect, at: Pos2) -> Vec2 {
-    Vec2::new(at.x - part.min.x, at.y - part.min.y)
-}
-
 /// Where the handles are of the selected object, placed like that; none where they are not shown.
-fn view<'a>(
-    session: &Session,
-    place: Transform,
-    (part, camera): (Rect, &'a Camera),
-) -> Option<View<'a>> {
+fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<View<'a>> {
     let shows = session.overlays.handles && session.is_composed() && !session.object().locked;
     let bounds = session.asset().map(|a| a.bounds).filter(|_| shows)?;
     let middle = place.scene_from_object().transform_point3(bounds.center);
+    let camera = screen.camera;
     let depth = (camera.view_from_world * (middle - camera.eye)).z;
     (depth > camera.near).then(|| View {
-        camera,
-        part,
+        screen,
         middle,
         own_middle: bounds.center,
         up: session.scene_up().direction(),
@@ -305,7 +264,7 @@ fn view<'a>(
 }
 
 fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
-    let painter = ui.painter_at(view.part);
+    let painter = ui.painter_at(view.screen.part);
     let Some(middle) = view.at(view.middle) else {
         return;
     };
@@ -341,14 +300,11 @@ fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
     painter.circle(middle, DISC, line.color.gamma_multiply(0.35), line);
 }
 
-fn from_segment(p: Pos2, a: Pos2, b: Pos2) -> f32 {
-    let along = b - a;
-    let t = ((p - a).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);
-    p.distance(a + t * along)
-}
-
 #[cfg(test)]
 mod tests {
+    use eframe::egui::Rect;
+    use transplat_core::camera::Camera;
+
     use super::*;
 
     fn camera() -> Camera {
@@ -365,8 +321,10 @@ mod tests {
 
     fn view(camera: &Camera, middle: Vec3) -> View<'_> {
         View {
-            camera,
-            part: Rect::from_min_size(Pos2::new(40.0, 20.0), egui::vec2(800.0, 600.0)),
+            screen: Screen {
+                camera,
+                part: Rect::from_min_size(Pos2::new(40.0, 20.0), egui::vec2(800.0, 600.0)),
+            },
             middle,
             own_middle: Vec3::new(0.3, -0.2, 0.1),
             up: Vec3::Z,
@@ -375,8 +333,7 @@ mod tests {
     }
 
     fn inside(view: &View<'_>, point: Vec3) -> Vec2 {
-        let at = view.at(point).expect("in front") - view.part.min;
-        Vec2::new(at.x, at.y)
+        view.screen.inside(view.at(point).expect("in front"))
     }
 
     fn start() -> Transform {

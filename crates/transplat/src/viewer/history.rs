@@ -2,7 +2,7 @@
 
 use super::language::{tr, tr_later};
 use transplat_core::files::look_text;
-use transplat_core::scene::{Object, Scene};
+use transplat_core::scene::{FixedTo, Object, Scene};
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.
 pub const STEP_S: f64 = 1.0;
@@ -40,9 +40,20 @@ pub struct History {
 impl History {
     /// Learns how the scene is at a time, in seconds.
     pub fn feed(&mut self, now: f64, scene: &Scene) {
-        match (self.steps.get(self.at), &mut self.change) {
+        // From elsewhere, what was set here could not be told from what went along.
+        let leaves = |change: &&mut Change| change.scene.camera != scene.camera;
+        if let Some(change) = self.change.as_mut().filter(leaves) {
+            let left = change.scene.clone();
+            self.take(&left);
+        }
+        match (self.steps.get_mut(self.at), &mut self.change) {
             (None, _) => self.take(scene),
-            (Some(step), _) if step.scene == *scene => self.change = None,
+            (Some(step), _) if is_as(&step.scene, scene) => {
+                if step.scene != *scene {
+                    step.scene = scene.clone();
+                }
+                self.change = None;
+            }
             (_, Some(change)) => {
                 if change.scene != *scene {
                     change.last = now;
@@ -116,7 +127,8 @@ impl History {
     }
 
     fn is_new(&self, scene: &Scene) -> bool {
-        self.steps.get(self.at).is_some_and(|s| s.scene != *scene)
+        let now = self.steps.get(self.at);
+        now.is_some_and(|step| !is_as(&step.scene, scene))
     }
 
     fn take(&mut self, scene: &Scene) {
@@ -135,12 +147,28 @@ impl History {
     }
 }
 
+/// Whether one scene is the other, seen from elsewhere at most: lights that are fixed to the camera went along with it.
+fn is_as(step: &Scene, scene: &Scene) -> bool {
+    if step.camera == scene.camera {
+        return step == scene;
+    }
+    let mut went_along = step.clone();
+    went_along.camera = scene.camera;
+    for (light, now) in went_along.lights.iter_mut().zip(&scene.lights) {
+        if light.fixed_to == FixedTo::Camera && now.source.kind() == light.source.kind() {
+            light.source = now.source.clone();
+        }
+    }
+    went_along == *scene
+}
+
 /// What looks call a setting, and how it is said: the longest beginning counts.
-const WORDS: [(&str, &str); 44] = [
+const WORDS: [(&str, &str); 46] = [
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
     ("background_blur", tr_later("blur")),
     ("bookmarks", tr_later("kept views")),
+    ("camera", tr_later("where it is seen from")),
     ("cut", tr_later("what is cut out")),
     ("difference_scale", tr_later("scale of the difference")),
     ("directions", tr_later("directions")),
@@ -148,6 +176,7 @@ const WORDS: [(&str, &str); 44] = [
     ("display/tone_map", tr_later("tone mapping")),
     ("false_color", tr_later("false colours")),
     ("hide", tr_later("what is hidden")),
+    ("lights", tr_later("lights of your own")),
     ("linear", tr_later("colour is linear")),
     ("lut", tr_later("colour table")),
     ("match_strength", tr_later("match strength")),
@@ -276,7 +305,9 @@ fn simple(value: &serde_json::Value) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use transplat_core::camera::CameraPose;
-    use transplat_core::scene::{Bookmark, EnvironmentLight, Variant};
+    use transplat_core::scene::{
+        Bookmark, EnvironmentLight, KEY, Light, LightKind, Placed, Variant,
+    };
     use transplat_core::surfels::Bounds;
 
     use super::*;
@@ -322,6 +353,41 @@ mod tests {
         assert_eq!(history.steps().0.len(), MOST_STEPS);
     }
 
+    fn light(position: glam::DVec3) -> Light {
+        let placed = Placed {
+            position,
+            aim: glam::DVec3::ZERO,
+            radius: 1.0,
+        };
+        Light {
+            fixed_to: FixedTo::Camera,
+            ..Light::placed(LightKind::Spot, placed, KEY)
+        }
+    }
+
+    /// A light that goes along with the camera makes no steps of that; what it is set to does.
+    #[test]
+    fn what_goes_along_with_the_camera_is_no_step() {
+        let bounds = Bounds {
+            center: glam::Vec3::ZERO,
+            radius: 1.0,
+        };
+        let seen = |azimuth: f64, position: glam::DVec3| Scene {
+            camera: Some(CameraPose::around(&bounds, azimuth, 0.0, 1.0, 40.0)),
+            lights: vec![light(position)],
+            ..Scene::default()
+        };
+        let (x, y) = (glam::DVec3::X, glam::DVec3::Y);
+        let mut history = History::default();
+        history.feed(0.0, &seen(0.0, x));
+        history.feed(5.0, &seen(90.0, y));
+        assert!(!history.has_undo(&seen(90.0, y)) && !history.is_in_flux());
+        history.feed(10.0, &seen(90.0, x));
+        history.feed(20.0, &seen(90.0, x));
+        assert!(history.has_undo(&seen(90.0, x)));
+        assert_eq!(history.undo(&seen(90.0, x)), Some(&seen(90.0, y)));
+    }
+
     #[test]
     fn a_step_is_called_by_what_it_changed() {
         let before = Scene::default();
@@ -345,6 +411,7 @@ mod tests {
         let mut full = before.clone();
         (full.lut, full.plate) = (Some("a.cube".into()), Some("a.png".into()));
         full.note = "a note".into();
+        full.lights = vec![light(glam::DVec3::X)];
         full.bookmarks = vec![Bookmark {
             name: "a view".into(),
             camera: CameraPose::around(&bounds, 0.0, 0.0, 1.0, 40.0),
@@ -359,7 +426,7 @@ mod tests {
             let is_said = WORDS
                 .iter()
                 .any(|(of, _)| of.split('/').next() == Some(name));
-            let is_none = ["version", "camera"].contains(&name.as_str());
+            let is_none = name == "version";
             assert!(is_said || is_none, "{name}");
         }
     }

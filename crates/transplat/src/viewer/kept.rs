@@ -120,7 +120,7 @@ fn next(at: Option<usize>, count: usize, is_forward: bool) -> Option<usize> {
 }
 
 /// A name that is not taken.
-fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String {
+pub(super) fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String {
     let is_free = |name: &String| !taken.clone().any(|taken| taken == name);
     let numbered = (2..).map(|n| format!("{name} {n}"));
     let mut names = std::iter::once(name.to_owned()).chain(numbered);

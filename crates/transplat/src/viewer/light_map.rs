@@ -2,8 +2,8 @@
 
 use std::f32::consts::{PI, TAU};
 
-use eframe::egui::{self, Color32, ColorImage, Rect, Sense, Stroke, TextureHandle, Ui, pos2};
-use glam::{DMat3, Vec3};
+use eframe::egui::{self, Color32, ColorImage, Pos2, Rect, Sense, Stroke, TextureHandle, Ui, pos2};
+use glam::{DMat3, Mat3, Vec3};
 use transplat_core::color::Display;
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::scene::EnvironmentLight;
@@ -13,7 +13,7 @@ use super::environments::Environment;
 use super::language::tr;
 use super::navigation;
 use super::probes::{color, image};
-use super::session::Session;
+use super::session::{Session, TARGET};
 use super::widgets::{Grab, named};
 
 /// Pixels across.
@@ -39,8 +39,8 @@ struct Key {
 }
 
 impl LightMap {
-    /// The map, as wide as there is room. Returns whether it turned the light.
-    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, side: usize) -> bool {
+    /// The map, as wide as there is room, and how it lies there.
+    fn map(&mut self, ui: &mut Ui, session: &Session, side: usize) -> (Placed, egui::Response) {
         let width = ui.available_width();
         let size = egui::vec2(width, 0.5 * width);
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
@@ -63,15 +63,50 @@ impl LightMap {
         let ahead = across_azimuth((ahead as f32).to_radians());
         let texture = self.texture(ui, &light, &key);
         paint_turned(ui, rect, texture, ahead - 0.5);
-        let world_from_map = key.map_from_world.transpose().as_mat3();
-        let brightest = light.brightest.map(|d| world_from_map * d);
-        if let Some(d) = brightest {
-            let x = (across(d) - ahead + 0.5).rem_euclid(1.0);
-            let y = d.z.clamp(-1.0, 1.0).acos() / PI;
-            let at = rect.min + egui::vec2(x, y) * rect.size();
-            let painter = ui.painter_at(rect);
-            painter.circle_stroke(at, 7.0, Stroke::new(3.0, Color32::from_black_alpha(160)));
-            painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
+        let placed = Placed {
+            rect,
+            ahead,
+            rotation: (rotation as f32).to_radians(),
+            brightest: light
+                .brightest
+                .map(|d| key.map_from_world.transpose().as_mat3() * d),
+        };
+        (placed, response)
+    }
+
+    /// The map with lights of one's own, each with its colour, the chosen one ringed. Returns the direction of the world that is pointed at with
+    /// the button down.
+    pub fn show_lights(
+        &mut self,
+        ui: &mut Ui,
+        session: &Session,
+        lights: impl Iterator<Item = (Vec3, Color32, bool)>,
+    ) -> Option<Vec3> {
+        let (placed, response) = self.map(ui, session, TARGET);
+        let painter = ui.painter_at(placed.rect);
+        for (toward, color, is_chosen) in lights {
+            let at = placed.at(toward);
+            let rim = Stroke::new(1.5, Color32::from_black_alpha(200));
+            painter.circle(at, 4.5, color, rim);
+            if is_chosen {
+                ring(ui, placed.rect, at);
+            }
+        }
+        let pointed = response.interact_pointer_pos();
+        let response = response.on_hover_text(tr("What is around the object; lights of your own are the dots in it.\n\nClick or drag: the chosen light shines from there."));
+        let is_meant = response.is_pointer_button_down_on() || response.clicked();
+        let at = pointed.filter(|_| is_meant)?;
+        Some(placed.direction(at))
+    }
+
+    /// The map. Returns whether it turned the light.
+    pub fn show(&mut self, ui: &mut Ui, session: &mut Session, side: usize) -> bool {
+        let rotation = session.side(side).rotation;
+        let (placed, response) = self.map(ui, session, side);
+        let (rect, light) = (placed.rect, session.light(side).clone());
+        if let Some(d) = placed.brightest {
+            let turn = Mat3::from_rotation_z(placed.rotation);
+            ring(ui, rect, placed.at(turn * d));
         }
         let dragged = self.grab.drag(&response, rotation);
         // To the right azimuths fall.
@@ -80,11 +115,7 @@ impl LightMap {
         if response.double_clicked()
             && let (Some(d), Some(at)) = (light.brightest, response.interact_pointer_pos())
         {
-            let place = (at - rect.min) / rect.size();
-            let unturned_azimuth = TAU * (1.0 - ahead - place.x);
-            let azimuth = unturned_azimuth + (rotation as f32).to_radians();
-            let (sin, cos) = (PI * place.y).sin_cos();
-            let wanted = Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos);
+            let wanted = placed.direction(at);
             session
                 .side_mut(side)
                 .bring(d.as_dvec3(), wanted.as_dvec3());
@@ -116,14 +147,45 @@ impl LightMap {
     }
 }
 
+/// How the map lies in the window.
+struct Placed {
+    rect: Rect,
+    /// What is in its middle: how far across the map as if it were not turned.
+    ahead: f32,
+    /// Of the light, in radians.
+    rotation: f32,
+    /// Where its brightest is, as if it were not turned.
+    brightest: Option<Vec3>,
+}
+
+impl Placed {
+    /// Where a direction of the world is.
+    fn at(&self, d: Vec3) -> Pos2 {
+        let across = across_azimuth(d.y.atan2(d.x) - self.rotation);
+        let x = (across - self.ahead + 0.5).rem_euclid(1.0);
+        let y = d.z.clamp(-1.0, 1.0).acos() / PI;
+        self.rect.min + egui::vec2(x, y) * self.rect.size()
+    }
+
+    /// The direction of the world that is at a point.
+    fn direction(&self, at: Pos2) -> Vec3 {
+        let place = (at - self.rect.min) / self.rect.size();
+        let azimuth = TAU * (1.0 - self.ahead - place.x) + self.rotation;
+        let (sin, cos) = (PI * place.y.clamp(0.0, 1.0)).sin_cos();
+        Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos)
+    }
+}
+
+/// Rings a point of the map.
+fn ring(ui: &Ui, rect: Rect, at: Pos2) {
+    let painter = ui.painter_at(rect);
+    painter.circle_stroke(at, 7.0, Stroke::new(3.0, Color32::from_black_alpha(160)));
+    painter.circle_stroke(at, 7.0, Stroke::new(1.5, Color32::WHITE));
+}
+
 /// How far across the map an azimuth of the world lies, a whole turn being 1 and azimuth 0 in the middle.
 fn across_azimuth(azimuth: f32) -> f32 {
     0.5 - azimuth / TAU
-}
-
-/// The same of a direction.
-fn across(d: Vec3) -> f32 {
-    across_azimuth(d.y.atan2(d.x))
 }
 
 fn picture(light: &Environment, key: &Key) -> ColorImage {

@@ -23,7 +23,7 @@ impl Viewer {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button(tr("File"), |ui| self.file_menu(ui));
             ui.menu_button(tr("Edit"), |ui| {
-                let scene = self.session.scene.clone();
+                let scene = self.session.scene_as_step().into_owned();
                 self.item(ui, tr("Undo"), Action::Undo, self.history.has_undo(&scene));
                 self.item(ui, tr("Redo"), Action::Redo, self.history.has_redo(&scene));
                 ui.menu_button(tr("History"), |ui| self.history_menu(ui));
@@ -229,6 +229,7 @@ impl Viewer {
         ui.separator();
         ui.checkbox(&mut self.shown.panels, tr("Panels"));
         ui.checkbox(&mut self.preferences.probes, tr("Light probes"));
+        ui.checkbox(&mut self.timeline.is_shown, tr("Timeline"));
         ui.checkbox(&mut self.session.overlays.grid, tr("Grid"));
         ui.checkbox(
             &mut self.session.overlays.marks,

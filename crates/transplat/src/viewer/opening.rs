@@ -6,7 +6,9 @@ use std::sync::{Arc, Weak};
 use transplat_core::camera::{CameraPose, first_pose, framed};
 use transplat_core::environment::Layout;
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
+use transplat_core::files::{
+    FileKind, file_kind, is_camera_file, is_rig_file, is_same_file, load_look,
+};
 use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
@@ -40,6 +42,7 @@ impl Session {
                 self.load_asset(self.selected, path.to_owned(), opened_with);
             }
             Ok(FileKind::Look) | Err(_) if is_camera_file(path) => self.open_cameras(path),
+            Ok(FileKind::Look) if is_rig_file(path) => self.open_rig(path),
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(scene) => {
                     self.opened.push(path.to_owned());
@@ -134,6 +137,8 @@ impl Session {
         }
         self.match_states(&scene.objects);
         self.scene = scene;
+        // Its lights are where they are.
+        self.followed = None;
         self.selected = self.selected.min(self.scene.objects.len() - 1);
     }
 
@@ -448,6 +453,8 @@ impl Session {
         if let Some(bounds) = self.scene_bounds() {
             let points = self.points();
             self.pose = first_pose(&points, self.scene_up(), &bounds, self.viewport);
+            // Lights that are fixed to the camera are where they were told.
+            self.followed = None;
         }
     }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
 use transplat_core::scene::Scene;
@@ -219,6 +219,7 @@ impl Viewer {
             let key = ProbeKey {
                 light: session.light(side).id,
                 oriented: lights[side].clone(),
+                place: session.asset().map_or(Vec3::ZERO, |a| a.bounds.center),
                 transfer: session.scene.transfer.clone(),
                 map_from_asset: settings.map_from_asset(session.scene_up()),
                 gain: shown.gain,

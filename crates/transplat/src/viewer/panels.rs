@@ -4,6 +4,7 @@ mod asset;
 mod camera;
 mod export;
 mod light;
+mod lights;
 mod look;
 mod objects;
 mod report;

@@ -26,6 +26,8 @@ const MAP_WIDTH: usize = 128;
 pub struct Key {
     pub light: u64,
     pub oriented: OrientedLight,
+    /// Where the balls are, for what is near: in the coordinates of the light.
+    pub place: Vec3,
     pub transfer: TransferSettings,
     pub map_from_asset: DMat3,
     pub gain: [f32; 3],
@@ -70,7 +72,7 @@ impl Probe {
             let radiance = light.small.sample(turn * d);
             std::array::from_fn(|c| radiance[c] * key.gain[c])
         };
-        let radiance = &key.oriented.light.radiance;
+        let radiance = &key.oriented.light.at_one_place(key.place).radiance;
         let irradiance = convolved(radiance);
         let asset_from_view = key.view.transpose();
         let grey = ball(|normal, _| {

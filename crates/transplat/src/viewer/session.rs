@@ -15,7 +15,7 @@ use transplat_core::estimate::Estimate;
 use transplat_core::files::CameraFile;
 use transplat_core::ground::Ground;
 use transplat_core::present::View;
-use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate};
+use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate, is_sky};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
@@ -32,6 +32,7 @@ use super::object::{
     GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight, Surroundings,
     TogetherKey,
 };
+use super::rigging::Followed;
 use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.
@@ -75,6 +76,10 @@ pub enum SaveKind {
     Folder,
     /// A photograph to be shown behind the objects.
     Plate,
+    /// Lights of one's own.
+    Rig,
+    /// All the light as one environment.
+    Environment,
     /// A table of colours to grade the picture by.
     Lut,
 }
@@ -116,6 +121,9 @@ pub struct Timers {
 pub struct Overlays {
     /// Handles on the selected object.
     pub handles: bool,
+    /// Handles on lights of one's own, where the panel is about them; and whether it is.
+    pub light_handles: bool,
+    pub lights: bool,
     pub marks: bool,
     pub grid: bool,
     /// Whether something shows what is doubtful.
@@ -128,6 +136,8 @@ impl Default for Overlays {
     fn default() -> Self {
         Self {
             handles: true,
+            light_handles: true,
+            lights: false,
             marks: false,
             grid: false,
             wants_doubts: false,
@@ -140,6 +150,9 @@ impl Default for Overlays {
 #[derive(Clone, Debug, PartialEq)]
 pub struct BackdropKey {
     pub light: u64,
+    /// One of a sky is shown until the next is there: the sun moves slowly.
+    pub is_sky: bool,
+    pub without_suns: bool,
     pub blur: f32,
 }
 
@@ -208,6 +221,10 @@ pub struct Session {
     pub(super) captures: Vec<Weak<Capture>>,
     /// The object that the panels are about.
     pub selected: usize,
+    /// The light of one's own that is chosen; one too many stands for the last.
+    pub selected_light: usize,
+    /// What lights are fixed to, as it was last seen.
+    pub(super) followed: Option<Followed>,
     /// Whether a splat that is opened is put into the scene.
     pub adds_splats: bool,
     pub environments: Environments,
@@ -287,6 +304,8 @@ impl Session {
             matches_by_itself: false,
             framed: None,
             selected: 0,
+            selected_light: 0,
+            followed: None,
             adds_splats: false,
             environments: Environments::default(),
             environment: Resolved::default(),
@@ -472,6 +491,9 @@ impl Session {
             let estimated = self.states[at].estimated.get().cloned();
             return Some(estimated.unwrap_or_else(Environment::assumed));
         }
+        if is_sky(file) {
+            return self.environments.sky().cloned();
+        }
         self.environments.get(file).cloned()
     }
 
@@ -541,6 +563,7 @@ impl Session {
         }
         let objects = 0..self.scene.objects.len();
         self.selected = self.selected.min(objects.len() - 1);
+        self.follow();
         self.load_missing();
         for at in objects.clone() {
             self.update_asset(at);
@@ -621,6 +644,12 @@ impl Session {
             }
         }
         let light = &self.environment.light;
+        if scene.environment.file.as_ref() != Some(&light.path) {
+            // The rest is said of what is still being read.
+            let of_last = &self.environment.settings;
+            scene.environment.sky = of_last.sky;
+            scene.environment.without_suns = of_last.without_suns;
+        }
         scene.environment.file = Some(light.path.clone());
         scene.environment.layout = light.told;
         scene.camera = Some(self.pose);

@@ -33,6 +33,7 @@ pub enum Action {
     LastLook,
     Grid,
     Probes,
+    Timeline,
     Marks,
     Background,
     Match,
@@ -48,7 +49,7 @@ pub enum Action {
 }
 
 /// Key, modifiers, action, and what is said of it.
-pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
+pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 44] = [
     (CTRL, Key::O, Action::Open, tr_later("open files")),
     (
         CTRL_SHIFT,
@@ -155,6 +156,7 @@ pub const SHORTCUTS: [(Modifiers, Key, Action, &str); 43] = [
     ),
     (NONE, Key::G, Action::Grid, tr_later("grid")),
     (NONE, Key::L, Action::Probes, tr_later("light probes")),
+    (NONE, Key::J, Action::Timeline, tr_later("timeline")),
     (
         NONE,
         Key::K,

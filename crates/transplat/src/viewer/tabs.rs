@@ -17,6 +17,16 @@ pub enum Tab {
     Report,
 }
 
+/// What the panel Light is about.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LightPage {
+    #[default]
+    RelitBy,
+    /// Lights of one's own.
+    Lights,
+    CapturedUnder,
+}
+
 /// Tab, icon, name, what it has.
 pub const TABS: [(Tab, Icon, &str, &str); 6] = [
     (

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use eframe::egui::{self, PointerButton, Pos2, Rect, Sense, Ui};
+use eframe::egui::{self, Key, PointerButton, Pos2, Rect, Sense, Ui};
 use eframe::{egui_wgpu, wgpu};
 use glam::{Vec2, Vec3};
 use transplat_core::camera::Camera;
@@ -11,11 +11,14 @@ use transplat_core::rasterize::{Pick, pick};
 use transplat_core::surfels::UpAxis;
 use transplat_gpu::live::Live;
 
-use super::annotations::{annotate, draw_crop_box, mark_surfel};
+use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
 use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
 use super::language::tr;
+use super::light_handles::LightHandles;
 use super::navigation;
+use super::rigging::mirrored;
+use super::screen::Screen;
 use super::session::{Session, TARGET};
 use super::widgets::named;
 
@@ -31,8 +34,35 @@ const SETTLE_S: f64 = 0.2;
 /// Coarsest step of quality: edges are divided by it.
 const MAX_STEP: usize = 4;
 
+/// How far away a light is put at least that is placed by a shadow, in distances from that to what throws it.
+const BEHIND: f64 = 1.5;
+
 /// Points from the wipe's line within which it is taken.
 const WIPE_REACH: f32 = 6.0;
+
+/// How a light is placed by what it does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Placing {
+    /// Its reflection is seen where the pointer is.
+    Highlight,
+    /// Its shadow falls there, of what was under the pointer at the press.
+    Shadow,
+    /// It shines there.
+    Aim,
+}
+
+/// Says what a click or a drag does now.
+fn say_what_to_do(ui: &Ui, rect: Rect, placing: Placing) {
+    let text = match placing {
+        Placing::Highlight => tr("click or drag where its reflection should be; Esc: no more"),
+        Placing::Shadow => {
+            tr("drag from what throws the shadow to where it should fall; Esc: no more")
+        }
+        Placing::Aim => tr("click where it should shine; Esc: no more"),
+    };
+    let below = Pos2::new(rect.center().x, rect.top() + 62.0);
+    tag(&ui.painter_at(rect), below, egui::Align2::CENTER_TOP, text);
+}
 
 /// What the viewport keeps from frame to frame.
 pub struct Viewport {
@@ -47,6 +77,11 @@ pub struct Viewport {
     /// Whether it was turned here by hand.
     pub light_was_turned: bool,
     gizmo: Gizmo,
+    lights: LightHandles,
+    /// How the next drag places a light.
+    pub placing: Option<Placing>,
+    /// Whether the click of this frame placed one.
+    was_placed: bool,
     /// Of which frame the time was that quality was last set by.
     judged: u64,
 }
@@ -62,6 +97,9 @@ impl Default for Viewport {
             light_locked_to_camera: false,
             light_was_turned: false,
             gizmo: Gizmo::default(),
+            lights: LightHandles::default(),
+            placing: None,
+            was_placed: false,
             judged: 0,
         }
     }
@@ -89,7 +127,14 @@ impl Viewport {
         named(&response, egui::Role::Canvas, tr("Viewport"));
         let seen = |s: &Session| {
             let place = s.object().transform;
-            (s.pose, s.scene.environment.clone(), s.scene.wipe, place)
+            let lights = s.scene.lights.clone();
+            (
+                s.pose,
+                s.scene.environment.clone(),
+                lights,
+                s.scene.wipe,
+                place,
+            )
         };
         let before = seen(session);
         self.follow_pointer(ui, session);
@@ -134,8 +179,19 @@ impl Viewport {
             }
         }
         annotate(ui, self.rect, session, view);
-        if let Some(shown) = self.shown_part(ui, session, &response) {
-            (self.gizmo).draw(ui, session, &response, (shown.0, &shown.1));
+        if let Some(placing) = self.placing {
+            say_what_to_do(ui, self.rect, placing);
+        }
+        if let Some((part, camera)) = self.shown_part(ui, session, &response) {
+            let screen = Screen {
+                camera: &camera,
+                part,
+            };
+            if session.overlays.lights {
+                self.lights.draw(ui, session, &response, screen);
+            } else {
+                self.gizmo.draw(ui, session, &response, screen);
+            }
         }
     }
 
@@ -228,6 +284,8 @@ impl Viewport {
 
     /// Takes the pointer's events of this frame, in their order.
     fn follow_pointer(&mut self, ui: &Ui, session: &mut Session) {
+        let mut has_placed = false;
+        self.was_placed = false;
         for event in ui.input(|i| i.events.clone()) {
             if let Some(press) = self.gestures.press(&event) {
                 let is_free = ui.ctx().layer_id_at(press.at) == Some(ui.layer_id());
@@ -235,19 +293,31 @@ impl Viewport {
                     let gesture = self.gesture_of(session, press);
                     self.gestures.begin(gesture, press);
                 }
-            } else if let Some(step) = self.gestures.follow(&event) {
+                continue;
+            }
+            let is_placing = self.gestures.held() == Some(Gesture::Place);
+            if let Some(step) = self.gestures.follow(&event) {
                 self.take_step(session, &step);
             }
+            has_placed |= is_placing && self.gestures.held().is_none();
         }
+        self.was_placed = has_placed;
         self.gestures
             .hold_only(|button| ui.input(|i| i.pointer.button_down(button)));
-        if self.gestures.held() != Some(Gesture::Handle) {
+        let held = self.gestures.held();
+        if held != Some(Gesture::Handle) {
             self.gizmo.let_go();
+        }
+        if held != Some(Gesture::LightHandle) {
+            self.lights.let_go();
+        }
+        if has_placed || ui.input(|i| i.key_pressed(Key::Escape)) {
+            self.placing = None;
         }
     }
 
     /// What a press begins.
-    fn gesture_of(&mut self, session: &Session, press: Press) -> Gesture {
+    fn gesture_of(&mut self, session: &mut Session, press: Press) -> Gesture {
         let shift = press.modifiers.shift;
         match press.button {
             PointerButton::Middle => Gesture::Pan,
@@ -255,17 +325,28 @@ impl Viewport {
             PointerButton::Secondary => Gesture::LookAround,
             _ if self.is_on_wipe(session, Some(press.at)) => Gesture::Wipe,
             _ if shift => Gesture::Pan,
+            _ if self.placing.is_some() => {
+                self.place(session, press.at, press.at);
+                Gesture::Place
+            }
             _ => {
                 let part = self.part_at(session, Some(press.at));
                 let camera = self.camera_at(session, self.rect.min);
-                let takes = |(camera, ..): (Camera, _, _)| {
-                    self.gizmo.hold(session, press.at, (part, &camera))
+                let Some((camera, ..)) = camera else {
+                    return Gesture::Orbit;
                 };
-                if camera.is_some_and(takes) {
-                    Gesture::Handle
-                } else {
-                    Gesture::Orbit
+                let screen = Screen {
+                    camera: &camera,
+                    part,
+                };
+                if session.overlays.lights {
+                    if self.lights.hold(session, press.at, screen) {
+                        return Gesture::LightHandle;
+                    }
+                } else if self.gizmo.hold(session, press.at, screen) {
+                    return Gesture::Handle;
                 }
+                Gesture::Orbit
             }
         }
     }
@@ -286,13 +367,86 @@ impl Viewport {
                 let share = (step.to.x - self.rect.left()) / self.rect.width().max(1.0);
                 session.scene.wipe = share.clamp(0.0, 1.0);
             }
-            Gesture::Handle => {
+            Gesture::Handle | Gesture::LightHandle => {
                 let in_steps = step.modifiers.command;
                 if let Some((camera, ..)) = self.camera_at(session, self.rect.min) {
-                    (self.gizmo).drag(session, step.to, in_steps, (part, &camera));
+                    let screen = Screen {
+                        camera: &camera,
+                        part,
+                    };
+                    match step.gesture {
+                        Gesture::Handle => self.gizmo.drag(session, step.to, in_steps, screen),
+                        _ => self.lights.drag(session, step.to, screen),
+                    }
                 }
             }
+            Gesture::Place => self.place(session, step.pressed_at, step.to),
         }
+    }
+
+    /// Places the chosen light by what it does on the objects: where the pointer was pressed, and where it is.
+    fn place(&mut self, session: &mut Session, from: Pos2, to: Pos2) {
+        let (Some(at), Some(placing)) = (session.chosen_light(), self.placing) else {
+            return;
+        };
+        let world_from_scene = session.world_from_scene();
+        let world = |v: Vec3| world_from_scene * v.as_dvec3();
+        let picked = self.picked(session, to);
+        if placing == Placing::Shadow {
+            let caster = self.picked(session, from).map(|(_, pick)| pick.position);
+            let falls = picked.map(|(_, pick)| pick.position);
+            let falls = falls.or_else(|| self.on_ground(session, to));
+            if let Some([caster, there]) = caster.zip(falls).map(|(a, b)| [world(a), world(b)]) {
+                // At the press both are one.
+                let apart = caster.distance(there);
+                if apart > 1e-3 * session.lit().radius {
+                    // Behind what throws it.
+                    let toward = (caster - there).normalize();
+                    session.put_light_beyond(at, there, toward, BEHIND * apart);
+                }
+            }
+            return;
+        }
+        let Some((object, pick)) = picked else {
+            return;
+        };
+        let there = world(pick.position);
+        match placing {
+            Placing::Aim => {
+                let source = &mut session.scene.lights[at].source;
+                if let Some(position) = source.position() {
+                    source.put(position, there);
+                } else {
+                    session.info(tr("a sun shines everywhere alike, and has no aim"));
+                }
+            }
+            Placing::Highlight => {
+                let Some(normal) = session.scene_normal(object, pick.surfel) else {
+                    return session
+                        .info(tr("a highlight can be put there once the object is baked"));
+                };
+                let Some((camera, ..)) = self.camera_at(session, to) else {
+                    return;
+                };
+                let to_eye = (camera.eye - pick.position).normalize_or_zero();
+                let toward = mirrored(normal, to_eye);
+                session.put_light(at, there, world(toward).normalize_or(glam::DVec3::Z));
+            }
+            Placing::Shadow => {}
+        }
+    }
+
+    /// Where a point of the window is on the ground under the objects.
+    fn on_ground(&self, session: &Session, at: Pos2) -> Option<Vec3> {
+        let (center, ..) = session.ground_plane()?;
+        let (camera, ..) = self.camera_at(session, self.rect.min)?;
+        let part = self.part_at(session, Some(at));
+        let screen = Screen {
+            camera: &camera,
+            part,
+        };
+        let up = session.scene_up().direction();
+        screen.on_plane(screen.inside(at), center, up)
     }
 
     /// The wheel, keys that fly, and clicks.
@@ -304,6 +458,9 @@ impl Viewport {
         let held = self.gestures.held();
         if held == Some(Gesture::LookAround) {
             self.fly(ui, session, radius);
+        }
+        if self.placing.is_some() && response.hovered() {
+            ui.set_cursor_icon(egui::CursorIcon::Crosshair);
         }
         let is_on_wipe = held.is_none() && self.is_on_wipe(session, response.hover_pos());
         if is_on_wipe || held == Some(Gesture::Wipe) {
@@ -326,7 +483,7 @@ impl Viewport {
                     navigation::set_pivot(&mut session.pose, up, pick.position);
                 }
             }
-        } else if response.clicked() && !ui.input(|i| i.modifiers.shift) {
+        } else if response.clicked() && !self.was_placed && !ui.input(|i| i.modifiers.shift) {
             let at = response.interact_pointer_pos();
             let picked = at.and_then(|at| self.picked(session, at));
             if let Some((object, _)) = picked {
@@ -341,7 +498,6 @@ impl Viewport {
         let Some((object, pick)) = self.picked(session, at) else {
             return;
         };
-        let up = session.scene_up();
         let Some(brightest) = session.light(TARGET).brightest else {
             return session.info(tr("even light has no highlight to be put there"));
         };
@@ -352,11 +508,10 @@ impl Viewport {
             return;
         };
         let to_eye = (camera.eye - pick.position).normalize_or_zero();
-        // What mirrors is the side that is seen.
-        let mirrored = 2.0 * normal.dot(to_eye) * normal - to_eye;
-        let world_from_scene = up.asset_from_world().transpose();
+        let toward = mirrored(normal, to_eye);
+        let wanted = session.world_from_scene() * toward.as_dvec3();
         let light = &mut session.scene.environment;
-        let (in_map, wanted) = (brightest.as_dvec3(), world_from_scene * mirrored.as_dvec3());
+        let in_map = brightest.as_dvec3();
         light.bring(in_map, wanted);
         let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;
         if came.dot(wanted.normalize_or_zero()) < NEAR_ENOUGH {

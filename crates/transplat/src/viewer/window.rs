@@ -11,6 +11,8 @@ use super::language::tr_format;
 use super::panels;
 use super::session::Dialog;
 use super::shelf;
+use super::tabs::{LightPage, Tab};
+use super::timeline;
 
 /// How often work and settings are kept.
 const KEEPS_AFTER: Duration = Duration::from_secs(5);
@@ -22,6 +24,7 @@ impl eframe::App for Viewer {
         self.add_next();
         self.fit_text(context);
         self.keys(context);
+        self.timeline.play(context, &mut self.session);
         for event in self.session.update() {
             self.deal_with(event);
         }
@@ -38,8 +41,9 @@ impl eframe::App for Viewer {
         // While a splat is loading, its look is still to come; and a drag is one step.
         let is_comparing = self.session.comparing.is_some();
         let is_between = self.session.is_loading_asset() || self.viewport.is_dragging();
+        let is_between = is_between || self.timeline.is_moving();
         if !is_between && !is_comparing {
-            self.history.feed(time, &self.session.scene);
+            self.history.feed(time, &self.session.scene_as_step());
             // That is seen only when there is a frame.
             if self.history.is_in_flux() {
                 context.request_repaint_after_secs(history::STEP_S as f32 + 0.05);
@@ -75,6 +79,11 @@ impl eframe::App for Viewer {
             .show(ui, |ui| {
                 (self.shelf).show(ui, &mut self.session, &self.pictures);
             });
+        if self.timeline.is_shown {
+            egui::Panel::bottom("timeline")
+                .exact_size(timeline::HEIGHT)
+                .show(ui, |ui| self.timeline.show(ui, &mut self.session));
+        }
         // Asked for by what is shown below.
         self.session.overlays.wants_doubts = false;
         if self.shown.panels {
@@ -85,6 +94,14 @@ impl eframe::App for Viewer {
         }
         let hold_before = !ui.ctx().text_edit_focused()
             && ui.input(|i| i.key_down(Key::B) && !i.modifiers.command);
+        let overlays = &mut self.session.overlays;
+        let is_about_lights = self.shown.panels
+            && self.preferences.tab == Tab::Light
+            && self.shown.light == LightPage::Lights;
+        overlays.lights = is_about_lights && overlays.light_handles;
+        if !is_about_lights {
+            self.viewport.placing = None;
+        }
         egui::CentralPanel::no_frame().show(ui, |ui| {
             self.viewport.show(ui, &mut self.session, hold_before);
         });

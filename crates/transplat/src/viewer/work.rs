@@ -73,7 +73,7 @@ impl Viewer {
             return;
         };
         let is_bundled = bundled(BUNDLED_SPLAT).is_some_and(|b| is_same_file(&b, &asset.path));
-        if is_bundled && !self.history.has_undo(&self.session.scene) {
+        if is_bundled && !self.history.has_undo(&self.session.scene_as_step()) {
             return;
         }
         let scene = self.session.scene_to_save();

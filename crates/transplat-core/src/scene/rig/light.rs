@@ -1,6 +1,7 @@
 //! Lights of one's own: what a photographer puts around an object.
 
 use glam::{Affine3A, DVec3};
+use serde::{Deserialize, Serialize};
 
 use crate::color::black_body;
 use crate::environment::{Beam, Emitter, Illumination, Shape};
@@ -23,8 +24,35 @@ pub struct Light {
     pub tint: [f32; 3],
     /// Colour of a black body of that temperature, on top; none is white.
     pub kelvin: Option<f32>,
+    /// What it goes along with where that is moved.
+    pub fixed_to: FixedTo,
     /// Where it is, in the Z-up world and the objects' unit, and what it emits, linear RGB in the unit of the pictures.
     pub source: LightSource,
+}
+
+/// What a light goes along with. Where it stands is said in the world's coordinates all the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FixedTo {
+    /// Nothing: it stays where it stands.
+    #[default]
+    World,
+    /// Where the objects are seen from.
+    Camera,
+    /// An object of the scene, by its number from 0.
+    Object(usize),
+}
+
+impl FixedTo {
+    /// The same once an object is taken out of the scene.
+    #[must_use]
+    pub fn without_object(self, gone: usize) -> Self {
+        match self {
+            Self::Object(of) if of == gone => Self::World,
+            Self::Object(of) if of > gone => Self::Object(of - 1),
+            other => other,
+        }
+    }
 }
 
 /// Where a light is, how it spreads, and what it emits.
@@ -58,6 +86,8 @@ pub enum LightSource {
         cutoff_deg: f64,
         /// And up to which it has all; between them it falls with the angle.
         beam_deg: f64,
+        /// How far from it what it shines at is, along its direction; none where that is not told.
+        reach: Option<f64>,
     },
     /// A soft box.
     Rect {
@@ -69,6 +99,8 @@ pub enum LightSource {
         normal: DVec3,
         /// W/m²/sr.
         radiance: [f32; 3],
+        /// How far from it what it shines at is, along its direction; none where that is not told.
+        reach: Option<f64>,
     },
     /// A round one.
     Disc {
@@ -80,6 +112,8 @@ pub enum LightSource {
         normal: DVec3,
         /// W/m²/sr.
         radiance: [f32; 3],
+        /// How far from it what it shines at is, along its direction; none where that is not told.
+        reach: Option<f64>,
     },
 }
 
@@ -100,6 +134,7 @@ impl Light {
             strength: 0.0,
             tint: [1.0; 3],
             kelvin: None,
+            fixed_to: FixedTo::World,
             source,
         }
     }
@@ -108,6 +143,11 @@ impl Light {
     pub fn gain(&self) -> [f32; 3] {
         let colored = self.kelvin.map_or([1.0; 3], black_body);
         std::array::from_fn(|c| self.tint[c] * colored[c] * self.strength.exp2())
+    }
+
+    /// Whether it comes from one direction alone, without a disc.
+    pub fn is_beam(&self) -> bool {
+        matches!(self.source, LightSource::Directional { angle_deg, .. } if angle_deg == 0.0)
     }
 
     /// Adds it to what an asset with that up axis is lit by, if it is on.
@@ -119,9 +159,9 @@ impl Light {
         if let LightSource::Directional {
             to_light,
             irradiance,
-            angle_deg,
+            ..
         } = &self.source
-            && *angle_deg == 0.0
+            && self.is_beam()
         {
             let gain = self.gain();
             return light.add(Beam {
@@ -162,6 +202,7 @@ impl Light {
                 intensity,
                 cutoff_deg,
                 beam_deg,
+                ..
             } => {
                 let shape = Shape::Spot {
                     position: position.as_vec3(),
@@ -176,6 +217,7 @@ impl Light {
                 edges,
                 normal,
                 radiance,
+                ..
             } => {
                 let shape = Shape::Area {
                     center: center.as_vec3(),
@@ -190,6 +232,7 @@ impl Light {
                 radius,
                 normal,
                 radiance,
+                ..
             } => {
                 let (u, v) = normal.any_orthonormal_pair();
                 let shape = Shape::Area {
@@ -229,6 +272,12 @@ impl Light {
             emission.iter().all(|e| (0.0..=BRIGHTEST).contains(e)),
             || format!("what it emits is out of range 0 to {BRIGHTEST:e}"),
         )?;
+        ensure(
+            self.source
+                .reach()
+                .is_none_or(|r| (0.0..=FARTHEST).contains(&r)),
+            || "reach is out of range 0 to 1e12".into(),
+        )?;
         match self.source {
             LightSource::Directional { angle_deg, .. } => {
                 ensure((0.0..=90.0).contains(&angle_deg), || {
@@ -253,17 +302,6 @@ impl Light {
 }
 
 impl LightSource {
-    /// What the file calls it.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Directional { .. } => "directional",
-            Self::Point { .. } => "point",
-            Self::Spot { .. } => "spot",
-            Self::Rect { .. } => "rect",
-            Self::Disc { .. } => "disc",
-        }
-    }
-
     /// Its places and lengths, its directions, and what it emits.
     fn parts(&self) -> (Vec<DVec3>, Vec<DVec3>, [f32; 3]) {
         match self.clone() {
@@ -287,12 +325,14 @@ impl LightSource {
                 edges: [u, v],
                 normal,
                 radiance,
+                ..
             } => (vec![center, u, v], vec![normal], radiance),
             Self::Disc {
                 center,
                 radius,
                 normal,
                 radiance,
+                ..
             } => (vec![center, DVec3::splat(radius)], vec![normal], radiance),
         }
     }
@@ -302,7 +342,7 @@ impl LightSource {
 pub fn validate_all(lights: &[Light]) -> Result<()> {
     for (at, light) in lights.iter().enumerate() {
         light.validate().map_err(|why| {
-            let kind = light.source.kind();
+            let kind = light.source.kind().name();
             Error::Mismatch(format!("light {} ({kind}): {why}", at + 1))
         })?;
     }

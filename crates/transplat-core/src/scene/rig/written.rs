@@ -4,7 +4,7 @@ use glam::DVec3;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::light::{Light, LightSource};
+use super::light::{FixedTo, Light, LightSource};
 
 impl Serialize for Light {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
@@ -38,6 +38,8 @@ struct Written {
     #[serde(skip_serializing_if = "Option::is_none")]
     kelvin: Option<f32>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    fixed_to: Option<FixedTo>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     position: Option<DVec3>,
     #[serde(skip_serializing_if = "Option::is_none")]
     center: Option<DVec3>,
@@ -47,6 +49,8 @@ struct Written {
     direction: Option<DVec3>,
     #[serde(skip_serializing_if = "Option::is_none")]
     to_light: Option<DVec3>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reach: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     normal: Option<DVec3>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -81,6 +85,8 @@ impl Written {
             (Some(position), Some(target), _) => Some(target - position),
             (_, _, direction) => direction,
         };
+        let to_target = |from: Option<DVec3>| Some(from?.distance(of.target?));
+        let reach = |from| of.reach.or_else(|| to_target(from));
         let toward = of.to_light.or(of.direction.map(|d| -d));
         let source = match kind {
             "directional" => LightSource::Directional {
@@ -100,6 +106,7 @@ impl Written {
                     intensity: of.intensity.ok_or_else(|| missing("\"intensity\""))?,
                     cutoff_deg,
                     beam_deg: of.beam_deg.unwrap_or(cutoff_deg),
+                    reach: reach(of.position),
                 }
             }
             "rect" => {
@@ -117,6 +124,7 @@ impl Written {
                         across
                     },
                     radiance: of.radiance.ok_or_else(|| missing("\"radiance\""))?,
+                    reach: of.reach,
                 }
             }
             "disc" => LightSource::Disc {
@@ -124,6 +132,7 @@ impl Written {
                 radius: of.radius.ok_or_else(|| missing("\"radius\""))?,
                 normal: unit(of.normal.ok_or_else(|| missing("\"normal\""))?),
                 radiance: of.radiance.ok_or_else(|| missing("\"radiance\""))?,
+                reach: of.reach,
             },
             other => {
                 return Err(format!(
@@ -138,6 +147,7 @@ impl Written {
             strength: of.strength.unwrap_or(0.0),
             tint: of.tint.unwrap_or([1.0; 3]),
             kelvin: of.kelvin,
+            fixed_to: of.fixed_to.unwrap_or_default(),
             source,
         })
     }
@@ -146,13 +156,14 @@ impl Written {
 impl From<Light> for Written {
     fn from(light: Light) -> Self {
         let head = Self {
-            kind: light.source.kind().into(),
+            kind: light.source.kind().name().into(),
             name: light.name,
             on: (!light.on).then_some(false),
             solo: light.solo.then_some(true),
             strength: (light.strength != 0.0).then_some(light.strength),
             tint: (light.tint != [1.0; 3]).then_some(light.tint),
             kelvin: light.kelvin,
+            fixed_to: (light.fixed_to != FixedTo::World).then_some(light.fixed_to),
             ..Self::default()
         };
         match light.source {
@@ -180,7 +191,9 @@ impl From<Light> for Written {
                 intensity,
                 cutoff_deg,
                 beam_deg,
+                reach,
             } => Self {
+                reach,
                 position: Some(position),
                 direction: Some(direction),
                 intensity: Some(intensity),
@@ -193,7 +206,9 @@ impl From<Light> for Written {
                 edges: [u, v],
                 normal,
                 radiance,
+                reach,
             } => Self {
+                reach,
                 center: Some(center),
                 edge_u: Some(u),
                 edge_v: Some(v),
@@ -206,7 +221,9 @@ impl From<Light> for Written {
                 radius,
                 normal,
                 radiance,
+                reach,
             } => Self {
+                reach,
                 center: Some(center),
                 radius: Some(radius),
                 normal: Some(normal),
@@ -229,10 +246,10 @@ mod tests {
     #[test]
     fn a_light_comes_back_as_it_was_written() {
         for text in [
-            r#"{"type": "point", "position": [0.1, 2, 3], "intensity": [1, 2, 3], "name": "key", "on": false, "kelvin": 3200}"#,
+            r#"{"type": "point", "position": [0.1, 2, 3], "intensity": [1, 2, 3], "name": "key", "on": false, "kelvin": 3200, "fixed_to": "camera"}"#,
             r#"{"type": "spot", "position": [0, 0, 2], "target": [0, 0, 0], "intensity": [1, 1, 1], "cutoff_deg": 30, "beam_deg": 10}"#,
             r#"{"type": "rect", "center": [0, 0, 2], "edge_u": [1, 0, 0], "edge_v": [0, -1, 0], "radiance": [5, 5, 5], "strength": -1.5}"#,
-            r#"{"type": "disc", "center": [0, 0, 2], "radius": 0.4, "normal": [0, 0, -2], "radiance": [5, 5, 5], "solo": true}"#,
+            r#"{"type": "disc", "center": [0, 0, 2], "radius": 0.4, "normal": [0, 0, -2], "reach": 1.5, "radiance": [5, 5, 5], "solo": true, "fixed_to": {"object": 1}}"#,
             r#"{"type": "directional", "direction": [0, 0, -1], "irradiance": [5, 5, 5], "angle_deg": 0.53, "tint": [1, 0.5, 0.25]}"#,
         ] {
             let light = parsed(text).expect(text);

@@ -92,6 +92,7 @@ impl Relight for DirectionalTransfer {
     fn left_out_for(&self, light: &Illumination, _: bool) -> Option<Skipped> {
         let Terms { sums, suns, .. } = self.settings.terms;
         let has_none = light.beams.as_ref().is_none_or(|b| b.suns.is_empty());
+        let has_none = has_none && light.emitters.is_empty();
         (has_none && sums && suns && self.settings.skips.has(Skip::Suns)).then(|| Skipped {
             skip: Some(Skip::Suns),
             ..Skipped::exact(Stage::Transfer, "rays to suns", "the light has no sun")

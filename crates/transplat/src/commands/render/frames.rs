@@ -106,6 +106,14 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
             })
             .collect())
     };
+    let numbered = |cameras: Vec<Camera>| match (&cameras[..], args.animation) {
+        // One sees all of it.
+        ([one], true) => {
+            let frames = scene.animation.frames(args.frame_rate);
+            numbered(vec![*one; frames])
+        }
+        _ => numbered(cameras),
+    };
     let size = args.size.or(size_of_all).unwrap_or([800, 800]);
     let camera = &args.camera;
     let fov_x = camera.fov.unwrap_or(FIELD_OF_VIEW).to_radians();

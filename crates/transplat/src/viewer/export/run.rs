@@ -1,5 +1,6 @@
 //! What an export makes of what it was started with.
 
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,7 +19,7 @@ use transplat_core::ground::Ground;
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::{Progress, no_progress, tell};
 use transplat_core::rasterize::Raster;
-use transplat_core::scene::Scene;
+use transplat_core::scene::{EnvironmentLight, MOST_FRAMES, Scene};
 use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
@@ -113,7 +114,33 @@ impl Snapshot {
                 self.each(handle, lights.map(|light| (self.scene.view, light)))
             }
             Task::ContactSheet => self.contact_sheet(handle),
-            Task::Turntable => self.turntable(handle),
+            Task::Turntable => {
+                let frames = self.settings.frames.max(1);
+                let turn = |frame| 360.0 * frame as f64 / frames as f64;
+                // The camera's turn changes no light: one relight does for all frames.
+                match self.settings.turn {
+                    Turn::Camera => self.sequence(handle, frames, true, |frame, _, pose| {
+                        pose.azimuth = wrap(pose.azimuth + turn(frame));
+                    }),
+                    Turn::Light => self.sequence(handle, frames, false, |frame, scene, _| {
+                        scene.environment.rotation += turn(frame);
+                    }),
+                }
+            }
+            Task::Animation => {
+                let frame_rate = self.settings.frame_rate;
+                let frames = self.scene.animation.frames(frame_rate);
+                if frames > MOST_FRAMES {
+                    bail!(tr_format!(
+                        "the animation has {frames} frames; {MOST_FRAMES} are possible: fewer a second, or less time between its keys",
+                        frames = frames,
+                        MOST_FRAMES = MOST_FRAMES
+                    ));
+                }
+                self.sequence(handle, frames, false, |frame, scene, _| {
+                    scene.go_to(frame as f64 / f64::from(frame_rate));
+                })
+            }
             Task::Splat(_) | Task::Delit(_) => bail!("not a picture"),
         }
     }
@@ -220,7 +247,7 @@ impl Snapshot {
         let channels = layers.take(studio, &camera, self.settings.supersample, lit)?;
         let mut look = scene.clone();
         look.camera = Some(*pose);
-        look.environment.file = Some(target.path.clone());
+        look.environment.set_file(target.path.clone());
         self.make_folder(path)?;
         let made_by = look_text(&look).map_err(anyhow::Error::msg)?;
         write_layers(path, self.settings.size, channels, &made_by)?;
@@ -316,17 +343,24 @@ impl Snapshot {
     }
 
     /// A light's map as it is seen behind the object.
-    fn backdrop_map(&self, light: &Environment) -> Result<Arc<EnvironmentMap>> {
-        if let Some(map) = self.maps.borrow().get(&light.id) {
+    fn backdrop_map(
+        &self,
+        light: &Environment,
+        settings: &EnvironmentLight,
+    ) -> Result<Arc<EnvironmentMap>> {
+        let key = (light.id, settings.without_suns);
+        if let Some(map) = self.maps.borrow().get(&key) {
             return Ok(map.clone());
         }
-        let map = Arc::new(load_map(light)?.blurred(self.scene.background_blur));
+        let map = load_map(light)?;
+        let map = settings.backdrop(&map).blurred(self.scene.background_blur);
+        let map = Arc::new(map);
         // A sheet of many lights is not to hold all their maps.
         let mut maps = self.maps.borrow_mut();
         if maps.len() >= 2 {
             maps.clear();
         }
-        maps.insert(light.id, map.clone());
+        maps.insert(key, map.clone());
         Ok(map)
     }
 
@@ -336,6 +370,12 @@ impl Snapshot {
 
     /// What the lights make of the asset, for a view.
     fn lit(&self, scene: &Scene, view: View, target: &Arc<Environment>) -> Result<Lit> {
+        // Suns are taken out of the look's own light.
+        let mut of_other = Cow::Borrowed(scene);
+        if scene.environment.without_suns && target.id != self.lights[TARGET].id {
+            of_other.to_mut().environment.without_suns = false;
+        }
+        let scene = &*of_other;
         let source = &self.lights[SOURCE];
         let object = &scene.objects[self.object];
         let maps = [&source.illumination, &target.illumination];
@@ -375,13 +415,13 @@ impl Snapshot {
             lit.ground = lit_ground(ground, scene, object, maps, self.up);
         }
         if view.background(scene.background) == Background::Environment {
-            let matched = scene.match_gain(object, maps);
+            let matched = scene.environment_gain(object, maps);
             // Behind a pinned look is that look's light.
             let left = match &self.pinned {
                 Some(pinned) if view.has_two_sides() => {
                     let scene = &pinned.scene;
                     let object = &scene.objects[self.object];
-                    let gain = scene.match_gain(object, self.maps_of(pinned));
+                    let gain = scene.environment_gain(object, self.maps_of(pinned));
                     (&pinned.environment, &scene.environment, gain)
                 }
                 _ => (source, &object.source, 1.0),
@@ -389,7 +429,7 @@ impl Snapshot {
             let sides = [left, (target, &scene.environment, matched)];
             for (side, (light, settings, gain)) in sides.into_iter().enumerate() {
                 if view.backdrops()[side] {
-                    let map = self.backdrop_map(light)?;
+                    let map = self.backdrop_map(light, settings)?;
                     lit.backdrops[side] = Some(Backdrop::new(map, settings, self.up, gain));
                 }
             }
@@ -457,15 +497,20 @@ impl Snapshot {
         stem
     }
 
-    fn turntable(&self, handle: &Handle<Outcome>) -> Result<Made> {
-        let frames = self.settings.frames.max(1);
+    /// Frame by frame, each set from how it is now; where the light stays, it is relit once.
+    fn sequence(
+        &self,
+        handle: &Handle<Outcome>,
+        frames: usize,
+        light_stays: bool,
+        set: impl Fn(usize, &mut Scene, &mut CameraPose),
+    ) -> Result<Made> {
         let target = &self.lights[TARGET];
         let view = self.scene.view;
         let studio = self.studio(view)?;
-        // The camera's turn changes no light: one relight does for all frames.
-        let fixed = match self.settings.turn {
-            Turn::Camera => Some(self.lit(&self.scene, view, target)?),
-            Turn::Light => None,
+        let fixed = match light_stays {
+            true => Some(self.lit(&self.scene, view, target)?),
+            false => None,
         };
         let mut written = Vec::new();
         let mut film = match self.settings.film {
@@ -483,18 +528,20 @@ impl Snapshot {
         for frame in 0..frames {
             handle_step(handle, frame, frames)?;
             let report = step(handle, frame, frames);
-            let turn = 360.0 * frame as f64 / frames as f64;
             let (mut pose, mut scene) = (self.pose, self.scene.clone());
-            let turned;
+            set(frame, &mut scene, &mut pose);
+            // A sky is another light for each place of its sun.
+            let sky = scene.environment.sky().filter(|_| target.sky.is_some());
+            let target = match sky {
+                Some(sky) => &Arc::new(Environment::of_sky(sky)),
+                None => target,
+            };
+            let relit;
             let lit = match &fixed {
-                Some(lit) => {
-                    pose.azimuth = wrap(pose.azimuth + turn);
-                    lit
-                }
+                Some(lit) => lit,
                 None => {
-                    scene.environment.rotation += turn;
-                    turned = self.lit(&scene, view, target)?;
-                    &turned
+                    relit = self.lit(&scene, view, target)?;
+                    &relit
                 }
             };
             if let Some(film) = &mut film {

@@ -223,12 +223,25 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
             (tr("film, WebP"), Some(FilmFormat::WebP)),
         ],
     );
-    if settings.film.is_some() {
+    if settings.film.is_some() || viewer.session.scene.animation.keys.len() > 1 {
         let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
         let response = ui
             .add(drag)
             .on_hover_text(tr("How fast the film is played."));
         named(&response, egui::Role::SpinButton, tr("Frame rate"));
     }
-    button(ui, tr("Save turntable"), tr("A whole turn.")).then_some(Task::Turntable)
+    let mut task = None;
+    ui.horizontal(|ui| {
+        if button(ui, tr("Save turntable"), tr("A whole turn.")) {
+            task = Some(Task::Turntable);
+        }
+        let has_keys = viewer.session.scene.animation.keys.len() > 1;
+        ui.add_enabled_ui(has_keys, |ui| {
+            let tip = tr("The light from the timeline's first key to its last, at the frames a second above.");
+            if button(ui, tr("Save animation"), tip) {
+                task = Some(Task::Animation);
+            }
+        });
+    });
+    task
 }

@@ -1,8 +1,8 @@
-//! One of the two lights: how it is turned, how strong it is.
+//! What lights the objects, and lit the capture: how it is turned, how strong it is.
 
-use eframe::egui::{self, Button, Ui};
-use transplat_core::environment::Layout;
-use transplat_core::scene::{EVEN, is_even};
+use eframe::egui::{self, Button, Role, Ui};
+use transplat_core::environment::{Layout, Sun, TURBIDITIES};
+use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
 use crate::pipeline::estimate::instead;
@@ -11,21 +11,37 @@ use crate::viewer::environments::Environment;
 use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
-use crate::viewer::widgets::{Control, advanced, angle, button, choice, fact, file, name};
+use crate::viewer::tabs::LightPage;
+use crate::viewer::widgets::{
+    Control, advanced, angle, button, choice, fact, file, name, named, number,
+};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
-        let sides = [TARGET, SOURCE];
-        let width = (ui.available_width() - ui.spacing().item_spacing.x) / sides.len() as f32;
-        for side in sides {
-            let button = Button::selectable(viewer.shown.light == side, tr(SIDES[side]));
+        let lights = match viewer.session.scene.lights.len() {
+            0 => tr("lights").to_owned(),
+            n => format!("{} {n}", tr("lights")),
+        };
+        let pages = [
+            (LightPage::RelitBy, tr(SIDES[TARGET])),
+            (LightPage::Lights, &lights),
+            (LightPage::CapturedUnder, tr(SIDES[SOURCE])),
+        ];
+        let gaps = (pages.len() - 1) as f32 * ui.spacing().item_spacing.x;
+        let width = (ui.available_width() - gaps) / pages.len() as f32;
+        for (page, name) in pages {
+            let button = Button::selectable(viewer.shown.light == page, name);
             let size = egui::vec2(width, ui.spacing().interact_size.y);
             if ui.add_sized(size, button).clicked() {
-                viewer.shown.light = side;
+                viewer.shown.light = page;
             }
         }
     });
-    let side = viewer.shown.light;
+    let side = match viewer.shown.light {
+        LightPage::RelitBy => TARGET,
+        LightPage::CapturedUnder => SOURCE,
+        LightPage::Lights => return super::lights::show(ui, viewer),
+    };
     let session = &mut viewer.session;
     let light = session.light(side).clone();
     if side == SOURCE && !light.is_file() {
@@ -34,6 +50,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         ui.label(light.name());
     } else {
         file(ui, &light.path);
+    }
+    if side == TARGET {
+        sky(ui, session);
     }
     if !light.is_even {
         let turned = viewer.maps[side].show(ui, &mut viewer.session, side);
@@ -102,6 +121,25 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     advanced(ui, |ui| lying(ui, viewer, side));
 }
 
+/// Suns of the picture as lights of one's own, or in it again.
+fn suns(ui: &mut Ui, session: &mut Session) {
+    if session.scene.environment.without_suns {
+        let tip = tr(
+            "Its suns shine as they are in the picture; of those among the lights, one that was changed stays.",
+        );
+        if button(ui, tr("Put the suns back"), tip) {
+            session.put_suns_back();
+        }
+        return;
+    }
+    let tip = tr(
+        "Its suns become lights of your own, to be moved, dimmed, coloured or made softer; the sky stays.",
+    );
+    if button(ui, tr("Take out the sun"), tip) {
+        session.take_out_suns();
+    }
+}
+
 /// How the map lies in its file, and what it goes round with.
 fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     let session = &mut viewer.session;
@@ -131,6 +169,9 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
             tr("Locked to the camera, the light goes round with it as one orbits sideways: the shading stays, the object turns."),
         );
     }
+    if side == TARGET && light.is_file() {
+        suns(ui, session);
+    }
     if light.size[0] > 0 {
         let size = tr_format!("{} x {} pixels", light.size[0], light.size[1]);
         fact(ui, tr("holds"), size);
@@ -138,6 +179,137 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     if side == TARGET && !is_even(&light.path) && ui.button(tr("Use even light instead")).clicked()
     {
         session.set_light(side, EVEN.into());
+    }
+}
+
+/// Where the sun stands, and how clear the air is; or a button that takes sun and sky.
+fn sky(ui: &mut Ui, session: &mut Session) {
+    let Some(mut sky) = session.scene.environment.sky() else {
+        let tip = tr(
+            "The light of a day instead of a picture's: the sun stands where you put it, or where it stands at a place and time.",
+        );
+        if button(ui, tr("Sun and sky"), tip) {
+            session.set_light(TARGET, SKY.into());
+            // It is as bright as the hour makes it.
+            session.scene.match_strength = false;
+        }
+        return;
+    };
+    let [azimuth, elevation] = sky.sun.angles();
+    let mut is_of_place = matches!(sky.sun, Sun::Of { .. });
+    let ways = [
+        (tr("where you put it"), false),
+        (tr("of place and time"), true),
+    ];
+    let tip = tr(
+        "Where the sun stands. North is +y of the world, east +x; the rotation below turns all of it.",
+    );
+    if choice(ui, tr("Sun"), tip, &mut is_of_place, &ways) {
+        sky.sun = match is_of_place {
+            true => Sun::SOMEWHERE,
+            false => Sun::At { azimuth, elevation },
+        };
+    }
+    match &mut sky.sun {
+        Sun::At { azimuth, elevation } => {
+            let tip = tr("Where the sun stands around the up axis: 0° is the east, 90° the north.");
+            angle(ui, tr("Azimuth"), tip, azimuth);
+            Control {
+                label: tr("Elevation"),
+                unit: "°",
+                tip: tr("How high the sun stands above the horizon; below 0° it is dusk."),
+                decimals: 1,
+                ..Control::of(-12.0..=90.0, 40.0)
+            }
+            .show(ui, elevation);
+        }
+        Sun::Of {
+            latitude,
+            longitude,
+            date,
+            hour,
+            utc_offset,
+        } => {
+            Control {
+                label: tr("Time of day"),
+                unit: tr(" h"),
+                tip: tr("What the clock shows there, in hours."),
+                decimals: 2,
+                ..Control::of(0.0..=24.0, 12.0)
+            }
+            .show(ui, hour);
+            Control {
+                label: tr("Month"),
+                tip: tr("Month of the year."),
+                ..Control::of(1..=12, 6)
+            }
+            .show(ui, &mut date.month);
+            let days = date.days_of_month();
+            Control {
+                label: tr("Day"),
+                tip: tr("Day of the month."),
+                ..Control::of(1..=days, 21)
+            }
+            .show(ui, &mut date.day);
+            date.day = date.day.min(days);
+            ui.horizontal(|ui| {
+                name(ui, tr("Place"));
+                let degrees = |ui: &mut Ui, value: &mut f64, most: f64, text: &str, tip: &str| {
+                    let drag = number(value, -most..=most)
+                        .speed(0.1)
+                        .max_decimals(2)
+                        .prefix(text)
+                        .suffix("°");
+                    let drag = ui.add(drag).on_hover_text(tip);
+                    named(&drag, Role::SpinButton, tip);
+                };
+                let (north, east) = (tr("north "), tr("east "));
+                degrees(
+                    ui,
+                    latitude,
+                    90.0,
+                    north,
+                    tr("Degrees north of the equator."),
+                );
+                degrees(ui, longitude, 180.0, east, tr("Degrees east of Greenwich."));
+            });
+            ui.horizontal(|ui| {
+                name(ui, tr("Clock"));
+                let drag = number(utc_offset, -14.0..=14.0)
+                    .speed(0.05)
+                    .max_decimals(2)
+                    .prefix("UTC ");
+                let tip = tr("How many hours the clock there is ahead of UTC.");
+                named(&ui.add(drag).on_hover_text(tip), Role::SpinButton, tip);
+            });
+            let stands = match elevation < 0.0 {
+                true => tr_format!("{:.0}° below the horizon", -elevation),
+                false => tr_format!("{elevation:.0}° above the horizon", elevation = elevation),
+            };
+            fact(ui, tr("the sun stands"), stands);
+        }
+    }
+    Control {
+        label: tr("Haze"),
+        tip: tr("Turbidity of the air: 2 is very clear, 3 clear, 6 hazy, 10 misty."),
+        decimals: 1,
+        ..Control::of(TURBIDITIES, 3.0)
+    }
+    .show(ui, &mut sky.turbidity);
+    Control {
+        label: tr("Ground"),
+        tip: tr("How much of the light the ground throws back: snow 0.8, sand 0.4, grass 0.2."),
+        decimals: 2,
+        ..Control::of(0.0..=1.0, 0.2)
+    }
+    .show(ui, &mut sky.ground_albedo);
+    ui.checkbox(&mut sky.sun_shines, tr("The sun shines"))
+        .on_hover_text(tr(
+            "Without it there is the light of the sky alone, as in its shade.",
+        ));
+    let environment = &mut session.scene.environment;
+    if environment.sky != Some(sky) && environment.sky() != Some(sky) {
+        environment.sky = Some(sky);
     }
 }
 

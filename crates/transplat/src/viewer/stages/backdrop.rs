@@ -1,11 +1,13 @@
 //! What is behind the objects and over the whole picture: maps, photographs and tables of colours.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use transplat_core::files::{load_lut, load_plate};
 use transplat_core::present::{Background, View};
 use transplat_gpu::present::{Backdrop, ResidentLut};
 
+use crate::pipeline::SKY_COLUMNS;
 use crate::viewer::environments::load_map;
 use crate::viewer::jobs::Kind;
 use crate::viewer::language::tr_format;
@@ -20,9 +22,12 @@ impl Session {
             return;
         }
         for side in [TARGET, SOURCE] {
-            let light = self.behind(side, view).0.clone();
+            let (light, settings, _) = self.behind(side, view);
+            let (light, settings) = (light.clone(), settings.clone());
             let key = BackdropKey {
+                without_suns: settings.without_suns,
                 light: light.id,
+                is_sky: light.sky.is_some(),
                 blur: self.scene.background_blur,
             };
             let kind = Kind::Backdrop(side);
@@ -35,12 +40,19 @@ impl Session {
             let kept = self.environments.kept_map(light.id);
             let blur = key.blur;
             let work = move |_: &_| {
-                let map = kept.map_or_else(|| load_map(&light), Ok)?;
-                let backdrop = Backdrop::new(&context, &map.blurred(blur));
-                Ok((map, backdrop))
+                let map = match (kept, light.sky) {
+                    (Some(map), _) => map,
+                    // Made anew for each place of the sun: half as fine as one that is saved.
+                    (None, Some(sky)) => Arc::new(sky.map(SKY_COLUMNS / 2)),
+                    (None, None) => load_map(&light)?,
+                };
+                let shown = settings.backdrop(&map).blurred(blur);
+                Ok((map, Backdrop::new(&context, &shown)))
             };
             self.start(kind, label, work, move |session, (map, backdrop)| {
-                session.environments.keep_map(key.light, map);
+                if !key.is_sky {
+                    session.environments.keep_map(key.light, map);
+                }
                 if session.backdrops[side].accept(key, ()) {
                     session.live().set_backdrop(side, backdrop);
                     if side == TARGET {

@@ -1,7 +1,7 @@
 //! The ground that catches the objects' shadow.
 
 use anyhow::Context;
-use glam::{DMat3, Vec3};
+use glam::Vec3;
 use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::surfels::SurfelCloud;
 
@@ -59,8 +59,9 @@ impl Session {
         }
         // The source is as the object was captured; the target is the scene's.
         let [source, target] = key.1.each_ref().map(|l| &l.light);
-        let target = target.radiance.rotated(DMat3::from_quat(turn.as_dquat()));
-        let lit = [&source.radiance, &target].map(|light| ground.lit_share(light));
+        let place = self.scene.objects[0].transform.scene_from_object();
+        let target = target.seen_by(place.inverse());
+        let lit = [&**source, &target].map(|light| ground.lit_share(light));
         self.live().set_ground([&lit[0], &lit[1]]);
         self.ground_lit.set(key, ());
     }

@@ -11,6 +11,9 @@ use crate::viewer::session::Session;
 impl Session {
     /// Lights the sides by what the settings name, where it is there.
     pub(in crate::viewer) fn resolve_lights(&mut self) {
+        if let Some(sky) = self.scene.environment.sky() {
+            self.environments.make_sky(sky);
+        }
         for at in 0..self.scene.objects.len() {
             let [source, _] = self.sides_of(at);
             if let Some(resolved) = self.resolve(at, source) {

@@ -43,8 +43,11 @@ impl Session {
             state.leave_out_hidden();
             key.unseen = state.unseen.version;
         }
-        if !on_gpu {
-            self.start_relight(at, prepared, key);
+        // Rays to what is near the CPU traces, beside the interface.
+        let is_near = !key.target.light.emitters.is_empty();
+        let is_traced = is_near && matches!(prepared, PreparedTransfer::Directional(_));
+        if !on_gpu || is_traced {
+            self.start_relight(at, prepared, (key, on_gpu));
             return;
         }
         let start = Instant::now();
@@ -136,8 +139,13 @@ impl Session {
     }
 
     /// Relights on the CPU, one light after the other: the newest there is whenever the last one is done.
-    fn start_relight(&mut self, at: usize, prepared: PreparedTransfer, key: RelitKey) {
-        if self.start_coarse_relight(at, &prepared, &key) {
+    fn start_relight(
+        &mut self,
+        at: usize,
+        prepared: PreparedTransfer,
+        (key, on_gpu): (RelitKey, bool),
+    ) {
+        if !on_gpu && self.start_coarse_relight(at, &prepared, &key) {
             return;
         }
         let state = &mut self.states[at];
@@ -152,7 +160,8 @@ impl Session {
             let relit = prepared.relight_seen(&wanted.target.light, wanted.part, &unseen)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let relit = Arc::new(relit);
-            let there = LiveSh::new(&context, &relit, Drawing::fastest(&context));
+            let upload = || LiveSh::new(&context, &relit, Drawing::fastest(&context));
+            let there = (!on_gpu).then(upload);
             Ok((there, relit, ms))
         };
         self.start(kind, tr("relighting"), work, move |session, relit| {
@@ -164,7 +173,7 @@ impl Session {
         &mut self,
         id: u64,
         key: RelitKey,
-        (there, relit, ms): (LiveSh, Arc<Relit>, f64),
+        (there, relit, ms): (Option<LiveSh>, Arc<Relit>, f64),
     ) {
         // One of the last preparation is not shown any more.
         let is_of = |at: &usize| self.states[*at].prepared.version() == key.prepared;
@@ -174,13 +183,17 @@ impl Session {
         let relighting = self.relighting(at, &key, Some(ms));
         let state = &mut self.states[at];
         state.relit_in_ms = ms;
-        let (is_whole, shown) = (key.part == Part::Whole, key.shown());
-        if state.relit.accept(key, relighting) {
-            let tau = present::tau_colors(&relit.tau);
-            if is_whole && !state.unseen.has_hidden {
-                state.readout.set(shown, relit);
-            }
-            self.live().set_relit(at, there, tau);
+        let (part, shown) = (key.part, key.shown());
+        if !state.relit.accept(key, relighting) {
+            return;
+        }
+        if part == Part::Whole && !state.unseen.has_hidden {
+            state.readout.set(shown, relit.clone());
+        }
+        let mut live = self.live();
+        match there {
+            Some(there) => live.set_relit(at, there, present::tau_colors(&relit.tau)),
+            None => live.take_relit(at, &relit, part),
         }
     }
 

@@ -1,0 +1,448 @@
+//! Lights of one's own: added, placed, and taken along with what they are fixed to.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{Affine3A, DMat3, DQuat, DVec3, Vec3};
+use transplat_core::camera::{Camera, CameraPose};
+use transplat_core::environment::EnvironmentMap;
+use transplat_core::environment::MOST_LIGHTS;
+use transplat_core::files::{load_rig, save_rig, write_environment};
+use transplat_core::scene::{
+    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, Transform, is_even,
+};
+use transplat_core::surfels::UpAxis;
+
+use super::environments::load_map;
+use super::jobs::Kind;
+use super::kept::free;
+use super::language::{tr, tr_format, tr_later};
+use super::session::{Event, Session};
+use crate::pipeline::SKY_COLUMNS;
+use crate::pipeline::settings::beside;
+
+/// How the kinds of lights are called.
+pub fn kind_name(kind: LightKind) -> &'static str {
+    tr(match kind {
+        LightKind::Directional => tr_later("sun"),
+        LightKind::Point => tr_later("point light"),
+        LightKind::Spot => tr_later("spot light"),
+        LightKind::Rect => tr_later("soft box"),
+        LightKind::Disc => tr_later("round soft box"),
+    })
+}
+
+/// The rigs to begin with.
+pub const RIGS: [(RigPreset, &str); 5] = [
+    (RigPreset::ThreePoint, tr_later("three point")),
+    (RigPreset::Rim, tr_later("rim light")),
+    (RigPreset::Overcast, tr_later("overcast")),
+    (RigPreset::GoldenHour, tr_later("golden hour")),
+    (RigPreset::ProductTable, tr_later("product table")),
+];
+
+/// What their lights are called.
+const NAMES: [&str; 10] = [
+    tr_later("key"),
+    tr_later("fill"),
+    tr_later("back"),
+    tr_later("rim right"),
+    tr_later("rim left"),
+    tr_later("overcast sky"),
+    tr_later("sun"),
+    tr_later("top"),
+    tr_later("right"),
+    tr_later("left"),
+];
+
+/// Where new lights stand: degrees to the right of the camera and above the horizon, the first one first.
+const PLACES: [[f64; 2]; 5] = [
+    [-45.0, 40.0],
+    [55.0, 20.0],
+    [150.0, 40.0],
+    [-140.0, 25.0],
+    [0.0, 70.0],
+];
+
+/// How bright they are at least, the first one being 1.
+const LEAST_SHARE: f32 = 0.3;
+
+/// And how far away, in radii of all that is shown.
+const AWAY: f64 = 3.0;
+
+/// What lights are fixed to, as it was last seen.
+#[derive(Clone, PartialEq)]
+pub struct Followed {
+    camera: CameraPose,
+    up: UpAxis,
+    /// The objects' states, and where they stand.
+    places: Vec<(u64, Transform)>,
+}
+
+impl Session {
+    /// From the scene's coordinates to the Z-up world, in which lights stand.
+    pub fn world_from_scene(&self) -> DMat3 {
+        self.scene_up().asset_from_world().transpose()
+    }
+
+    /// What lights are placed around.
+    pub fn lit(&self) -> Lit {
+        let bounds = self.scene_bounds();
+        let center = bounds.map_or(Vec3::ZERO, |b| b.center);
+        Lit {
+            center: self.world_from_scene() * center.as_dvec3(),
+            radius: bounds.map_or(1.0, |b| f64::from(b.radius).max(1e-6)),
+            seen_from: self.pose.azimuth,
+        }
+    }
+
+    /// The number of the light that the panel is about.
+    pub fn chosen_light(&self) -> Option<usize> {
+        let last = self.scene.lights.len().checked_sub(1)?;
+        Some(self.selected_light.min(last))
+    }
+
+    /// The light that the panel is about.
+    pub fn chosen_light_mut(&mut self) -> Option<&mut Light> {
+        let at = self.chosen_light()?;
+        self.scene.lights.get_mut(at)
+    }
+
+    /// Adds a light of a kind where none stands yet.
+    pub fn add_light(&mut self, kind: LightKind) {
+        let lit = self.lit();
+        let [right, above] = PLACES[self.scene.lights.len() % PLACES.len()];
+        let placed = lit.around(right, above, AWAY);
+        // Several together are to be as bright as one, or not much brighter.
+        let share = (self.scene.lights.len() as f32 + 1.0)
+            .recip()
+            .max(LEAST_SHARE);
+        let light = Light::placed(kind, placed, share * KEY);
+        self.take_light(light, kind_name(kind));
+    }
+
+    /// Adds another light like one.
+    pub fn duplicate_light(&mut self, at: usize) {
+        let mut light = self.scene.lights[at].clone();
+        let Lit { center, .. } = self.lit();
+        let aim = light.source.aim(center);
+        // To the other side of where it is seen from: two in one place are hard to take.
+        let toward = light.source.position().map_or_else(
+            || -light.source.direction().unwrap_or(DVec3::Z),
+            |p| p - aim,
+        );
+        let aside = aim + DQuat::from_rotation_z(0.5) * toward;
+        light.source.put(aside, aim);
+        let name = light.name.clone();
+        self.take_light(light, &name);
+    }
+
+    fn take_light(&mut self, mut light: Light, name: &str) {
+        if self.scene.lights.len() == MOST_LIGHTS {
+            return self.error(tr_format!(
+                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
+                MOST_LIGHTS = MOST_LIGHTS
+            ));
+        }
+        light.name = free(name, self.scene.lights.iter().map(|l| l.name.as_str()));
+        self.scene.add_light(light);
+        self.selected_light = self.scene.lights.len() - 1;
+    }
+
+    /// Takes a rig in the place of the lights there are, with what it has around them.
+    pub fn take_rig(&mut self, rig: Rig, from: Option<&Path>) {
+        let places = [from, self.scene.objects[0].source.file.as_deref()];
+        let around = rig.environment.as_ref();
+        let environment =
+            around.map(|around| around.over(&self.scene.environment, |file| beside(file, places)));
+        let told = |error: String| match from {
+            Some(path) => format!("{}: {error}", path.display()),
+            None => error,
+        };
+        let mut scene = self.scene.clone();
+        match environment {
+            Some(Ok(environment)) => scene.environment = environment,
+            Some(Err(error)) => return self.error(told(error.to_string())),
+            None => {}
+        }
+        scene.set_lights(rig.lights);
+        if let Err(error) = scene.validate() {
+            return self.error(told(error.to_string()));
+        }
+        self.scene = scene;
+        if let Some(file) = self.scene.environment.file.clone() {
+            self.environments.request(&file);
+        }
+        self.selected_light = 0;
+        if self.scene.match_strength && around.is_some() {
+            // It is as bright as it is made.
+            self.scene.match_strength = false;
+        }
+    }
+
+    /// Takes one of the rigs to begin with.
+    pub fn take_preset(&mut self, preset: RigPreset) {
+        let mut rig = preset.rig(self.lit());
+        for light in &mut rig.lights {
+            if let Some(name) = NAMES.into_iter().find(|name| *name == light.name) {
+                light.name = tr(name).to_owned();
+            }
+        }
+        self.take_rig(rig, None);
+    }
+
+    /// Opens a rig's file.
+    pub fn open_rig(&mut self, path: &Path) {
+        match load_rig(path) {
+            Ok(rig) => {
+                self.opened.push(path.to_owned());
+                self.take_rig(rig, Some(path));
+            }
+            Err(error) => self.error(error.to_string()),
+        }
+    }
+
+    /// Writes the lights as a rig; light that is even is around them there, and an environment's file is left to whoever takes the rig.
+    pub fn save_rig(&mut self, path: &Path) {
+        let around = &self.scene.environment;
+        let is_even = around.file.as_deref().is_some_and(is_even);
+        let uniform = is_even.then(|| Around::Uniform {
+            uniform: around.gain(),
+        });
+        let sky = around.sky().map(|sky| Around::Sky { sky });
+        let rig = Rig::of(self.scene.lights.clone(), uniform.or(sky));
+        match save_rig(path, &rig) {
+            Ok(()) => self.info(tr_format!("saved {}", path.display())),
+            Err(error) => self.error(error.to_string()),
+        }
+    }
+
+    /// Writes all that lights the objects as one environment, seen from their middle, and puts it on the shelf.
+    pub fn save_environment(&mut self, path: PathBuf) {
+        let (scene, place) = (self.scene.clone(), self.lit().center);
+        let around = self.environment.light.clone();
+        let source = self.states[0].source.light.clone();
+        let work = move |_: &_| {
+            let map = match scene.environment.sky() {
+                Some(sky) => Arc::new(sky.dome_map(SKY_COLUMNS)),
+                None => load_map(&around)?,
+            };
+            let lights = [&source.illumination, &around.illumination];
+            // The backdrop of even light is grey, and no light.
+            let even = EnvironmentMap::even();
+            let map = if around.is_even { &even } else { &map };
+            write_environment(&path, &scene.panorama(map, lights, place, SKY_COLUMNS))?;
+            Ok(path)
+        };
+        let label = tr("saving the light as an environment");
+        self.start(Kind::Export, label, work, |session, path| {
+            let saved = tr_format!("saved {}, and put it on the shelf", path.display());
+            session.info(saved);
+            session.events.push(Event::Light(path));
+        });
+    }
+
+    /// Takes the suns out of the environment: they are lights of one's own from then on.
+    pub fn take_out_suns(&mut self) {
+        let lights = [
+            &self.states[0].source.light.illumination,
+            &self.environment.light.illumination,
+        ];
+        let suns = self.scene.suns(lights);
+        if suns.is_empty() {
+            return self.info(tr(
+                "there is no sun in it: no spot that is small and holds much of the light",
+            ));
+        }
+        if self.scene.lights.len() + suns.len() > MOST_LIGHTS {
+            return self.error(tr_format!(
+                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
+                MOST_LIGHTS = MOST_LIGHTS
+            ));
+        }
+        self.scene.environment.without_suns = true;
+        for sun in suns {
+            self.take_light(sun, kind_name(LightKind::Directional));
+        }
+    }
+
+    /// Puts the suns back into the environment, in the place of the lights that were made of them, unless those are others now.
+    pub fn put_suns_back(&mut self) {
+        let lights = [
+            &self.states[0].source.light.illumination,
+            &self.environment.light.illumination,
+        ];
+        for sun in self.scene.suns(lights) {
+            let mut all = self.scene.lights.iter();
+            if let Some(at) = all.position(|light| light.source == sun.source) {
+                self.scene.remove_light(at);
+            }
+        }
+        self.scene.environment.without_suns = false;
+    }
+
+    /// Puts a light in a direction of the world from where it shines, as far away from there as it is.
+    pub fn put_light(&mut self, at: usize, aim: DVec3, toward: DVec3) {
+        self.put_light_beyond(at, aim, toward, 0.0);
+    }
+
+    /// The same, and not nearer than that.
+    pub fn put_light_beyond(&mut self, at: usize, aim: DVec3, toward: DVec3, least: f64) {
+        let Lit { radius, .. } = self.lit();
+        let light = &mut self.scene.lights[at];
+        let far = light
+            .source
+            .position()
+            .map_or(AWAY * radius, |p| p.distance(aim));
+        let far = far.max(1e-3 * radius).max(least);
+        light.source.put(aim + far * toward, aim);
+    }
+
+    /// Takes lights along with the camera and the objects that they are fixed to.
+    pub fn follow(&mut self) {
+        if self.comparing.is_some() {
+            return;
+        }
+        let ids = self.states.iter().map(|s| s.id);
+        let places = ids.zip(self.scene.objects.iter().map(|o| o.transform));
+        let now = Followed {
+            camera: self.pose,
+            up: self.scene_up(),
+            places: places.collect(),
+        };
+        let Some(before) = self.followed.replace(now.clone()) else {
+            return;
+        };
+        if before == now {
+            return;
+        }
+        for light in &mut self.scene.lights {
+            let moved = match light.fixed_to {
+                FixedTo::World => None,
+                FixedTo::Camera => (before.up == now.up)
+                    .then(|| [&before, &now].map(|f| scene_from_camera(&f.camera, f.up))),
+                FixedTo::Object(of) => place_of(&before, &now, of),
+            };
+            if let Some([from, to]) = moved.filter(|[from, to]| from != to) {
+                take_along(light, to * from.inverse(), now.up);
+            }
+        }
+    }
+
+    /// Lights that are fixed to the camera as they stand for the one that is there now, where they were for another.
+    pub fn bring_lights_along(&mut self, from: &CameraPose) {
+        let up = self.scene_up();
+        let [from, to] = [from, &self.pose].map(|pose| scene_from_camera(pose, up));
+        for light in &mut self.scene.lights {
+            if light.fixed_to == FixedTo::Camera && from != to {
+                take_along(light, to * from.inverse(), up);
+            }
+        }
+    }
+
+    /// The settings as a step to come back to: where it is seen from is none, but for lights that go along with that.
+    pub fn scene_as_step(&self) -> Cow<'_, Scene> {
+        let goes_along = |light: &Light| light.fixed_to == FixedTo::Camera;
+        if !self.scene.lights.iter().any(goes_along) {
+            return Cow::Borrowed(&self.scene);
+        }
+        let mut scene = self.scene.clone();
+        scene.camera = Some(self.pose);
+        Cow::Owned(scene)
+    }
+}
+
+fn scene_from_camera(pose: &CameraPose, up: UpAxis) -> Affine3A {
+    // The place and the turn are those of any picture.
+    let camera = Camera::from_pose(pose, up, [64, 64], 1.0);
+    Affine3A::from_mat3_translation(camera.view_from_world.transpose(), camera.eye)
+}
+
+/// Where an object stood and stands, if it is still the same.
+fn place_of(before: &Followed, now: &Followed, of: usize) -> Option<[Affine3A; 2]> {
+    let (id, there) = now.places.get(of)?;
+    let (_, was) = before.places.get(of).filter(|(last, _)| last == id)?;
+    Some([was, there].map(|t| t.scene_from_object()))
+}
+
+/// Moves a light as a motion of the scene says.
+fn take_along(light: &mut Light, motion: Affine3A, up: UpAxis) {
+    let (scale, turn, shift) = motion.to_scale_rotation_translation();
+    let world_from_scene = DQuat::from_mat3(&up.asset_from_world().transpose());
+    let turn = world_from_scene * turn.as_dquat() * world_from_scene.inverse();
+    let shift = world_from_scene * shift.as_dvec3();
+    let scale = f64::from(scale.x);
+    // What is hardly a change is none: rounding must not add up.
+    let scale = if (scale - 1.0).abs() < 1e-5 {
+        1.0
+    } else {
+        scale
+    };
+    light.source.go_along(scale, turn.normalize(), shift);
+}
+
+/// The direction from which light comes that a surface mirrors to the eye.
+pub fn mirrored(normal: Vec3, to_eye: Vec3) -> Vec3 {
+    // What mirrors is the side that is seen.
+    2.0 * normal.dot(to_eye) * normal - to_eye
+}
+
+#[cfg(test)]
+mod tests {
+    use transplat_core::scene::Placed;
+
+    use super::*;
+
+    /// A light that is fixed to the camera is seen where it was seen, however the scene's axes lie.
+    #[test]
+    fn what_is_fixed_to_the_camera_is_seen_in_the_same_place() {
+        for (_, up) in UpAxis::ALL {
+            let from = CameraPose {
+                pivot: Vec3::new(0.1, 0.2, 0.3),
+                azimuth: 20.0,
+                elevation: 15.0,
+                distance: 3.0,
+                fov: 35.0,
+                orthographic: false,
+                roll: 0.0,
+                aperture: 0.0,
+            };
+            let to = CameraPose {
+                azimuth: -100.0,
+                elevation: -40.0,
+                distance: 4.0,
+                roll: 12.0,
+                ..from
+            };
+            let placed = Placed {
+                position: DVec3::new(1.0, 2.0, 1.5),
+                aim: DVec3::ZERO,
+                radius: 0.5,
+            };
+            for kind in [LightKind::Spot, LightKind::Directional] {
+                let mut light = Light::placed(kind, placed, 1.0);
+                let scene_from_world = up.asset_from_world();
+                let seen = |light: &Light, pose: &CameraPose| {
+                    let view = scene_from_camera(pose, up).inverse();
+                    let direction = light.source.direction().expect("it has one");
+                    let direction = (scene_from_world * direction).as_vec3();
+                    let place = light.source.position().unwrap_or_default();
+                    let place = (scene_from_world * place).as_vec3();
+                    let place = match kind {
+                        LightKind::Spot => view.transform_point3(place),
+                        _ => Vec3::ZERO,
+                    };
+                    [view.transform_vector3(direction), place]
+                };
+                let before = seen(&light, &from);
+                let [a, b] = [&from, &to].map(|pose| scene_from_camera(pose, up));
+                take_along(&mut light, b * a.inverse(), up);
+                let after = seen(&light, &to);
+                for (a, b) in before.iter().zip(after) {
+                    assert!(a.distance(b) < 1e-4, "{up:?} {kind:?}: {a} {b}");
+                }
+            }
+        }
+    }
+}

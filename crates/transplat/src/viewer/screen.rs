@@ -1,0 +1,65 @@
+//! Between places in the scene and points of the window: what handles are drawn at and dragged by.
+
+use eframe::egui::{self, Pos2, Rect};
+use glam::{Vec2, Vec3};
+use transplat_core::camera::Camera;
+
+/// Cosine between a ray and a plane under which it does not tell a place in it.
+pub const GRAZING: f32 = 0.08;
+
+/// A picture in the window, and what it is seen by.
+#[derive(Clone, Copy)]
+pub struct Screen<'a> {
+    pub camera: &'a Camera,
+    pub part: Rect,
+}
+
+impl Screen<'_> {
+    /// The point of the window where a place is seen; none of what is not in front of the camera.
+    pub fn at(&self, place: Vec3) -> Option<Pos2> {
+        let ([x, y], depth) = self.camera.project(place);
+        let shown = depth > self.camera.near;
+        shown.then(|| self.part.min + egui::vec2(x + 0.5, y + 0.5))
+    }
+
+    /// A point of the window from the picture's corner.
+    pub fn inside(&self, at: Pos2) -> Vec2 {
+        Vec2::new(at.x - self.part.min.x, at.y - self.part.min.y)
+    }
+
+    /// Unit direction of what is at a point of the picture.
+    pub fn ray(&self, at: Vec2) -> Vec3 {
+        let [cx, cy] = self.camera.principal_point();
+        let view = Vec3::new(at.x - 0.5 - cx, at.y - 0.5 - cy, self.camera.focal);
+        (self.camera.view_from_world.transpose() * view).normalize()
+    }
+
+    /// Where a point of the picture is on a plane through a place.
+    pub fn on_plane(&self, at: Vec2, through: Vec3, normal: Vec3) -> Option<Vec3> {
+        let ray = self.ray(at);
+        let falls = ray.dot(normal);
+        let meets = (through - self.camera.eye).dot(normal) / falls;
+        (falls.abs() > GRAZING && meets > 0.0).then(|| self.camera.eye + ray * meets)
+    }
+
+    /// How far along a line through a place a point of the picture is.
+    pub fn along(&self, at: Vec2, through: Vec3, axis: Vec3) -> Option<f32> {
+        let ray = self.ray(at);
+        let across = ray.dot(axis);
+        let from = through - self.camera.eye;
+        let sine = 1.0 - across * across;
+        (sine > GRAZING * GRAZING).then(|| (across * from.dot(ray) - from.dot(axis)) / sine)
+    }
+
+    /// Unit direction into the picture.
+    pub fn forward(&self) -> Vec3 {
+        self.camera.view_from_world.row(2)
+    }
+}
+
+/// How far a point is from a line's piece.
+pub fn from_segment(p: Pos2, a: Pos2, b: Pos2) -> f32 {
+    let along = b - a;
+    let t = ((p - a).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);
+    p.distance(a + t * along)
+}

@@ -1,0 +1,362 @@
+//! Lights of one's own, sun and sky, and light over time, as the window has them.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, accesskit::Role};
+use egui_kittest::kittest::Queryable;
+use glam::DVec3;
+use transplat::viewer::{Format, Task};
+use transplat_core::environment::{Sky, Sun};
+use transplat_core::files::{load_look, load_rig, save_look};
+use transplat_core::present::Background;
+use transplat_core::scene::{FixedTo, LightKind, LightSource, RigPreset, SKY};
+use transplat_tests::driver::Driver;
+use transplat_tests::{args, picture, psnr, run_json};
+
+/// Presses, moves and releases the first button, a frame each.
+fn drag(d: &mut Driver, way: &[Pos2]) {
+    let button = |pos, pressed| Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    d.harness.event(Event::PointerMoved(way[0]));
+    d.harness.step();
+    d.harness.event(button(way[0], true));
+    d.harness.step();
+    for at in way {
+        d.harness.event(Event::PointerMoved(*at));
+        d.harness.step();
+    }
+    d.harness.event(button(way[way.len() - 1], false));
+    d.settle();
+}
+
+/// A point in the middle of the viewport.
+fn middle(d: &Driver) -> Pos2 {
+    let canvas = d.harness.get_by_label("Viewport");
+    canvas.rect().center()
+}
+
+/// Position of the only light, or where it comes from.
+fn place(d: &mut Driver) -> DVec3 {
+    let source = &d.viewer().session.scene.lights[0].source;
+    let from = |d: DVec3| -d;
+    source
+        .position()
+        .unwrap_or_else(|| source.direction().map_or(DVec3::ZERO, from))
+}
+
+#[test]
+fn a_light_is_added_placed_and_undone() {
+    let mut d = Driver::bundled();
+    d.after(|v| v.session.scene.background = Background::Color([0.1; 3]));
+    let before = d.picture();
+    d.click("Light");
+    d.click("lights");
+    d.click("Add a light");
+    d.click("spot light");
+    assert_eq!(d.viewer().session.scene.lights.len(), 1);
+    let lit = d.picture();
+    assert!(psnr(&before, &lit) < 30.0, "it shines");
+
+    // Its reflection where it is clicked: from there it is seen along the mirrored ray, so it moves with the place.
+    d.click("By highlight");
+    let at = middle(&d);
+    drag(&mut d, &[at]);
+    let first = place(&mut d);
+    d.click("By highlight");
+    drag(&mut d, &[at + egui::vec2(20.0, -12.0)]);
+    let second = place(&mut d);
+    assert!(first.distance(second) > 0.1, "{first} {second}");
+    // A click alone orbits again afterwards.
+    let azimuth = d.viewer().session.pose.azimuth;
+    drag(
+        &mut d,
+        &[at, at + egui::vec2(30.0, 0.0), at + egui::vec2(60.0, 0.0)],
+    );
+    assert_ne!(d.viewer().session.pose.azimuth, azimuth);
+    assert_eq!(place(&mut d), second);
+
+    // Off, it is as it was before, but for where the camera is now.
+    d.after(|v| v.session.scene.lights[0].on = false);
+    let off = d.picture();
+    d.after(|v| v.session.scene.lights.clear());
+    assert!(psnr(&off, &d.picture()) > 80.0);
+    // Undo brings it back.
+    d.harness.key_press_modifiers(Modifiers::CTRL, egui::Key::Z);
+    d.settle();
+    assert_eq!(d.viewer().session.scene.lights.len(), 1);
+}
+
+/// The handle of a light that is out of the picture is at its rim; pulled, the light goes along and stays as far away.
+#[test]
+fn a_light_is_pulled_by_its_handle() {
+    let mut d = Driver::bundled();
+    d.click("Light");
+    d.click("lights");
+    d.after(|v| v.session.add_light(LightKind::Rect));
+    // In view: behind the object, to its right.
+    d.after(|v| {
+        let lit = v.session.lit();
+        let placed = lit.around(160.0, 25.0, 1.6);
+        v.session.scene.lights[0]
+            .source
+            .put(placed.position, placed.aim);
+    });
+    let (from, lit) = (place(&mut d), d.viewer().session.lit());
+    // Where it is seen, its camera tells.
+    let canvas = d.harness.get_by_label("Viewport").rect();
+    let session = &d.viewer().session;
+    let size = [canvas.width() as usize, canvas.height() as usize];
+    let radius = session.scene_bounds().expect("a scene").radius;
+    let camera =
+        transplat_core::camera::Camera::from_pose(&session.pose, session.scene_up(), size, radius);
+    let scene = session.world_from_scene().transpose() * from;
+    let ([x, y], _) = camera.project(scene.as_vec3());
+    let at = canvas.min + egui::vec2(x + 0.5, y + 0.5);
+    assert!(canvas.shrink(30.0).contains(at), "{at} {canvas}");
+    let steps = [0.0, 10.0, 25.0, 40.0].map(|by| at + egui::vec2(-by, 0.5 * by));
+    drag(&mut d, &steps);
+    let to = place(&mut d);
+    assert!(from.distance(to) > 0.05 * lit.radius, "{from} {to}");
+    let far = |p: DVec3| p.distance(lit.center);
+    assert!((far(to) / far(from) - 1.0).abs() < 1e-6);
+    let seen = d.viewer().session.world_from_scene().transpose() * to;
+    let ([x, y], _) = camera.project(seen.as_vec3());
+    let now = canvas.min + egui::vec2(x + 0.5, y + 0.5);
+    assert!(now.distance(steps[3]) < 2.0, "{now} {}", steps[3]);
+}
+
+#[test]
+fn a_light_goes_along_with_what_it_is_fixed_to() {
+    let mut d = Driver::bundled();
+    d.after(|v| v.session.add_light(LightKind::Spot));
+    let world = place(&mut d);
+    d.after(|v| v.session.pose.azimuth += 90.0);
+    assert_eq!(place(&mut d), world, "to the world");
+    d.after(|v| v.session.scene.lights[0].fixed_to = FixedTo::Camera);
+    d.after(|v| v.session.pose.azimuth += 90.0);
+    let turned = place(&mut d);
+    assert!(turned.distance(world) > 0.5, "to the camera");
+    // And back with it.
+    d.after(|v| v.session.pose.azimuth -= 90.0);
+    assert!(place(&mut d).distance(world) < 1e-4);
+    d.after(|v| v.session.scene.lights[0].fixed_to = FixedTo::Object(0));
+    d.after(|v| v.session.scene.objects[0].transform.translation.x += 2.0);
+    let along = place(&mut d) - world;
+    assert!((along.length() - 2.0).abs() < 1e-4, "{along}");
+}
+
+#[test]
+fn rigs_are_taken_opened_and_saved() {
+    let mut d = Driver::bundled();
+    let mut seen: Vec<(RigPreset, Vec<[f32; 3]>)> = Vec::new();
+    for preset in RigPreset::ALL {
+        d.after(|v| v.session.take_preset(preset));
+        assert!(d.viewer().session.messages.iter().all(|m| !m.is_error));
+        let shown = d.picture();
+        for (other, earlier) in &seen {
+            assert!(psnr(&shown, earlier) < 35.0, "{preset:?} {other:?}");
+        }
+        seen.push((preset, shown));
+    }
+    let path = d.folder.path("rig.json");
+    d.after(|v| v.session.save_rig(&path));
+    let saved = load_rig(&path).expect("its own");
+    let scene = d.viewer().session.scene.clone();
+    assert_eq!(saved.lights, scene.lights);
+    // Opened, it is taken for no look: what else is set stays.
+    d.after(|v| {
+        v.session.scene.lights.clear();
+        v.session.scene.display.exposure = 1.5;
+    });
+    d.after(|v| v.open(&path));
+    let session = &d.viewer().session;
+    assert_eq!(session.scene.lights, scene.lights);
+    assert_eq!(session.scene.display.exposure, 1.5);
+    assert_eq!(session.scene.environment.gain(), scene.environment.gain());
+    // One that is wrong changes nothing and says why.
+    let wrong = d
+        .folder
+        .write("wrong.json", r#"{"lights": [{"type": "lamp"}]}"#);
+    d.after(|v| v.open(wrong.as_ref()));
+    let session = &d.viewer().session;
+    assert!(
+        session
+            .messages
+            .iter()
+            .any(|m| m.is_error && m.text.contains("lamp"))
+    );
+    assert_eq!(session.scene.lights, scene.lights);
+}
+
+/// Sun and sky, a near light, an environment without its sun: the screen, the saved picture and the commands show the same.
+#[test]
+fn what_lights_of_ones_own_show_the_commands_show() {
+    let mut d = Driver::bundled();
+    let settings = d.viewer().export_settings();
+    settings.size = [200, 160];
+    settings.supersample = 1;
+    settings.format = Format::Png8;
+    let sunset = d.folder.path("sunset.hdr");
+    let mut drawn: Vec<Vec<[f32; 3]>> = Vec::new();
+    for case in 0..3 {
+        d.after(|v| {
+            let session = &mut v.session;
+            match case {
+                0 => {
+                    session.set_light(1, PathBuf::from(SKY));
+                    session.scene.environment.sky = Some(Sky {
+                        sun: Sun::SOMEWHERE,
+                        ..Sky::default()
+                    });
+                }
+                1 => session.add_light(LightKind::Disc),
+                _ => session.set_light(1, sunset.clone()),
+            }
+        });
+        if case == 2 {
+            let whole = d.picture();
+            let lights = d.viewer().session.scene.lights.len();
+            d.after(|v| v.session.take_out_suns());
+            let session = &d.viewer().session;
+            assert!(session.scene.environment.without_suns);
+            assert!(session.scene.lights.len() > lights, "it has a sun");
+            // It shines as before, from where it was, with the disc of the real one; the picture behind has none.
+            d.after(|v| v.session.scene.background = Background::Color([0.2; 3]));
+            let apart = d.picture();
+            d.after(|v| {
+                v.session.scene.environment.without_suns = false;
+                v.session.scene.lights.truncate(lights);
+            });
+            let together = d.picture();
+            assert!(
+                psnr(&apart, &together) > 38.0,
+                "{}",
+                psnr(&apart, &together)
+            );
+            assert!(psnr(&whole, &together) < 60.0);
+            d.after(|v| {
+                v.session.scene.background = Background::Environment;
+                v.session.take_out_suns();
+            });
+        }
+        let [look, ours, theirs] =
+            ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
+        let scene = d.viewer().session.scene_to_save();
+        save_look(look.as_ref(), &scene).expect("room");
+        let again = load_look(look.as_ref()).expect("its own");
+        assert_eq!(again.lights, scene.lights);
+        assert_eq!(again.environment.sky, scene.environment.sky);
+        let path = ours.clone().into();
+        d.after(|v| v.export(Task::Screenshot(Some(path))));
+        let line = "render {} --size 200x160 --device cpu -o {}";
+        run_json(&args(line, &[&look, &theirs]));
+        let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
+        assert!(psnr(&a, &b) > 45.0, "{case}: {}", psnr(&a, &b));
+        for other in &drawn {
+            assert!(psnr(&a, other) < 35.0, "{case}");
+        }
+        drawn.push(a);
+        std::fs::remove_file(&ours).expect("it was saved");
+    }
+}
+
+#[test]
+fn light_over_time_is_played_and_saved() {
+    let mut d = Driver::bundled();
+    d.after(|v| v.session.scene.environment.rotation = 0.0);
+    d.click("View");
+    d.click("Timeline");
+    d.harness.key_press(egui::Key::Escape);
+    d.settle();
+    d.click("Set key");
+    // The time went on to where the next key belongs.
+    d.after(|v| v.session.scene.environment.rotation = 90.0);
+    d.click("Set key");
+    let animation = d.viewer().session.scene.animation.clone();
+    let keys: Vec<_> = animation
+        .keys
+        .iter()
+        .map(|k| (k.time, k.rotation))
+        .collect();
+    assert_eq!(keys, [(0.0, 0.0), (2.0, 90.0)]);
+    // Halfway along the bar's keys it is halfway between them.
+    let bar = d
+        .harness
+        .get_by_role_and_label(Role::Slider, "Timeline")
+        .rect();
+    let (start, end) = (bar.left_center(), bar.right_center());
+    let shown = 5.0;
+    let at = |time: f32| start + egui::vec2(12.0 + time / shown * (end.x - start.x - 24.0), 0.0);
+    drag(&mut d, &[at(0.5), at(0.8), at(1.0)]);
+    let rotation = d.viewer().session.scene.environment.rotation;
+    assert!((rotation - 45.0).abs() < 3.0, "{rotation}");
+    // Frames, as the command makes them.
+    let folder = d.folder.path("frames");
+    let settings = d.viewer().export_settings();
+    settings.size = [120, 90];
+    settings.supersample = 1;
+    settings.frame_rate = 2;
+    settings.folder = folder.display().to_string();
+    settings.pattern = "{n}".into();
+    d.after(|v| v.export(Task::Animation));
+    let mut ours: Vec<PathBuf> = walk(&folder);
+    ours.sort();
+    assert_eq!(ours.len(), 5, "{ours:?}");
+    let look = d.folder.name("look.json");
+    let scene = d.viewer().session.scene_to_save();
+    save_look(look.as_ref(), &scene).expect("room");
+    let out = d.folder.name("theirs");
+    let line = "render {} --animation --frame-rate 2 --size 120x90 --device cpu -o {}";
+    run_json(&args(line, &[&look, &out]));
+    let mut theirs = walk(out.as_ref());
+    theirs.sort();
+    assert_eq!(theirs.len(), 5);
+    let pictures = |paths: &[PathBuf]| paths.iter().map(|p| picture(p)).collect::<Vec<_>>();
+    let [ours, theirs] = [pictures(&ours), pictures(&theirs)];
+    for (a, b) in ours.iter().zip(&theirs) {
+        assert!(psnr(a, b) > 45.0, "{}", psnr(a, b));
+    }
+    assert!(psnr(&ours[0], &ours[4]) < 35.0);
+}
+
+/// All files in a folder and its folders.
+fn walk(folder: &std::path::Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("it was made");
+    let paths = entries.map(|entry| entry.expect("readable").path());
+    paths
+        .flat_map(|path| {
+            if path.is_dir() {
+                walk(&path)
+            } else {
+                vec![path]
+            }
+        })
+        .collect()
+}
+
+/// A directional light's place by shadow: on the line from where the shadow falls through what throws it.
+#[test]
+fn a_sun_is_placed_by_its_shadow() {
+    let mut d = Driver::bundled();
+    d.click("Light");
+    d.click("lights");
+    d.after(|v| v.session.add_light(LightKind::Directional));
+    d.click("By shadow");
+    let at = middle(&d);
+    let before = place(&mut d);
+    let to = at + egui::vec2(60.0, 60.0);
+    drag(&mut d, &[at, at + egui::vec2(20.0, 20.0), to]);
+    let light = &d.viewer().session.scene.lights[0];
+    let LightSource::Directional { to_light, .. } = light.source else {
+        panic!("it is one");
+    };
+    assert!(to_light.distance(before) > 0.05, "{to_light} {before}");
+    assert!(
+        (to_light.length() - 1.0).abs() < 1e-9 && to_light.z > 0.0,
+        "{to_light}"
+    );
+}
