@@ -12,12 +12,12 @@ use serde::{Deserialize, Serialize};
 use solar_positioning::time::JulianDate;
 use solar_positioning::{Location, SolarPositions};
 
+use super::beams::Beams;
 use super::emitter::{Emitter, Shape};
 use super::illumination::Illumination;
 use super::map::EnvironmentMap;
 use super::radiance::project_environment;
 use crate::color::{of_spectrum, planck};
-use crate::environment::Beams;
 use crate::error::{Result, ensure};
 
 /// Sun and sky.

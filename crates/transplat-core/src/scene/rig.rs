@@ -155,6 +155,14 @@ fn written<S: serde::Serializer>(
     around.as_ref().and_then(AroundWritten::of).serialize(to)
 }
 
+impl RigPreset {
+    /// The rig around what it is to light.
+    pub fn rig(self, lit: Lit) -> Rig {
+        let (lights, uniform) = self.lights(lit);
+        Rig::of(lights, Some(Around::Uniform { uniform }))
+    }
+}
+
 impl Around {
     /// It as the environment of a scene, which keeps its turn; a file is found by `find`.
     pub fn over(

@@ -11,6 +11,7 @@ use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Detail;
+use transplat_core::camera::CameraPose;
 use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::Estimate;
@@ -259,6 +260,15 @@ pub struct Doubts {
     pub of: Vec<Option<Doubt>>,
     /// Shares of all, `[Doubt::ALL]`.
     pub shares: [f32; Doubt::ALL.len()],
+}
+
+/// What lights are fixed to, as it was last seen.
+#[derive(Clone, PartialEq)]
+pub struct Followed {
+    pub camera: CameraPose,
+    pub up: UpAxis,
+    /// The objects' states, and where they stand.
+    pub places: Vec<(u64, Transform)>,
 }
 
 /// All that a ground's bake depends on: directions, up axis, and what stands where.

@@ -10,7 +10,7 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::environment::MOST_LIGHTS;
 use transplat_core::files::{load_rig, save_rig, write_environment};
 use transplat_core::scene::{
-    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, Transform, is_even,
+    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, is_even,
 };
 use transplat_core::surfels::UpAxis;
 
@@ -18,6 +18,7 @@ use super::environments::load_map;
 use super::jobs::Kind;
 use super::kept::free;
 use super::language::{tr, tr_format, tr_later};
+use super::object::Followed;
 use super::session::{Event, Session};
 use crate::pipeline::SKY_COLUMNS;
 use crate::pipeline::settings::beside;
@@ -70,15 +71,6 @@ const LEAST_SHARE: f32 = 0.3;
 
 /// And how far away, in radii of all that is shown.
 const AWAY: f64 = 3.0;
-
-/// What lights are fixed to, as it was last seen.
-#[derive(Clone, PartialEq)]
-pub struct Followed {
-    camera: CameraPose,
-    up: UpAxis,
-    /// The objects' states, and where they stand.
-    places: Vec<(u64, Transform)>,
-}
 
 impl Session {
     /// From the scene's coordinates to the Z-up world, in which lights stand.

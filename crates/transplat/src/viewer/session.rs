@@ -29,10 +29,9 @@ use super::environments::{Environment, Environments, Resolved};
 use super::jobs::{Handle, Jobs, Kind, Work};
 use super::language::{tr, tr_later};
 use super::object::{
-    GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight, Surroundings,
-    TogetherKey,
+    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight,
+    Surroundings, TogetherKey,
 };
-use super::rigging::Followed;
 use crate::pipeline::bake::Baked;
 
 /// How the two sides of the light are called.

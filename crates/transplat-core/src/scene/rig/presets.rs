@@ -4,7 +4,6 @@ use glam::DVec3;
 
 use super::light::Light;
 use super::placing::{LightKind, Placed};
-use super::{Around, Rig};
 
 /// A rig to begin with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +58,8 @@ impl RigPreset {
         Self::ProductTable,
     ];
 
-    /// The rig around what it is to light.
-    pub fn rig(self, lit: Lit) -> Rig {
+    /// Its lights around what they are to light, and the radiance of what is around them.
+    pub(super) fn lights(self, lit: Lit) -> (Vec<Light>, [f32; 3]) {
         let light = |name: &str, kind, [right, above, radii]: [f64; 3], share: f32| {
             let placed = lit.around(right, above, radii);
             Light {
@@ -72,7 +71,7 @@ impl RigPreset {
             light.source.resize([width, height]);
             light
         };
-        let (lights, uniform) = match self {
+        match self {
             Self::ThreePoint => (
                 vec![
                     light("key", LightKind::Rect, [45.0, 40.0, 3.0], 1.0),
@@ -118,15 +117,14 @@ impl RigPreset {
                     [0.12; 3],
                 )
             }
-        };
-        Rig::of(lights, Some(Around::Uniform { uniform }))
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::validate_all;
     use super::*;
+    use crate::scene::rig::light::validate_all;
 
     /// Of anything, however large and wherever: the light on its middle is the same.
     #[test]
@@ -143,9 +141,9 @@ mod tests {
                 (DVec3::new(-1e3, 2e3, 0.0), 1e3),
             ]
             .map(|(center, radius)| {
-                let rig = preset.rig(lit(center, radius));
-                assert!(validate_all(&rig.lights).is_ok(), "{preset:?}");
-                let made = rig.lights.iter().map(|light| {
+                let (lights, _) = preset.lights(lit(center, radius));
+                assert!(validate_all(&lights).is_ok(), "{preset:?}");
+                let made = lights.iter().map(|light| {
                     let emitter = light.emitter();
                     emitter.emission[1] * emitter.shape.facing(center.as_vec3(), 0.0)
                 });
