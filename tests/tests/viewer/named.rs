@@ -44,6 +44,16 @@ fn check(d: &Driver, place: &str) {
     }
 }
 
+/// Has the panel Light be about a side; the slot below is called so, too.
+fn choose_side(d: &mut Driver, name: &str) {
+    let button = d.harness.get_by_role_and_label(Role::Button, name);
+    button.scroll_to_me();
+    d.settle();
+    let button = d.harness.get_by_role_and_label(Role::Button, name);
+    button.click();
+    d.settle();
+}
+
 #[test]
 fn every_control_has_a_name() {
     let mut d = Driver::bundled();
@@ -67,12 +77,7 @@ fn every_control_has_a_name() {
     }
     d.click("Lights");
     d.click("Light");
-    // The slot below is called so, too.
-    let side = d
-        .harness
-        .get_by_role_and_label(Role::Button, "captured under");
-    side.click();
-    d.settle();
+    choose_side(&mut d, "captured under");
     check(&d, "captured under");
     d.click("lights");
     for kind in LightKind::ALL {
@@ -80,9 +85,7 @@ fn every_control_has_a_name() {
         check(&d, &format!("lights, {kind:?}"));
     }
     d.after(|v| v.session.set_light(1, SKY.into()));
-    let side = d.harness.get_by_role_and_label(Role::Button, "relit by");
-    side.click();
-    d.settle();
+    choose_side(&mut d, "relit by");
     for sun in [Sky::default().sun, Sun::SOMEWHERE] {
         let sky = Sky {
             sun,
