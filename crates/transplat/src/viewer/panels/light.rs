@@ -17,7 +17,7 @@ use crate::viewer::widgets::{
 };
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let lights = match viewer.session.scene.lights.len() {
             0 => tr("lights").to_owned(),
             n => format!("{} {n}", tr("lights")),
@@ -27,12 +27,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             (LightPage::Lights, &lights),
             (LightPage::CapturedUnder, tr(SIDES[SOURCE])),
         ];
-        let gaps = (pages.len() - 1) as f32 * ui.spacing().item_spacing.x;
-        let width = (ui.available_width() - gaps) / pages.len() as f32;
+        // As wide as their names: shared out evenly, the longest would widen the panel.
         for (page, name) in pages {
-            let button = Button::selectable(viewer.shown.light == page, name);
-            let size = egui::vec2(width, ui.spacing().interact_size.y);
-            if ui.add_sized(size, button).clicked() {
+            if ui
+                .add(Button::selectable(viewer.shown.light == page, name))
+                .clicked()
+            {
                 viewer.shown.light = page;
             }
         }
