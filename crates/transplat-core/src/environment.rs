@@ -18,4 +18,4 @@ pub use illumination::Illumination;
 pub use layout::Layout;
 pub use map::{EnvironmentMap, azimuth};
 pub use radiance::{IncidentRadiance, project_environment, row_weights};
-pub use sky::{Date, Sky, Sun, TURBIDITIES, YEARS};
+pub use sky::{Date, PlaceAndTime, Sky, Sun, TURBIDITIES, YEARS};

@@ -13,7 +13,7 @@ use glam::DVec3;
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::environment::{EnvironmentMap, Illumination, Layout, MOST_LIGHTS};
+use crate::environment::{EnvironmentMap, Illumination, Layout};
 use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
@@ -166,9 +166,6 @@ impl Scene {
             })?;
         }
         self.environment.validate("target")?;
-        ensure(self.lights.len() <= MOST_LIGHTS, || {
-            format!("more than {MOST_LIGHTS} lights")
-        })?;
         rig::validate_all(&self.lights)?;
         self.animation.validate()?;
         self.camera.map_or(Ok(()), |c| c.validate())?;
@@ -216,16 +213,13 @@ impl Scene {
         [source, environment]: [&Illumination; 2],
         asset_up: UpAxis,
     ) -> [Illumination; 2] {
-        let gain = self.match_gain(object, [source, environment]);
+        let gain = self.environment_gain(object, [source, environment]);
         let source = object.source.orient(source, asset_up);
-        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
         let mut target = self.environment.orient(environment, asset_up);
-        if is_solo {
-            target = target.told([0.0; 3]);
-        } else if gain != 1.0 {
+        if gain != 1.0 {
             target = target.scaled(gain);
         }
-        for light in self.lights.iter().filter(|l| l.solo || !is_solo) {
+        for light in self.shining() {
             light.add_to(&mut target, asset_up);
         }
         [source, target]
@@ -292,7 +286,6 @@ impl Scene {
         columns: usize,
     ) -> EnvironmentMap {
         let [_, all] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
-        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
         let gain = self.environment_gain(&self.objects[0], maps);
         let settings = &self.environment;
         let gain = settings.gain().map(|g| g * gain);
@@ -304,8 +297,8 @@ impl Scene {
             std::array::from_fn(|c| radiance[c] * gain[c])
         });
         // Those without a disc are beams among the light's own.
-        let shine = self.lights.iter().filter(|l| l.on && (l.solo || !is_solo));
-        let crisp = shine.filter(|l| l.is_beam()).map(Light::emitter);
+        let beams = self.shining().filter(|l| l.is_beam());
+        let crisp = beams.map(Light::emitter);
         let lights: Vec<_> = crisp.chain(all.emitters).collect();
         map.with_lights(&lights, place.as_vec3())
     }
@@ -313,11 +306,22 @@ impl Scene {
     /// What the environment is multiplied by beside its own strength and tint, from the light of the two maps: nothing of it shines where a light
     /// is solo.
     pub fn environment_gain(&self, object: &Object, maps: [&Illumination; 2]) -> f32 {
-        let is_solo = self.lights.iter().any(|l| l.on && l.solo);
-        if is_solo {
+        if self.is_solo() {
             return 0.0;
         }
         self.match_gain(object, maps)
+    }
+
+    /// Whether lights of one's own are to be seen alone.
+    fn is_solo(&self) -> bool {
+        self.lights.iter().any(|l| l.on && l.solo)
+    }
+
+    /// The lights of one's own that shine.
+    fn shining(&self) -> impl Iterator<Item = &Light> {
+        let is_solo = self.is_solo();
+        let lights = self.lights.iter();
+        lights.filter(move |l| l.on && (l.solo || !is_solo))
     }
 
     /// What brings the environment's mean irradiance to that of an object's source, where that is wanted; 1 otherwise. Both lights are as

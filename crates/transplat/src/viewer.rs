@@ -35,6 +35,7 @@ mod probing;
 mod rigging;
 mod screen;
 mod session;
+mod settling;
 mod shelf;
 mod shortcuts;
 mod stages;

@@ -1,15 +1,17 @@
 //! Lights of one's own, sun and sky, and light over time, as the window has them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, accesskit::Role};
+use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, Rect, accesskit::Role};
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
 use transplat::viewer::{Format, Task};
+use transplat_core::camera::Camera;
 use transplat_core::environment::{Sky, Sun};
 use transplat_core::files::{load_look, load_rig, save_look};
-use transplat_core::present::Background;
-use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, RigPreset, SKY, Scene};
+use transplat_core::present::{Background, View};
+use transplat_core::rasterize::pick;
+use transplat_core::scene::{FixedTo, Light, LightKind, RigPreset, SKY, Scene};
 use transplat_tests::driver::Driver;
 use transplat_tests::{args, picture, psnr, run_json};
 
@@ -39,6 +41,45 @@ fn middle(d: &Driver) -> Pos2 {
     canvas.rect().center()
 }
 
+/// The camera of the viewport, and where that is in the window.
+fn camera(d: &mut Driver) -> (Camera, Rect) {
+    let canvas = d.harness.get_by_label("Viewport").rect();
+    let session = &d.viewer().session;
+    let size = [canvas.width() as usize, canvas.height() as usize];
+    let radius = session.scene_bounds().expect("a scene").radius;
+    let camera = Camera::from_pose(&session.pose, session.scene_up(), size, radius);
+    (camera, canvas)
+}
+
+/// Where a place of the world is seen in the window.
+fn seen(d: &mut Driver, place: DVec3) -> Pos2 {
+    let (camera, canvas) = camera(d);
+    let scene = d.viewer().session.world_from_scene().transpose() * place;
+    let ([x, y], _) = camera.project(scene.as_vec3());
+    canvas.min + egui::vec2(x + 0.5, y + 0.5)
+}
+
+/// The object at a point of the window, in the world: where, and its normal.
+fn surface(d: &mut Driver, at: Pos2) -> [DVec3; 2] {
+    let (camera, canvas) = camera(d);
+    let [x, y] = [at.x - canvas.min.x, at.y - canvas.min.y].map(|v| v as usize);
+    let session = &d.viewer().session;
+    let cloud = &session.asset().expect("a splat").cloud;
+    let pick = pick(cloud, &camera, &[], x, y).expect("the object is there");
+    let normal = session.scene_normal(0, pick.surfel).expect("it is baked");
+    [pick.position, normal].map(|v| session.world_from_scene() * v.as_dvec3())
+}
+
+/// Cosine between a surface and the one that would mirror the only light to the eye where it is clicked.
+fn mirrors(d: &mut Driver, at: Pos2) -> f64 {
+    let light = place(d);
+    let [there, normal] = surface(d, at);
+    let (camera, _) = camera(d);
+    let eye = d.viewer().session.world_from_scene() * camera.eye.as_dvec3();
+    let halfway = (light - there).normalize() + (eye - there).normalize();
+    halfway.normalize().dot(normal).abs()
+}
+
 /// Position of the only light, or where it comes from.
 fn place(d: &mut Driver) -> DVec3 {
     let source = &d.viewer().session.scene.lights[0].source;
@@ -61,15 +102,15 @@ fn a_light_is_added_placed_and_undone() {
     let lit = d.picture();
     assert!(psnr(&before, &lit) < 30.0, "it shines");
 
-    // Its reflection where it is clicked: from there it is seen along the mirrored ray, so it moves with the place.
-    d.click("By highlight");
+    // Its reflection where it is clicked: the surface there stands halfway between light and eye, to a fifth of a degree.
     let at = middle(&d);
-    drag(&mut d, &[at]);
-    let first = place(&mut d);
-    d.click("By highlight");
-    drag(&mut d, &[at + egui::vec2(20.0, -12.0)]);
+    for to in [at, at + egui::vec2(20.0, -12.0)] {
+        d.click("By highlight");
+        drag(&mut d, &[to]);
+        let cosine = mirrors(&mut d, to);
+        assert!(cosine > 0.2f64.to_radians().cos(), "{to}: {cosine}");
+    }
     let second = place(&mut d);
-    assert!(first.distance(second) > 0.1, "{first} {second}");
     // A click alone orbits again afterwards.
     let azimuth = d.viewer().session.pose.azimuth;
     drag(
@@ -106,16 +147,8 @@ fn a_light_is_pulled_by_its_handle() {
             .put(placed.position, placed.aim);
     });
     let (from, lit) = (place(&mut d), d.viewer().session.lit());
-    // Where it is seen, its camera tells.
-    let canvas = d.harness.get_by_label("Viewport").rect();
-    let session = &d.viewer().session;
-    let size = [canvas.width() as usize, canvas.height() as usize];
-    let radius = session.scene_bounds().expect("a scene").radius;
-    let camera =
-        transplat_core::camera::Camera::from_pose(&session.pose, session.scene_up(), size, radius);
-    let scene = session.world_from_scene().transpose() * from;
-    let ([x, y], _) = camera.project(scene.as_vec3());
-    let at = canvas.min + egui::vec2(x + 0.5, y + 0.5);
+    let (_, canvas) = camera(&mut d);
+    let at = seen(&mut d, from);
     assert!(canvas.shrink(30.0).contains(at), "{at} {canvas}");
     let steps = [0.0, 10.0, 25.0, 40.0].map(|by| at + egui::vec2(-by, 0.5 * by));
     drag(&mut d, &steps);
@@ -123,9 +156,7 @@ fn a_light_is_pulled_by_its_handle() {
     assert!(from.distance(to) > 0.05 * lit.radius, "{from} {to}");
     let far = |p: DVec3| p.distance(lit.center);
     assert!((far(to) / far(from) - 1.0).abs() < 1e-6);
-    let seen = d.viewer().session.world_from_scene().transpose() * to;
-    let ([x, y], _) = camera.project(seen.as_vec3());
-    let now = canvas.min + egui::vec2(x + 0.5, y + 0.5);
+    let now = seen(&mut d, to);
     assert!(now.distance(steps[3]) < 2.0, "{now} {}", steps[3]);
 }
 
@@ -296,37 +327,53 @@ fn light_over_time_is_played_and_saved() {
     drag(&mut d, &[at(0.5), at(0.8), at(1.0)]);
     let rotation = d.viewer().session.scene.environment.rotation;
     assert!((rotation - 45.0).abs() < 3.0, "{rotation}");
-    // Frames, as the command makes them.
-    let folder = d.folder.path("frames");
+    let frames = animated(&mut d, "turned", 2);
+    assert_eq!(frames.len(), 5);
+    assert!(psnr(&frames[0], &frames[4]) < 35.0);
+    // One map behind either side, and in one of them without its suns.
+    let sunset = d.folder.path("sunset.hdr");
+    d.after(|v| {
+        v.session.object_mut().source.file = Some(sunset.clone());
+        v.session.set_light(1, sunset);
+    });
+    d.after(|v| {
+        v.session.scene.background = Background::Environment;
+        v.session.scene.view = View::SideBySide;
+        v.session.scene.environment.without_suns = true;
+    });
+    assert_eq!(animated(&mut d, "beside", 1).len(), 3);
+}
+
+/// Frames of the animation, which the command makes as the window does.
+fn animated(d: &mut Driver, name: &str, frame_rate: u32) -> Vec<Vec<[f32; 3]>> {
+    let folder = d.folder.path(name);
     let settings = d.viewer().export_settings();
     settings.size = [120, 90];
     settings.supersample = 1;
-    settings.frame_rate = 2;
+    settings.frame_rate = frame_rate;
     settings.folder = folder.display().to_string();
     settings.pattern = "{n}".into();
     d.after(|v| v.export(Task::Animation));
-    let mut ours: Vec<PathBuf> = walk(&folder);
-    ours.sort();
-    assert_eq!(ours.len(), 5, "{ours:?}");
     let look = d.folder.name("look.json");
     let scene = d.viewer().session.scene_to_save();
     save_look(look.as_ref(), &scene).expect("room");
-    let out = d.folder.name("theirs");
-    let line = "render {} --animation --frame-rate 2 --size 120x90 --device cpu -o {}";
-    run_json(&args(line, &[&look, &out]));
-    let mut theirs = walk(out.as_ref());
-    theirs.sort();
-    assert_eq!(theirs.len(), 5);
-    let pictures = |paths: &[PathBuf]| paths.iter().map(|p| picture(p)).collect::<Vec<_>>();
-    let [ours, theirs] = [pictures(&ours), pictures(&theirs)];
+    let out = d.folder.name(&format!("{name}-of-command"));
+    let line = "render {} --animation --frame-rate {} --size 120x90 --device cpu -o {}";
+    run_json(&args(line, &[&look, &frame_rate.to_string(), &out]));
+    let [ours, theirs] = [folder.as_path(), out.as_ref()].map(|folder| {
+        let mut paths = walk(folder);
+        paths.sort();
+        paths.iter().map(|path| picture(path)).collect::<Vec<_>>()
+    });
+    assert_eq!(ours.len(), theirs.len());
     for (a, b) in ours.iter().zip(&theirs) {
-        assert!(psnr(a, b) > 45.0, "{}", psnr(a, b));
+        assert!(psnr(a, b) > 45.0, "{name}: {}", psnr(a, b));
     }
-    assert!(psnr(&ours[0], &ours[4]) < 35.0);
+    ours
 }
 
 /// All files in a folder and its folders.
-fn walk(folder: &std::path::Path) -> Vec<PathBuf> {
+fn walk(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).expect("it was made");
     let paths = entries.map(|entry| entry.expect("readable").path());
     paths
@@ -349,16 +396,10 @@ fn a_sun_is_placed_by_its_shadow() {
     d.after(|v| v.session.add_light(LightKind::Directional));
     d.click("By shadow");
     let at = middle(&d);
-    let before = place(&mut d);
-    let to = at + egui::vec2(60.0, 60.0);
-    drag(&mut d, &[at, at + egui::vec2(20.0, 20.0), to]);
-    let light = &d.viewer().session.scene.lights[0];
-    let LightSource::Directional { to_light, .. } = light.source else {
-        panic!("it is one");
-    };
-    assert!(to_light.distance(before) > 0.05, "{to_light} {before}");
-    assert!(
-        (to_light.length() - 1.0).abs() < 1e-9 && to_light.z > 0.0,
-        "{to_light}"
-    );
+    let to = at + egui::vec2(12.0, 30.0);
+    let [[caster, _], [falls, _]] = [at, to].map(|at| surface(&mut d, at));
+    drag(&mut d, &[at, at + egui::vec2(6.0, 10.0), to]);
+    let (to_light, wanted) = (place(&mut d), (caster - falls).normalize());
+    // As exact as places are that are single.
+    assert!(to_light.distance(wanted) < 1e-4, "{to_light} {wanted}");
 }

@@ -3,22 +3,19 @@
 //! The sky is that of Hosek and Wilkie ("An Analytic Model for Full Spectral Sky-Dome Radiance", 2012), the sun a black body seen through the
 //! atmosphere of Preetham, Shirley and Smits ("A Practical Analytic Model for Daylight", 1999, appendix 2).
 
+mod sun;
+
 use std::f64::consts::{FRAC_PI_2, PI};
-use std::fmt;
 
 use glam::{DVec3, Vec3};
 use hw_skymodel::rgb::{Channel, SkyParams, SkyState};
 use serde::{Deserialize, Serialize};
-use solar_positioning::time::JulianDate;
-use solar_positioning::{Location, SolarPositions};
 
-use super::beams::Beams;
 use super::emitter::{Emitter, Shape};
 use super::illumination::Illumination;
 use super::map::EnvironmentMap;
-use super::radiance::project_environment;
-use crate::color::{of_spectrum, planck};
 use crate::error::{Result, ensure};
+pub use sun::{Date, PlaceAndTime, Sun, YEARS};
 
 /// Sun and sky.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,174 +31,8 @@ pub struct Sky {
     pub sun_shines: bool,
 }
 
-/// Where the sun stands. North is +y of the map, east +x.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "SunWritten", into = "SunWritten")]
-pub enum Sun {
-    /// There.
-    At {
-        /// Degrees from +x towards +y: 0 is the east, 90 the north.
-        azimuth: f64,
-        /// Degrees above the horizon.
-        elevation: f64,
-    },
-    /// Where it stands then, seen from there.
-    Of {
-        /// Degrees north of the equator.
-        latitude: f64,
-        /// Degrees east of Greenwich.
-        longitude: f64,
-        /// The day.
-        date: Date,
-        /// What the clock there shows, in hours.
-        hour: f64,
-        /// How many hours that clock is ahead of UTC.
-        utc_offset: f64,
-    },
-}
-
-/// It as files have it: either angles, or place and time.
-#[derive(Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct SunWritten {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    azimuth: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    elevation: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    latitude: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    longitude: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    date: Option<Date>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    hour: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    utc_offset: Option<f64>,
-}
-
-impl TryFrom<SunWritten> for Sun {
-    type Error = &'static str;
-
-    fn try_from(of: SunWritten) -> std::result::Result<Self, Self::Error> {
-        let time = (of.date, of.hour, of.utc_offset.unwrap_or_default());
-        match (of.azimuth, of.elevation, of.latitude, of.longitude, time) {
-            (Some(azimuth), Some(elevation), None, None, (None, None, _)) => {
-                Ok(Self::At { azimuth, elevation })
-            }
-            (None, None, Some(latitude), Some(longitude), (Some(date), Some(hour), utc_offset)) => {
-                Ok(Self::Of {
-                    latitude,
-                    longitude,
-                    date,
-                    hour,
-                    utc_offset,
-                })
-            }
-            _ => Err(
-                "a sun has \"azimuth\" and \"elevation\", or \"latitude\", \"longitude\", \"date\" and \"hour\" (and \"utc_offset\")",
-            ),
-        }
-    }
-}
-
-impl From<Sun> for SunWritten {
-    fn from(sun: Sun) -> Self {
-        let none = Self::default();
-        match sun {
-            Sun::At { azimuth, elevation } => Self {
-                azimuth: Some(azimuth),
-                elevation: Some(elevation),
-                ..none
-            },
-            Sun::Of {
-                latitude,
-                longitude,
-                date,
-                hour,
-                utc_offset,
-            } => Self {
-                latitude: Some(latitude),
-                longitude: Some(longitude),
-                date: Some(date),
-                hour: Some(hour),
-                utc_offset: Some(utc_offset),
-                ..none
-            },
-        }
-    }
-}
-
-/// A day of the calendar; `2026-06-21` in files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub struct Date {
-    /// Of our era.
-    pub year: i32,
-    /// From 1.
-    pub month: u32,
-    /// From 1.
-    pub day: u32,
-}
-
-impl fmt::Display for Date {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:04}-{:02}-{:02}", self.year, self.month, self.day)
-    }
-}
-
-impl From<Date> for String {
-    fn from(date: Date) -> Self {
-        date.to_string()
-    }
-}
-
-impl TryFrom<String> for Date {
-    type Error = String;
-
-    fn try_from(text: String) -> std::result::Result<Self, String> {
-        let wrong = || format!("{text:?} is no day as 2026-06-21");
-        let mut parts = text.splitn(3, '-').map(str::parse::<u32>);
-        let mut next = || parts.next().and_then(std::result::Result::ok);
-        let (Some(year), Some(month), Some(day)) = (next(), next(), next()) else {
-            return Err(wrong());
-        };
-        let date = Self {
-            year: i32::try_from(year).map_err(|_| wrong())?,
-            month,
-            day,
-        };
-        date.is_valid().then_some(date).ok_or_else(wrong)
-    }
-}
-
-impl Date {
-    /// Days of its month.
-    pub fn days_of_month(self) -> u32 {
-        let is_leap = self.year % 4 == 0 && (self.year % 100 != 0 || self.year % 400 == 0);
-        match self.month {
-            2 if is_leap => 29,
-            2 => 28,
-            4 | 6 | 9 | 11 => 30,
-            _ => 31,
-        }
-    }
-
-    fn is_valid(self) -> bool {
-        YEARS.contains(&self.year)
-            && (1..=12).contains(&self.month)
-            && (1..=self.days_of_month()).contains(&self.day)
-    }
-}
-
-/// Years of which a sun is told.
-pub const YEARS: std::ops::RangeInclusive<i32> = 1900..=2100;
-
 /// Turbidities that the sky is known of.
 pub const TURBIDITIES: std::ops::RangeInclusive<f64> = 1.0..=10.0;
-
-/// Hours that clocks are ahead of UTC.
-const OFFSETS: std::ops::RangeInclusive<f64> = -14.0..=14.0;
 
 /// Columns of the map that a sky's light is read from: without its sun it is smooth.
 const COLUMNS: usize = 256;
@@ -211,33 +42,6 @@ const WHITE: f64 = 30_000.0;
 
 /// Lumens of a watt at 555 nm.
 const LUMENS: f64 = 683.0;
-
-/// Of the sun, in kelvin, and radius of its disc in degrees.
-const KELVIN: f64 = 5778.0;
-const RADIUS: f64 = 0.2665;
-
-/// Centimetres of ozone overhead (Preetham et al.).
-const OZONE_CM: f64 = 0.35;
-
-/// Wavelengths in nanometres with what ozone absorbs there, per centimetre (Preetham et al., table 2, every 20 to 40 nm).
-const OZONE: [[f64; 2]; 16] = [
-    [440.0, 0.0],
-    [460.0, 0.006],
-    [480.0, 0.014],
-    [500.0, 0.03],
-    [520.0, 0.048],
-    [540.0, 0.075],
-    [560.0, 0.103],
-    [570.0, 0.12],
-    [580.0, 0.12],
-    [600.0, 0.125],
-    [620.0, 0.105],
-    [640.0, 0.079],
-    [660.0, 0.057],
-    [680.0, 0.036],
-    [710.0, 0.018],
-    [760.0, 0.007],
-];
 
 /// Decades of brightness that the sky falls by for each degree that the sun is below the horizon: to a three-hundredth at the end of civil
 /// twilight, as tables of illuminance have it.
@@ -256,94 +60,6 @@ impl Default for Sky {
             turbidity: 3.0,
             ground_albedo: 0.2,
             sun_shines: true,
-        }
-    }
-}
-
-impl Sun {
-    /// Munich at midsummer, by its clock.
-    pub const SOMEWHERE: Self = Self::Of {
-        latitude: 48.14,
-        longitude: 11.58,
-        date: Date {
-            year: 2026,
-            month: 6,
-            day: 21,
-        },
-        hour: 10.0,
-        utc_offset: 2.0,
-    };
-
-    /// Azimuth and elevation in degrees: azimuth from +x towards +y.
-    pub fn angles(&self) -> [f64; 2] {
-        match *self {
-            Self::At { azimuth, elevation } => [azimuth, elevation],
-            Self::Of {
-                latitude,
-                longitude,
-                date,
-                hour,
-                utc_offset,
-            } => {
-                let midnight =
-                    JulianDate::from_utc(date.year, date.month, date.day, 0, 0, 0.0, 69.0);
-                let then = midnight.and_then(|d| {
-                    JulianDate::new(d.julian_date() + (hour - utc_offset) / 24.0, 69.0)
-                });
-                let seen = then.and_then(|then| {
-                    let from = Location {
-                        latitude,
-                        longitude,
-                    };
-                    SolarPositions::new().at_from_julian(then, from, 0.0, None)
-                });
-                // What is not valid was refused.
-                seen.map_or([0.0, -90.0], |seen| {
-                    // From the north, clockwise.
-                    [90.0 - seen.azimuth(), seen.elevation_angle()]
-                })
-            }
-        }
-    }
-
-    fn validate(&self) -> Result<()> {
-        match *self {
-            Self::At { azimuth, elevation } => ensure(
-                azimuth.is_finite() && (-90.0..=90.0).contains(&elevation),
-                || {
-                    format!(
-                        "the sun's azimuth {azimuth} and elevation {elevation} (-90 to 90) are to be degrees"
-                    )
-                },
-            ),
-            Self::Of {
-                latitude,
-                longitude,
-                date,
-                hour,
-                utc_offset,
-            } => {
-                ensure(
-                    (-90.0..=90.0).contains(&latitude) && (-180.0..=180.0).contains(&longitude),
-                    || {
-                        format!(
-                            "latitude {latitude} (-90 to 90) and longitude {longitude} (-180 to 180) are to be degrees"
-                        )
-                    },
-                )?;
-                ensure(date.is_valid(), || {
-                    let (first, last) = YEARS.into_inner();
-                    format!("{date} is no day of the years {first} to {last}")
-                })?;
-                ensure(
-                    (0.0..=24.0).contains(&hour) && OFFSETS.contains(&utc_offset),
-                    || {
-                        format!(
-                            "hour {hour} (0 to 24) and utc_offset {utc_offset} (-14 to 14) are to be hours"
-                        )
-                    },
-                )
-            }
         }
     }
 }
@@ -384,43 +100,44 @@ impl Sky {
         self.sun.validate()
     }
 
-    /// Unit vector to the middle of the sun, in the map.
-    pub fn toward_sun(&self) -> DVec3 {
-        let [azimuth, elevation] = self.sun.angles().map(f64::to_radians);
-        let (sin, cos) = elevation.sin_cos();
-        DVec3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin)
-    }
-
     /// The sun as a light, where it is above the horizon.
     pub fn sun(&self) -> Option<Emitter> {
         let [_, elevation] = self.sun.angles();
-        let emission = sun_irradiance(elevation, self.turbidity);
+        let irradiance = sun::irradiance(elevation, self.turbidity);
+        let emission = irradiance.map(|e| (e * LUMENS / WHITE) as f32);
         let is_seen = self.sun_shines && emission.iter().any(|e| *e > 0.0);
         is_seen.then(|| Emitter {
             shape: Shape::Distant {
-                toward: self.toward_sun().as_vec3(),
-                radius: RADIUS.to_radians() as f32,
+                toward: self.sun.toward().as_vec3(),
+                radius: sun::RADIUS.to_radians() as f32,
             },
             emission,
         })
     }
 
-    /// Its light: the dome as a map is read, the sun beside it.
+    /// Its light.
     pub fn illumination(&self, degree: usize) -> Illumination {
-        let map = self.dome_map(COLUMNS);
-        let mut light = Illumination::new(project_environment(&map, degree), Some(Beams::of(&map)));
+        self.illumination_with(&self.dome_map(COLUMNS), degree)
+    }
+
+    /// The same, with a map of its dome: that as a map is read, the sun beside it.
+    pub fn illumination_with(&self, dome: &EnvironmentMap, degree: usize) -> Illumination {
+        let mut light = Illumination::of(dome, degree);
         light.emitters.extend(self.sun());
         light
     }
 
     /// A map of that many columns, the sun in it.
     pub fn map(&self, columns: usize) -> EnvironmentMap {
-        let sun = self.sun();
-        self.dome_map(columns)
-            .with_lights(sun.as_slice(), Vec3::ZERO)
+        self.with_sun(self.dome_map(columns))
     }
 
-    /// The same without the sun itself.
+    /// The same, of a map of its dome.
+    pub fn with_sun(&self, dome: EnvironmentMap) -> EnvironmentMap {
+        dome.with_lights(self.sun().as_slice(), Vec3::ZERO)
+    }
+
+    /// A map of that many columns without the sun itself.
     pub fn dome_map(&self, columns: usize) -> EnvironmentMap {
         let dome = self.dome();
         let radiance = |d| dome.as_ref().map_or([0.0; 3], |dome| dome.radiance(d));
@@ -444,16 +161,9 @@ impl Sky {
             albedo: [self.ground_albedo as f32; 3],
         });
         let dusk = 10f64.powf(DUSK * elevation.min(0.0));
-        let at = Self {
-            sun: Sun::At {
-                azimuth,
-                elevation: above,
-            },
-            ..*self
-        };
         state.ok().map(|state| Dome {
             state,
-            toward_sun: at.toward_sun(),
+            toward_sun: sun::toward([azimuth, above]),
             scale: dusk * LUMENS / WHITE,
         })
     }
@@ -474,48 +184,15 @@ impl Sky {
                 }
             }
         }
-        let up = self.toward_sun().z.max(0.0);
+        let up = self.sun.toward().z.max(0.0);
         let of_sun = self.sun().map_or([0.0; 3], |sun| sun.emission);
         std::array::from_fn(|c| self.ground_albedo / PI * (sum[c] + up * f64::from(of_sun[c])))
     }
 }
 
-/// Irradiance of the sun on a surface that faces it, in the unit of the pictures.
-fn sun_irradiance(elevation: f64, turbidity: f64) -> [f32; 3] {
-    // Its upper half is up for a while.
-    let share = ((elevation + RADIUS) / (2.0 * RADIUS)).clamp(0.0, 1.0);
-    if share == 0.0 {
-        return [0.0; 3];
-    }
-    let zenith = (90.0 - elevation.max(0.0)).clamp(0.0, 90.0);
-    let air = 1.0 / (zenith.to_radians().cos() + 0.15 * (93.885 - zenith).powf(-1.253));
-    let dust = (0.046_08 * turbidity - 0.045_86).max(0.0);
-    let seen = PI * RADIUS.to_radians().powi(2);
-    let rgb = of_spectrum(|nm| {
-        let microns = nm * 1e-3;
-        let rayleigh = 0.008_735 * microns.powf(-4.08);
-        let aerosol = dust * microns.powf(-1.3);
-        let depth = air * (rayleigh + aerosol + ozone(nm) * OZONE_CM);
-        seen * planck(KELVIN, nm) * (-depth).exp()
-    });
-    rgb.map(|e| (share * e * LUMENS / WHITE) as f32)
-}
-
-/// What ozone absorbs at a wavelength, per centimetre.
-fn ozone(nm: f64) -> f64 {
-    let after = OZONE.partition_point(|[at, _]| *at < nm);
-    match after {
-        0 => 0.0,
-        _ if after == OZONE.len() => OZONE[OZONE.len() - 1][1],
-        _ => {
-            let ([a, low], [b, high]) = (OZONE[after - 1], OZONE[after]);
-            low + (high - low) * (nm - a) / (b - a)
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::radiance::project_environment;
     use super::*;
     use crate::color::luminance;
 
@@ -542,7 +219,7 @@ mod tests {
         let of = |rgb: [f64; 3]| f64::from(luminance(rgb.map(|v| v as f32)));
         let from_sky = PI * of(white.ground(&radiance)) * WHITE;
         let sun = sky.sun().map_or([0.0; 3], |s| s.emission.map(f64::from));
-        [from_sky, of(sun) * sky.toward_sun().z.max(0.0) * WHITE]
+        [from_sky, of(sun) * sky.sun.toward().z.max(0.0) * WHITE]
     }
 
     /// Illuminance of clear days as handbooks have it: a high sun 80 to 110 thousand lux, the sky 8 to 25 thousand.
@@ -634,48 +311,6 @@ mod tests {
         assert!(sky(-30.0, 3.0).illumination(3).is_black());
     }
 
-    /// Noon in Greenwich is when its clock says so, give or take the equation of time, and as high as the day's declination makes it.
-    #[test]
-    fn the_sun_stands_where_the_almanac_says() {
-        let sun = |date: &str, latitude: f64, hour: f64| {
-            let date = Date::try_from(date.to_owned()).expect("a day");
-            let of = Sun::Of {
-                latitude,
-                longitude: 0.0,
-                date,
-                hour,
-                utc_offset: 0.0,
-            };
-            of.angles()
-        };
-        // The solstice: 90 - 51.48 + 23.44; the sun is two minutes late.
-        let [azimuth, elevation] = sun("2026-06-21", 51.48, 12.0 + 2.0 / 60.0);
-        assert!((elevation - 61.96).abs() < 0.05, "{elevation}");
-        assert!((azimuth + 90.0).abs() < 0.5, "south: {azimuth}");
-        // In the morning it stands in the east, at the equinox just above the horizon.
-        let [azimuth, elevation] = sun("2026-03-20", 0.0, 6.5);
-        assert!(
-            azimuth.abs() < 2.0 && (0.0..10.0).contains(&elevation),
-            "{azimuth} {elevation}"
-        );
-        // A clock that is ahead shows the same later.
-        let ahead = Sun::Of {
-            latitude: 51.48,
-            longitude: 0.0,
-            date: Date::try_from("2026-06-21".to_owned()).expect("a day"),
-            hour: 14.0,
-            utc_offset: 2.0,
-        };
-        let same = sun("2026-06-21", 51.48, 12.0);
-        assert!(
-            ahead
-                .angles()
-                .iter()
-                .zip(same)
-                .all(|(a, b)| (a - b).abs() < 1e-6)
-        );
-    }
-
     /// The map with the sun in it is the same light.
     #[test]
     fn the_sun_in_the_map_is_as_strong_as_beside_it() {
@@ -695,15 +330,7 @@ mod tests {
 
     #[test]
     fn what_is_out_of_range_is_said() {
-        let text =
-            r#"{"sun": {"latitude": 48.1, "longitude": 11.6, "date": "2026-02-30", "hour": 9}}"#;
-        let why = serde_json::from_str::<Sky>(text).expect_err("no such day");
-        assert!(why.to_string().contains("2026-02-30"), "{why}");
-        let right = text.replace("02-30", "02-28");
-        let sky: Sky = serde_json::from_str(&right).expect("a day");
-        assert!(sky.validate().is_ok());
-        let again = serde_json::to_string(&sky).expect("plain data");
-        assert_eq!(serde_json::from_str::<Sky>(&again).expect(&again), sky);
+        let sky = Sky::default();
         for (sky, what) in [
             (
                 Sky {

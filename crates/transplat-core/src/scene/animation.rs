@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::light::{EnvironmentLight, STOPS, wrap};
 use super::rig::Light;
-use crate::environment::{Sky, Sun};
+use crate::environment::{PlaceAndTime, Sky, Sun};
 use crate::error::{Error, Result, ensure};
 
 /// Light that changes over time.
@@ -141,11 +141,7 @@ impl LightKey {
         ensure(self.rotation.is_finite() && self.tilt.is_finite(), || {
             "its turn is not a number".into()
         })?;
-        let sky = self.sun.map(|sun| Sky {
-            sun,
-            ..Sky::default()
-        });
-        sky.map_or(Ok(()), |sky| sky.validate())
+        self.sun.map_or(Ok(()), |sun| sun.validate())
     }
 }
 
@@ -157,31 +153,17 @@ fn sun_between(
     angle: impl Fn(f64, f64) -> f64,
 ) -> Sun {
     match (sun, next) {
-        (
-            Sun::Of {
-                latitude,
-                longitude,
-                date,
-                hour,
-                utc_offset,
-            },
-            Some(Sun::Of {
-                hour: later,
-                latitude: same_latitude,
-                longitude: same_longitude,
-                date: same_date,
-                utc_offset: same_offset,
-            }),
-        ) if (latitude, longitude, date, utc_offset)
-            == (same_latitude, same_longitude, same_date, same_offset) =>
+        (Sun::Of(now), Some(Sun::Of(later)))
+            if now
+                == (PlaceAndTime {
+                    hour: now.hour,
+                    ..later
+                }) =>
         {
-            Sun::Of {
-                latitude,
-                longitude,
-                date,
-                hour: mix(hour, later),
-                utc_offset,
-            }
+            Sun::Of(PlaceAndTime {
+                hour: mix(now.hour, later.hour),
+                ..now
+            })
         }
         (_, Some(next)) => {
             let [[a, low], [b, high]] = [sun, next].map(|sun| sun.angles());
@@ -221,8 +203,7 @@ impl Animation {
 
     /// Sets a key in the place of one at its time, if there is one.
     pub fn set(&mut self, key: LightKey) {
-        let is_then = |other: &LightKey| (other.time - key.time).abs() < SAME_TIME;
-        match self.keys.iter().position(is_then) {
+        match self.key_at(key.time) {
             Some(at) => {
                 let time = self.keys[at].time;
                 self.keys[at] = LightKey { time, ..key };
@@ -356,16 +337,18 @@ mod tests {
 
     #[test]
     fn a_day_goes_by_the_clock() {
-        let at = |hour| Sun::Of {
-            latitude: 50.0,
-            longitude: 10.0,
-            date: Date {
-                year: 2026,
-                month: 6,
-                day: 21,
-            },
-            hour,
-            utc_offset: 2.0,
+        let at = |hour| {
+            Sun::Of(PlaceAndTime {
+                latitude: 50.0,
+                longitude: 10.0,
+                date: Date {
+                    year: 2026,
+                    month: 6,
+                    day: 21,
+                },
+                hour,
+                utc_offset: 2.0,
+            })
         };
         let mut environment = EnvironmentLight::of(SKY);
         environment.sky = Some(Sky {

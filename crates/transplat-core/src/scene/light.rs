@@ -205,10 +205,6 @@ impl EnvironmentLight {
             format!("strength of the {name} {strength} is out of range -60 to 60 stops")
         })?;
         if let Some(sky) = self.sky() {
-            // What a capture was made under is told by a map of it.
-            ensure(name != SOURCE, || {
-                "the light of sun and sky is one to relight by; of a capture, write it to a file first".into()
-            })?;
             sky.validate()?;
         } else {
             ensure(self.sky.is_none(), || {
@@ -224,9 +220,6 @@ impl EnvironmentLight {
         )
     }
 }
-
-/// What the light of a capture is called where it is wrong.
-pub(super) const SOURCE: &str = "source";
 
 /// The most that a channel of a light is multiplied by, beside its strength.
 pub(super) const MOST_TINT: f32 = 1e3;

@@ -6,7 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::cut::{Cut, FARTHEST, MOST_CUTS};
-use super::light::{EnvironmentLight, SOURCE};
+use super::light::EnvironmentLight;
 use crate::color::Encoding;
 use crate::error::{Result, ensure};
 use crate::surfels::{Hide, SurfelCloud, UpAxis};
@@ -109,7 +109,12 @@ impl Object {
         }
         self.transform.validate()?;
         self.hide.validate()?;
-        self.source.validate(SOURCE)
+        // What a capture was made under is told by a map of it.
+        ensure(self.source.sky().is_none(), || {
+            "the light of sun and sky is one to relight by; of a capture, write it to a file first"
+                .into()
+        })?;
+        self.source.validate("source")
     }
 }
 

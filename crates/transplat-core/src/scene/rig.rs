@@ -11,7 +11,7 @@ use serde::de::{Error as _, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
 use super::light::{EVEN, EnvironmentLight, SKY};
-use crate::environment::{MOST_LIGHTS, Sky};
+use crate::environment::Sky;
 use crate::error::{Result, ensure};
 pub(super) use light::validate_all;
 pub use light::{FixedTo, KELVIN, Light, LightSource};
@@ -43,15 +43,19 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Checks its lights.
+    /// Checks its lights and what is around them.
     ///
     /// # Errors
     /// Says which of them is wrong.
     pub fn validate(&self) -> Result<()> {
-        ensure(self.lights.len() <= MOST_LIGHTS, || {
-            format!("more than {MOST_LIGHTS} lights")
-        })?;
-        validate_all(&self.lights)
+        validate_all(&self.lights)?;
+        match &self.environment {
+            Some(Around::Sky { sky }) => sky.validate(),
+            Some(Around::File { scale, .. }) => ensure(*scale > 0.0 && scale.is_finite(), || {
+                format!("the environment's scale {scale} is not above 0")
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Of lights, and what is around them.
@@ -169,30 +173,24 @@ impl Around {
         &self,
         before: &EnvironmentLight,
         find: impl Fn(&PathBuf) -> PathBuf,
-    ) -> Result<EnvironmentLight> {
+    ) -> EnvironmentLight {
         let even = |tint: [f32; 3]| EnvironmentLight {
             tint,
             ..EnvironmentLight::of(EVEN)
         };
         match self {
-            Self::Nothing => Ok(even([0.0; 3])),
-            Self::Uniform { uniform } => Ok(even(*uniform)),
-            Self::Sky { sky } => {
-                sky.validate()?;
-                Ok(EnvironmentLight {
-                    rotation: before.rotation,
-                    sky: Some(*sky),
-                    ..EnvironmentLight::of(SKY)
-                })
-            }
+            Self::Nothing => even([0.0; 3]),
+            Self::Uniform { uniform } => even(*uniform),
+            Self::Sky { sky } => EnvironmentLight {
+                rotation: before.rotation,
+                sky: Some(*sky),
+                ..EnvironmentLight::of(SKY)
+            },
             Self::File { file, scale } => {
-                ensure(*scale > 0.0 && scale.is_finite(), || {
-                    format!("the environment's scale {scale} is not above 0")
-                })?;
                 let mut light = before.clone();
                 light.set_file(find(file));
                 light.strength = scale.log2();
-                Ok(light)
+                light
             }
         }
     }
@@ -204,10 +202,12 @@ mod tests {
 
     #[test]
     fn a_rig_says_what_is_around_it_or_leaves_that() {
-        let rig = |around: &str| -> std::result::Result<Rig, _> {
-            serde_json::from_str(&format!(
-                r#"{{"lights": [], "object": "knot", "exposure": {{"a": 1}}{around}}}"#
-            ))
+        let rig = |around: &str| -> std::result::Result<Rig, String> {
+            let text =
+                format!(r#"{{"lights": [], "object": "knot", "exposure": {{"a": 1}}{around}}}"#);
+            let rig: Rig = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+            rig.validate().map_err(|e| e.to_string())?;
+            Ok(rig)
         };
         let around = |text: &str| rig(text).expect(text).environment;
         assert_eq!(around(""), None);
@@ -231,16 +231,12 @@ mod tests {
             rotation: 30.0,
             ..EnvironmentLight::of("b.hdr")
         };
-        let over = file
-            .over(&before, |f| PathBuf::from("x").join(f))
-            .expect("a scale");
+        let over = file.over(&before, |f| PathBuf::from("x").join(f));
         assert_eq!(
             (over.file, over.strength, over.rotation),
             (Some("x/a.hdr".into()), 2.0, 30.0)
         );
-        let dark = Around::Nothing
-            .over(&before, PathBuf::clone)
-            .expect("nothing");
+        let dark = Around::Nothing.over(&before, PathBuf::clone);
         assert_eq!(dark.gain(), [0.0; 3]);
         assert!(rig(r#", "enviroment": null"#).is_err());
         for (around, what) in [
@@ -251,9 +247,10 @@ mod tests {
                 "2026-02-31",
             ),
             (r#"{"sky": {"sun": {"azimuth": 50}}}"#, "elevation"),
+            (r#"{"file": "a.hdr", "scale": 0}"#, "scale 0"),
         ] {
             let why = rig(&format!(r#", "environment": {around}"#));
-            let why = why.expect_err(around).to_string();
+            let why = why.expect_err(around);
             assert!(why.contains(what), "{why}");
         }
         // And comes back as it was written.

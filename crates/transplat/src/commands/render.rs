@@ -2,7 +2,6 @@
 
 mod frames;
 
-use std::cell::RefCell;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -186,7 +185,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         output: &output,
         studio,
         plate: None,
-        seen_behind: RefCell::default(),
+        seen_behind: [None, None],
         pipeline: &pipeline,
     };
     let written = match (&lights, &bake) {
@@ -362,8 +361,8 @@ struct Shots<'a> {
     studio: Studio,
     /// The photograph that is behind it now.
     plate: Option<PathBuf>,
-    /// The map that the last frame of an animation had behind it.
-    seen_behind: RefCell<Option<(PathBuf, Arc<EnvironmentMap>)>>,
+    /// The maps that the last frame of an animation had behind it, of either side.
+    seen_behind: [Option<(PathBuf, Arc<EnvironmentMap>)>; 2],
     pipeline: &'a Pipeline,
 }
 
@@ -473,7 +472,8 @@ impl Shots<'_> {
         for (i, (name, path)) in targets.iter().enumerate() {
             let mut lit = Lit::default();
             let maps = lights.map(|l| l.maps(&l.targets[i]));
-            self.surround(&mut lit, &self.pipeline.scene, path, maps, summary)?;
+            let scene = &self.pipeline.scene;
+            self.surround(&mut lit, scene, path, maps, summary)?;
             written += self.take(Some(name), &lit, summary)?;
         }
         Ok(written)
@@ -482,16 +482,17 @@ impl Shots<'_> {
     /// What is around the object under a target: maps behind it where they are shown (they are large, so only one target's are held
     /// at a time), and the shadow on the ground.
     fn surround(
-        &self,
+        &mut self,
         lit: &mut Lit,
         scene: &Scene,
         target: &Path,
         maps: Option<[&Illumination; 2]>,
         summary: &mut Summary,
     ) -> Result<()> {
-        let up = self.pipeline.cloud.up;
+        let (pipeline, first) = (self.pipeline, self.pipeline.first());
+        let up = pipeline.cloud.up;
         if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
-            lit.ground = lit_ground(ground, scene, &self.pipeline.first().settings, maps, up);
+            lit.ground = lit_ground(ground, scene, &first.settings, maps, up);
         }
         // The studio's own: channels that are no light show no environment, and its map is not read.
         if self.studio.scene.background != Background::Environment {
@@ -499,9 +500,8 @@ impl Shots<'_> {
         }
         let view = self.studio.view;
         let matched = maps.map_or(1.0, |[source, target]| {
-            scene.environment_gain(&self.pipeline.first().settings, [source, target])
+            scene.environment_gain(&first.settings, [source, target])
         });
-        let first = self.pipeline.first();
         let sides = [
             (
                 first.settings.source.file.as_deref(),
@@ -515,7 +515,7 @@ impl Shots<'_> {
             let Some(path) = path.filter(|_| shown) else {
                 continue;
             };
-            let known = self.seen_behind.borrow().clone();
+            let known = self.seen_behind[side].take();
             let known = known.filter(|(of, _)| of == path && !is_sky(path));
             let map = match known {
                 Some((_, map)) => map,
@@ -523,14 +523,14 @@ impl Shots<'_> {
                     let saved = self.args.light.capture.bake.as_deref();
                     let map = match settings.sky() {
                         Some(sky) => Some(sky.map(SKY_COLUMNS)),
-                        None => self.pipeline.load_light(first, path, saved, summary)?,
+                        None => pipeline.load_light(first, path, saved, summary)?,
                     };
                     let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
                     Arc::new(settings.backdrop(&map).blurred(scene.background_blur))
                 }
             };
             if self.args.animation {
-                *self.seen_behind.borrow_mut() = Some((path.to_owned(), map.clone()));
+                self.seen_behind[side] = Some((path.to_owned(), map.clone()));
             }
             lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
         }

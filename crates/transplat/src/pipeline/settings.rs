@@ -159,8 +159,7 @@ pub fn take_rig(scene: &mut Scene, path: &Path, with_environment: bool) -> Resul
         return Ok(());
     };
     let places = [Some(path), scene.objects[0].source.file.as_deref()];
-    let environment = around.over(&scene.environment, |file| beside(file, places));
-    scene.environment = environment.with_context(|| path.display().to_string())?;
+    scene.environment = around.over(&scene.environment, |file| beside(file, places));
     // It is as bright as the rig has it.
     scene.match_strength = false;
     Ok(())

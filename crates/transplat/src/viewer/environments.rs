@@ -222,12 +222,14 @@ impl Environment {
 
     /// The light of sun and sky.
     pub fn of_sky(sky: Sky) -> Self {
-        let map = sky.map(SMALL_WIDTH);
-        let light = Self::of(SKY.into(), &map, sky.illumination(MAX_DEGREE), Vec::new());
+        let dome = sky.dome_map(SMALL_WIDTH);
+        let illumination = sky.illumination_with(&dome, MAX_DEGREE);
+        let map = sky.with_sun(dome);
+        let light = Self::of(SKY.into(), &map, illumination, Vec::new());
         Self {
             sky: Some(sky),
             size: [0, 0],
-            brightest: sky.sun().map(|_| sky.toward_sun().as_vec3()),
+            brightest: sky.sun().map(|_| sky.sun.toward().as_vec3()),
             ..light
         }
     }

@@ -7,7 +7,7 @@ use glam::{Quat, Vec2, Vec3};
 use transplat_core::scene::Transform;
 
 use super::frame::grid_spacing;
-use super::screen::{Screen, from_segment};
+use super::screen::{HELD, Screen, from_segment};
 use super::session::Session;
 
 /// Points from the middle to an arrow's tip, to the rings, and to the circle that scales.
@@ -270,7 +270,7 @@ fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
     };
     let stroke = |handle: Handle, color: Color32| {
         if active == Some(handle) {
-            Stroke::new(4.0, Color32::from_rgb(255, 214, 90))
+            Stroke::new(4.0, HELD)
         } else {
             Stroke::new(2.0, color.gamma_multiply(0.9))
         }
@@ -302,29 +302,14 @@ fn draw(ui: &Ui, view: &View<'_>, active: Option<Handle>) {
 
 #[cfg(test)]
 mod tests {
-    use eframe::egui::Rect;
     use transplat_core::camera::Camera;
 
     use super::*;
-
-    fn camera() -> Camera {
-        let eye = Vec3::new(5.0, -6.0, 4.0);
-        Camera::look_at(
-            eye,
-            Vec3::new(1.0, 0.0, 0.5),
-            Vec3::Z,
-            0.7,
-            [800, 600],
-            0.01,
-        )
-    }
+    use crate::viewer::screen::tests::{camera, screen};
 
     fn view(camera: &Camera, middle: Vec3) -> View<'_> {
         View {
-            screen: Screen {
-                camera,
-                part: Rect::from_min_size(Pos2::new(40.0, 20.0), egui::vec2(800.0, 600.0)),
-            },
+            screen: screen(camera),
             middle,
             own_middle: Vec3::new(0.3, -0.2, 0.1),
             up: Vec3::Z,

@@ -95,12 +95,6 @@ impl Session {
         Some(self.selected_light.min(last))
     }
 
-    /// The light that the panel is about.
-    pub fn chosen_light_mut(&mut self) -> Option<&mut Light> {
-        let at = self.chosen_light()?;
-        self.scene.lights.get_mut(at)
-    }
-
     /// Adds a light of a kind where none stands yet.
     pub fn add_light(&mut self, kind: LightKind) {
         let lit = self.lit();
@@ -131,46 +125,47 @@ impl Session {
     }
 
     fn take_light(&mut self, mut light: Light, name: &str) {
-        if self.scene.lights.len() == MOST_LIGHTS {
-            return self.error(tr_format!(
-                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
-                MOST_LIGHTS = MOST_LIGHTS
-            ));
+        if !self.has_room_for(1) {
+            return;
         }
         light.name = free(name, self.scene.lights.iter().map(|l| l.name.as_str()));
         self.scene.add_light(light);
         self.selected_light = self.scene.lights.len() - 1;
     }
 
+    /// Whether so many lights more are not too many, which is told.
+    fn has_room_for(&mut self, more: usize) -> bool {
+        let has_room = self.scene.lights.len() + more <= MOST_LIGHTS;
+        if !has_room {
+            self.error(tr_format!(
+                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
+                MOST_LIGHTS = MOST_LIGHTS
+            ));
+        }
+        has_room
+    }
+
     /// Takes a rig in the place of the lights there are, with what it has around them.
     pub fn take_rig(&mut self, rig: Rig, from: Option<&Path>) {
-        let places = [from, self.scene.objects[0].source.file.as_deref()];
-        let around = rig.environment.as_ref();
-        let environment =
-            around.map(|around| around.over(&self.scene.environment, |file| beside(file, places)));
-        let told = |error: String| match from {
-            Some(path) => format!("{}: {error}", path.display()),
-            None => error,
-        };
         let mut scene = self.scene.clone();
-        match environment {
-            Some(Ok(environment)) => scene.environment = environment,
-            Some(Err(error)) => return self.error(told(error.to_string())),
-            None => {}
+        if let Some(around) = &rig.environment {
+            let places = [from, self.scene.objects[0].source.file.as_deref()];
+            scene.environment = around.over(&self.scene.environment, |file| beside(file, places));
+            // It is as bright as it is made.
+            scene.match_strength = false;
         }
         scene.set_lights(rig.lights);
         if let Err(error) = scene.validate() {
-            return self.error(told(error.to_string()));
+            return self.error(match from {
+                Some(path) => format!("{}: {error}", path.display()),
+                None => error.to_string(),
+            });
         }
         self.scene = scene;
         if let Some(file) = self.scene.environment.file.clone() {
             self.environments.request(&file);
         }
         self.selected_light = 0;
-        if self.scene.match_strength && around.is_some() {
-            // It is as bright as it is made.
-            self.scene.match_strength = false;
-        }
     }
 
     /// Takes one of the rigs to begin with.
@@ -237,21 +232,14 @@ impl Session {
 
     /// Takes the suns out of the environment: they are lights of one's own from then on.
     pub fn take_out_suns(&mut self) {
-        let lights = [
-            &self.states[0].source.light.illumination,
-            &self.environment.light.illumination,
-        ];
-        let suns = self.scene.suns(lights);
+        let suns = self.suns();
         if suns.is_empty() {
             return self.info(tr(
                 "there is no sun in it: no spot that is small and holds much of the light",
             ));
         }
-        if self.scene.lights.len() + suns.len() > MOST_LIGHTS {
-            return self.error(tr_format!(
-                "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
-                MOST_LIGHTS = MOST_LIGHTS
-            ));
+        if !self.has_room_for(suns.len()) {
+            return;
         }
         self.scene.environment.without_suns = true;
         for sun in suns {
@@ -259,13 +247,16 @@ impl Session {
         }
     }
 
+    /// The suns of the environment as lights of one's own.
+    fn suns(&self) -> Vec<Light> {
+        let [source, environment] = self.sides_of(0).map(|(_, resolved)| &resolved.light);
+        let maps = [&source.illumination, &environment.illumination];
+        self.scene.suns(maps)
+    }
+
     /// Puts the suns back into the environment, in the place of the lights that were made of them, unless those are others now.
     pub fn put_suns_back(&mut self) {
-        let lights = [
-            &self.states[0].source.light.illumination,
-            &self.environment.light.illumination,
-        ];
-        for sun in self.scene.suns(lights) {
+        for sun in self.suns() {
             let mut all = self.scene.lights.iter();
             if let Some(at) = all.position(|light| light.source == sun.source) {
                 self.scene.remove_light(at);
@@ -274,13 +265,8 @@ impl Session {
         self.scene.environment.without_suns = false;
     }
 
-    /// Puts a light in a direction of the world from where it shines, as far away from there as it is.
-    pub fn put_light(&mut self, at: usize, aim: DVec3, toward: DVec3) {
-        self.put_light_beyond(at, aim, toward, 0.0);
-    }
-
-    /// The same, and not nearer than that.
-    pub fn put_light_beyond(&mut self, at: usize, aim: DVec3, toward: DVec3, least: f64) {
+    /// Puts a light in a direction of the world from where it shines, as far away from there as it is and not nearer than `least`.
+    pub fn put_light(&mut self, at: usize, aim: DVec3, toward: DVec3, least: f64) {
         let Lit { radius, .. } = self.lit();
         let light = &mut self.scene.lights[at];
         let far = light
@@ -294,6 +280,11 @@ impl Session {
     /// Takes lights along with the camera and the objects that they are fixed to.
     pub fn follow(&mut self) {
         if self.comparing.is_some() {
+            return;
+        }
+        let mut lights = self.scene.lights.iter();
+        if lights.all(|light| light.fixed_to == FixedTo::World) {
+            self.followed = None;
             return;
         }
         let ids = self.states.iter().map(|s| s.id);

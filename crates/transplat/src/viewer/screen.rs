@@ -1,11 +1,14 @@
 //! Between places in the scene and points of the window: what handles are drawn at and dragged by.
 
-use eframe::egui::{self, Pos2, Rect};
+use eframe::egui::{self, Color32, Pos2, Rect};
 use glam::{Vec2, Vec3};
 use transplat_core::camera::Camera;
 
 /// Cosine between a ray and a plane under which it does not tell a place in it.
 pub const GRAZING: f32 = 0.08;
+
+/// Of a handle that is held, or may be taken.
+pub const HELD: Color32 = Color32::from_rgb(255, 214, 90);
 
 /// A picture in the window, and what it is seen by.
 #[derive(Clone, Copy)]
@@ -62,4 +65,21 @@ pub fn from_segment(p: Pos2, a: Pos2, b: Pos2) -> f32 {
     let along = b - a;
     let t = ((p - a).dot(along) / along.length_sq().max(1e-6)).clamp(0.0, 1.0);
     p.distance(a + t * along)
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    pub fn camera() -> Camera {
+        let eye = Vec3::new(5.0, -6.0, 4.0);
+        let target = Vec3::new(1.0, 0.0, 0.5);
+        Camera::look_at(eye, target, Vec3::Z, 0.7, [800, 600], 0.01)
+    }
+
+    /// That picture somewhere in the window.
+    pub fn screen(camera: &Camera) -> Screen<'_> {
+        let part = Rect::from_min_size(Pos2::new(40.0, 20.0), egui::vec2(800.0, 600.0));
+        Screen { camera, part }
+    }
 }

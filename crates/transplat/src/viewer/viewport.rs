@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui::{self, Key, PointerButton, Pos2, Rect, Sense, Ui};
 use eframe::{egui_wgpu, wgpu};
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::Camera;
 use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
@@ -386,53 +386,61 @@ impl Viewport {
 
     /// Places the chosen light by what it does on the objects: where the pointer was pressed, and where it is.
     fn place(&mut self, session: &mut Session, from: Pos2, to: Pos2) {
-        let (Some(at), Some(placing)) = (session.chosen_light(), self.placing) else {
+        let Some(at) = session.chosen_light() else {
             return;
         };
-        let world_from_scene = session.world_from_scene();
-        let world = |v: Vec3| world_from_scene * v.as_dvec3();
-        let picked = self.picked(session, to);
-        if placing == Placing::Shadow {
-            let caster = self.picked(session, from).map(|(_, pick)| pick.position);
-            let falls = picked.map(|(_, pick)| pick.position);
-            let falls = falls.or_else(|| self.on_ground(session, to));
-            if let Some([caster, there]) = caster.zip(falls).map(|(a, b)| [world(a), world(b)]) {
-                // At the press both are one.
-                let apart = caster.distance(there);
-                if apart > 1e-3 * session.lit().radius {
-                    // Behind what throws it.
-                    let toward = (caster - there).normalize();
-                    session.put_light_beyond(at, there, toward, BEHIND * apart);
+        match self.placing {
+            Some(Placing::Aim) => self.aim(session, at, to),
+            Some(Placing::Highlight) => {
+                if let Some([there, toward]) = self.mirrored_at(session, to) {
+                    session.put_light(at, there, toward.normalize_or(DVec3::Z), 0.0);
                 }
             }
-            return;
+            Some(Placing::Shadow) => self.cast_shadow(session, at, from, to),
+            None => {}
         }
-        let Some((object, pick)) = picked else {
+    }
+
+    /// Points a light at what is at a point of the window.
+    fn aim(&self, session: &mut Session, light: usize, at: Pos2) {
+        let Some((_, pick)) = self.picked(session, at) else {
             return;
         };
-        let there = world(pick.position);
-        match placing {
-            Placing::Aim => {
-                let source = &mut session.scene.lights[at].source;
-                if let Some(position) = source.position() {
-                    source.put(position, there);
-                } else {
-                    session.info(tr("a sun shines everywhere alike, and has no aim"));
-                }
-            }
-            Placing::Highlight => {
-                let Some(normal) = session.scene_normal(object, pick.surfel) else {
-                    return session
-                        .info(tr("a highlight can be put there once the object is baked"));
-                };
-                let Some((camera, ..)) = self.camera_at(session, to) else {
-                    return;
-                };
-                let to_eye = (camera.eye - pick.position).normalize_or_zero();
-                let toward = mirrored(normal, to_eye);
-                session.put_light(at, there, world(toward).normalize_or(glam::DVec3::Z));
-            }
-            Placing::Shadow => {}
+        let there = session.world_from_scene() * pick.position.as_dvec3();
+        let source = &mut session.scene.lights[light].source;
+        match source.position() {
+            Some(position) => source.put(position, there),
+            None => session.info(tr("a sun shines everywhere alike, and has no aim")),
+        }
+    }
+
+    /// What is at a point of the window, and from where the light comes that it mirrors to the eye, in the world.
+    fn mirrored_at(&self, session: &mut Session, at: Pos2) -> Option<[DVec3; 2]> {
+        let (object, pick) = self.picked(session, at)?;
+        let (camera, ..) = self.camera_at(session, at)?;
+        let Some(normal) = session.scene_normal(object, pick.surfel) else {
+            session.info(tr("a highlight can be put there once the object is baked"));
+            return None;
+        };
+        let to_eye = (camera.eye - pick.position).normalize_or_zero();
+        let in_scene = [pick.position, mirrored(normal, to_eye)];
+        Some(in_scene.map(|v| session.world_from_scene() * v.as_dvec3()))
+    }
+
+    /// Puts a light so that what is at one point of the window throws its shadow to another.
+    fn cast_shadow(&self, session: &mut Session, light: usize, from: Pos2, to: Pos2) {
+        let seen = |at: Pos2| self.picked(session, at).map(|(_, pick)| pick.position);
+        let falls = seen(to).or_else(|| self.on_ground(session, to));
+        let Some([caster, there]) = seen(from).zip(falls).map(<[Vec3; 2]>::from) else {
+            return;
+        };
+        let [caster, there] = [caster, there].map(|p| session.world_from_scene() * p.as_dvec3());
+        // At the press both are one.
+        let apart = caster.distance(there);
+        if apart > 1e-3 * session.lit().radius {
+            // Behind what throws it.
+            let toward = (caster - there).normalize();
+            session.put_light(light, there, toward, BEHIND * apart);
         }
     }
 
@@ -478,7 +486,7 @@ impl Viewport {
         if response.double_clicked() {
             if let Some(at) = response.interact_pointer_pos() {
                 if ui.input(|i| i.modifiers.shift) {
-                    self.put_highlight(session, at);
+                    self.turn_highlight(session, at);
                 } else if let Some(pick) = self.pick_at(session, at) {
                     navigation::set_pivot(&mut session.pose, up, pick.position);
                 }
@@ -494,22 +502,13 @@ impl Viewport {
     }
 
     /// Turns the light so that its brightest part is mirrored to the eye where the pointer is.
-    fn put_highlight(&mut self, session: &mut Session, at: Pos2) {
-        let Some((object, pick)) = self.picked(session, at) else {
+    fn turn_highlight(&self, session: &mut Session, at: Pos2) {
+        let Some([_, wanted]) = self.mirrored_at(session, at) else {
             return;
         };
         let Some(brightest) = session.light(TARGET).brightest else {
             return session.info(tr("even light has no highlight to be put there"));
         };
-        let Some(normal) = session.scene_normal(object, pick.surfel) else {
-            return session.info(tr("a highlight can be put there once the object is baked"));
-        };
-        let Some((camera, ..)) = self.camera_at(session, at) else {
-            return;
-        };
-        let to_eye = (camera.eye - pick.position).normalize_or_zero();
-        let toward = mirrored(normal, to_eye);
-        let wanted = session.world_from_scene() * toward.as_dvec3();
         let light = &mut session.scene.environment;
         let in_map = brightest.as_dvec3();
         light.bring(in_map, wanted);

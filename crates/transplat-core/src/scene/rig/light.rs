@@ -4,7 +4,7 @@ use glam::{Affine3A, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::color::black_body;
-use crate::environment::{Beam, Emitter, Illumination, Shape};
+use crate::environment::{Beam, Emitter, Illumination, MOST_LIGHTS, Shape};
 use crate::error::{Error, Result, ensure};
 use crate::scene::light::{MOST_TINT, STOPS};
 use crate::surfels::UpAxis;
@@ -150,11 +150,8 @@ impl Light {
         matches!(self.source, LightSource::Directional { angle_deg, .. } if angle_deg == 0.0)
     }
 
-    /// Adds it to what an asset with that up axis is lit by, if it is on.
+    /// Adds it to what an asset with that up axis is lit by.
     pub fn add_to(&self, light: &mut Illumination, asset_up: UpAxis) {
-        if !self.on {
-            return;
-        }
         let to_asset = asset_up.asset_from_world();
         if let LightSource::Directional {
             to_light,
@@ -338,8 +335,11 @@ impl LightSource {
     }
 }
 
-/// Tells which of some lights is wrong.
+/// Tells which of some lights is wrong, or that they are too many.
 pub fn validate_all(lights: &[Light]) -> Result<()> {
+    ensure(lights.len() <= MOST_LIGHTS, || {
+        format!("more than {MOST_LIGHTS} lights")
+    })?;
     for (at, light) in lights.iter().enumerate() {
         light.validate().map_err(|why| {
             let kind = light.source.kind().name();

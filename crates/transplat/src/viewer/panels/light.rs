@@ -1,7 +1,7 @@
 //! What lights the objects, and lit the capture: how it is turned, how strong it is.
 
 use eframe::egui::{self, Button, Role, Ui};
-use transplat_core::environment::{Layout, Sun, TURBIDITIES};
+use transplat_core::environment::{Layout, PlaceAndTime, Sun, TURBIDITIES};
 use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
@@ -196,7 +196,7 @@ fn sky(ui: &mut Ui, session: &mut Session) {
         return;
     };
     let [azimuth, elevation] = sky.sun.angles();
-    let mut is_of_place = matches!(sky.sun, Sun::Of { .. });
+    let mut is_of_place = matches!(sky.sun, Sun::Of(_));
     let ways = [
         (tr("where you put it"), false),
         (tr("of place and time"), true),
@@ -223,65 +223,8 @@ fn sky(ui: &mut Ui, session: &mut Session) {
             }
             .show(ui, elevation);
         }
-        Sun::Of {
-            latitude,
-            longitude,
-            date,
-            hour,
-            utc_offset,
-        } => {
-            Control {
-                label: tr("Time of day"),
-                unit: tr(" h"),
-                tip: tr("What the clock shows there, in hours."),
-                decimals: 2,
-                ..Control::of(0.0..=24.0, 12.0)
-            }
-            .show(ui, hour);
-            Control {
-                label: tr("Month"),
-                tip: tr("Month of the year."),
-                ..Control::of(1..=12, 6)
-            }
-            .show(ui, &mut date.month);
-            let days = date.days_of_month();
-            Control {
-                label: tr("Day"),
-                tip: tr("Day of the month."),
-                ..Control::of(1..=days, 21)
-            }
-            .show(ui, &mut date.day);
-            date.day = date.day.min(days);
-            ui.horizontal(|ui| {
-                name(ui, tr("Place"));
-                let degrees = |ui: &mut Ui, value: &mut f64, most: f64, text: &str, tip: &str| {
-                    let drag = number(value, -most..=most)
-                        .speed(0.1)
-                        .max_decimals(2)
-                        .prefix(text)
-                        .suffix("°");
-                    let drag = ui.add(drag).on_hover_text(tip);
-                    named(&drag, Role::SpinButton, tip);
-                };
-                let (north, east) = (tr("north "), tr("east "));
-                degrees(
-                    ui,
-                    latitude,
-                    90.0,
-                    north,
-                    tr("Degrees north of the equator."),
-                );
-                degrees(ui, longitude, 180.0, east, tr("Degrees east of Greenwich."));
-            });
-            ui.horizontal(|ui| {
-                name(ui, tr("Clock"));
-                let drag = number(utc_offset, -14.0..=14.0)
-                    .speed(0.05)
-                    .max_decimals(2)
-                    .prefix("UTC ");
-                let tip = tr("How many hours the clock there is ahead of UTC.");
-                named(&ui.add(drag).on_hover_text(tip), Role::SpinButton, tip);
-            });
+        Sun::Of(of) => {
+            place_and_time(ui, of);
             let stands = match elevation < 0.0 {
                 true => tr_format!("{:.0}° below the horizon", -elevation),
                 false => tr_format!("{elevation:.0}° above the horizon", elevation = elevation),
@@ -311,6 +254,68 @@ fn sky(ui: &mut Ui, session: &mut Session) {
     if environment.sky != Some(sky) && environment.sky() != Some(sky) {
         environment.sky = Some(sky);
     }
+}
+
+/// Place, day and clock that the sun is seen by.
+fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
+    Control {
+        label: tr("Time of day"),
+        unit: tr(" h"),
+        tip: tr("What the clock shows there, in hours."),
+        decimals: 2,
+        ..Control::of(0.0..=24.0, 12.0)
+    }
+    .show(ui, &mut of.hour);
+    Control {
+        label: tr("Month"),
+        tip: tr("Month of the year."),
+        ..Control::of(1..=12, 6)
+    }
+    .show(ui, &mut of.date.month);
+    let days = of.date.days_of_month();
+    Control {
+        label: tr("Day"),
+        tip: tr("Day of the month."),
+        ..Control::of(1..=days, 21)
+    }
+    .show(ui, &mut of.date.day);
+    of.date.day = of.date.day.min(days);
+    ui.horizontal(|ui| {
+        name(ui, tr("Place"));
+        let degrees = |ui: &mut Ui, value: &mut f64, most: f64, text: &str, tip: &str| {
+            let drag = number(value, -most..=most)
+                .speed(0.1)
+                .max_decimals(2)
+                .prefix(text)
+                .suffix("°");
+            let drag = ui.add(drag).on_hover_text(tip);
+            named(&drag, Role::SpinButton, tip);
+        };
+        let (north, east) = (tr("north "), tr("east "));
+        degrees(
+            ui,
+            &mut of.latitude,
+            90.0,
+            north,
+            tr("Degrees north of the equator."),
+        );
+        degrees(
+            ui,
+            &mut of.longitude,
+            180.0,
+            east,
+            tr("Degrees east of Greenwich."),
+        );
+    });
+    ui.horizontal(|ui| {
+        name(ui, tr("Clock"));
+        let drag = number(&mut of.utc_offset, -14.0..=14.0)
+            .speed(0.05)
+            .max_decimals(2)
+            .prefix("UTC ");
+        let tip = tr("How many hours the clock there is ahead of UTC.");
+        named(&ui.add(drag).on_hover_text(tip), Role::SpinButton, tip);
+    });
 }
 
 /// Whether a light's picture is not twice as wide as high.

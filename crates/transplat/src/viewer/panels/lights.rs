@@ -72,7 +72,7 @@ fn map(ui: &mut Ui, viewer: &mut Viewer) {
     let pointed = viewer.rig_map.show_lights(ui, session, lights.into_iter());
     if let (Some(toward), Some(at)) = (pointed, chosen) {
         let aim = session.scene.lights[at].source.aim(center);
-        session.put_light(at, aim, toward.as_dvec3());
+        session.put_light(at, aim, toward.as_dvec3(), 0.0);
     }
 }
 
@@ -272,7 +272,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
         let (sin, cos) = new_height.to_radians().sin_cos();
         let turn = new_azimuth.to_radians();
         let toward = DVec3::new(cos * turn.cos(), cos * turn.sin(), sin);
-        session.put_light(at, aim, toward);
+        session.put_light(at, aim, toward, 0.0);
     }
     let source = &mut session.scene.lights[at].source;
     let Some(position) = source.position() else {
