@@ -4,8 +4,8 @@ use std::fs;
 use std::process::Command;
 
 use transplat_tests::{
-    Folder, args, asset, exr_pixels, level_cameras, program, run, run_json, run_told, small_lut,
-    small_splat,
+    Folder, args, asset, exr_pixels, level_cameras, picture, program, run, run_json, run_told,
+    small_lut, small_splat,
 };
 
 #[test]
@@ -493,4 +493,38 @@ fn a_report_measures_settings_and_extreme_cases() {
     assert!(page.contains("<svg") && page.ends_with("</html>\n"));
     // A splat of unknown light is asked for one.
     run_told(&["report", &splat, "-o", &out], 2, &["--source"]);
+}
+
+/// Compiled pipelines lie among the user's caches; a file there that is not whole is not taken, and is written anew.
+#[test]
+fn compiled_pipelines_are_kept_from_start_to_start() {
+    let folder = Folder::empty();
+    let draw = |name: &str| {
+        let (splat, out) = (asset("teapot.ply"), folder.name(name));
+        let line = "render {} --view before --size 64x48 --device gpu -o {}";
+        let mut drawing = Command::new(program());
+        drawing.args(args(line, &[&splat, &out]));
+        drawing.env("XDG_CACHE_HOME", folder.path("caches"));
+        assert!(drawing.status().expect("the program starts").success());
+        picture(out.as_ref())
+    };
+    let first = draw("first.png");
+    let kept = fs::read_dir(folder.path("caches/transplat/pipelines")).expect("it was made");
+    let kept: Vec<_> = kept.map(|entry| entry.expect("readable").path()).collect();
+    let [kept] = &kept[..] else {
+        panic!("one file for the adapter: {kept:?}");
+    };
+    let whole = fs::read(kept).expect("readable").len();
+    let written = || {
+        fs::metadata(kept)
+            .and_then(|m| m.modified())
+            .expect("it is there")
+    };
+    let when = written();
+    assert_eq!(draw("again.png"), first);
+    // Nothing came to what was taken.
+    assert_eq!(written(), when);
+    fs::write(kept, [1; 100]).expect("room");
+    assert_eq!(draw("broken.png"), first);
+    assert_eq!(fs::read(kept).expect("readable").len(), whole);
 }

@@ -1,5 +1,6 @@
 //! Stage *bake*: what blocks the light, of the geometry alone; for each method in a form of its own.
 
+mod agreed;
 pub mod directional;
 pub mod front;
 pub mod harmonic;
@@ -26,6 +27,7 @@ use crate::settings::skips::{Skip, Skipped, Skips, Stage};
 use crate::sh::lattice;
 use crate::surfels::SurfelCloud;
 
+use agreed::AGREED_ERROR;
 use directional::{CLOSED_SIDES_ERROR, DirectionalBake};
 use harmonic::HarmonicBake;
 use scene::SceneBake;
@@ -33,6 +35,10 @@ use sharing::SHARED_SIGHT_ERROR;
 
 /// What a ray into a closed side typically costs, in mean rays: it meets something soon. (0.5 to 0.9 on the objects of the report.)
 const CLOSED_RAY_COST: f32 = 0.75;
+
+/// Share of a bake that rays which others tell of would take, over their share of all directions: many of the others are of closed backs, and
+/// are not traced either.
+const AGREED_RAY_COST: f32 = 0.85;
 
 /// Share of a bake that its rays take, where many surfels share them: the rest finds fronts, and who shares.
 const RAYS_OF_BAKE: f32 = 0.75;
@@ -110,14 +116,17 @@ impl Bake {
     /// What was left out of it.
     pub fn left_out(&self) -> Vec<Skipped> {
         let mut out = Vec::new();
-        let (open_object, closed, followers) = match self {
-            Self::Harmonic(v) => (v.open_object_error, 0.0, 0.0),
+        let (open_object, [closed, followers, agreed]) = match self {
+            Self::Harmonic(v) => (v.open_object_error, [0.0; 3]),
             Self::Directional(o) => {
                 let followers = o.sight.sharing.follower_share();
-                (o.open_object_error, o.closed_share, followers)
+                (
+                    o.open_object_error,
+                    [o.closed_share, followers, o.agreed_share],
+                )
             }
             // An object's own rays are told of where it is baked.
-            Self::Scene(_) => (None, 0.0, 0.0),
+            Self::Scene(_) => (None, [0.0; 3]),
         };
         if open_object.is_some() {
             let why = "no surfel blocks the light of another in any direction that was asked";
@@ -149,6 +158,18 @@ impl Bake {
                 skip: Some(Skip::SharedSight),
                 max_error: Some(SHARED_SIGHT_ERROR),
                 ..Skipped::exact(Stage::Bake, "rays of neighbours", why)
+            });
+        }
+        if agreed > 0.0 {
+            let why = format!(
+                "{:.0} % of the rays are told by the nearest ones, which all leave or are all blocked",
+                100.0 * agreed
+            );
+            out.push(Skipped {
+                share: Some(AGREED_RAY_COST * agreed),
+                skip: Some(Skip::AgreedRays),
+                max_error: Some(AGREED_ERROR),
+                ..Skipped::exact(Stage::Bake, "rays of which others tell", why)
             });
         }
         out

@@ -287,15 +287,7 @@ impl Scene {
     ) -> EnvironmentMap {
         let [_, all] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
         let gain = self.environment_gain(&self.objects[0], maps);
-        let settings = &self.environment;
-        let gain = settings.gain().map(|g| g * gain);
-        let around = around.reduced(columns);
-        let around = settings.backdrop(&around);
-        let map_from_world = settings.map_from_asset(UpAxis::PlusZ);
-        let map = EnvironmentMap::of_directions(columns, columns / 2, |d| {
-            let radiance = around.sample((map_from_world * d).as_vec3());
-            std::array::from_fn(|c| radiance[c] * gain[c])
-        });
+        let map = self.environment.in_world(around, maps[1], columns, gain);
         // Those without a disc are beams among the light's own.
         let beams = self.shining().filter(|l| l.is_beam());
         let crisp = beams.map(Light::emitter);

@@ -1,16 +1,19 @@
 //! The adapter, its limits, and what every pass does with it: pipelines, buffers, submission, readback, errors.
 
+mod kept;
 mod pass;
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::panic::Location;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::ThreadId;
 
 use wgpu::naga;
 
+use kept::KeptPipelines;
 use pass::{Bindings, Shader, bindings_of};
 pub(crate) use pass::{ComputePass, Draws, Pass, RenderPass};
 
@@ -73,13 +76,24 @@ pub struct Context {
     passes: Mutex<HashMap<(String, String), Arc<ComputePass>>>,
     /// By source.
     shaders: Mutex<HashMap<String, Arc<Shader>>>,
+    /// Compiled ones of earlier starts, where they are kept.
+    kept: Option<KeptPipelines>,
+}
+
+impl Drop for Context {
+    fn drop(&mut self) {
+        if let Some(kept) = &self.kept {
+            kept.write();
+        }
+    }
 }
 
 /// What this program asks of an adapter: all that it offers, since an asset may be large.
 pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     wgpu::DeviceDescriptor {
         label: Some("transplat"),
-        required_features: adapter.features() & wgpu::Features::FLOAT32_BLENDABLE,
+        required_features: adapter.features()
+            & (wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::PIPELINE_CACHE),
         required_limits: adapter.limits(),
         ..Default::default()
     }
@@ -184,6 +198,7 @@ impl Context {
             lost,
             passes: Mutex::default(),
             shaders: Mutex::default(),
+            kept: None,
             color_format: if wide {
                 wgpu::TextureFormat::Rgba32Float
             } else {
@@ -196,6 +211,14 @@ impl Context {
             },
             errors,
         }
+    }
+
+    /// Keeps compiled pipelines in a folder, if there is one, as far as the driver hands them out, and takes those that were kept there.
+    #[must_use]
+    pub fn with_pipelines_in(mut self, folder: Option<&Path>) -> Self {
+        let read = |folder| KeptPipelines::read(&self.adapter, &self.device, folder);
+        self.kept = folder.and_then(read);
+        self
     }
 
     /// Whether the device is gone: nothing works on it any more.
@@ -229,14 +252,18 @@ impl Context {
     /// # Errors
     /// The driver refuses it.
     pub fn sibling(&self) -> Result<Self> {
-        Self::open(&self.adapter)
+        let kept_in = self.kept.as_ref().map(KeptPipelines::folder);
+        Ok(Self::open(&self.adapter)?.with_pipelines_in(kept_in))
     }
 
     /// The first error of this thread since it last asked, without waiting.
     pub fn take_error(&self) -> Option<GpuError> {
+        self.take_error_text().map(GpuError::Driver)
+    }
+
+    fn take_error_text(&self) -> Option<String> {
         let mut errors = self.errors.lock().ok()?;
-        let error = errors.remove(&std::thread::current().id());
-        error.map(GpuError::Driver)
+        errors.remove(&std::thread::current().id())
     }
 
     /// The device and its queue, for work that is nobody's stage.
@@ -300,6 +327,35 @@ impl Context {
         })
     }
 
+    /// Compiles entry points of a source at the same time, which [`Context::compute_pass`] then has: a driver may take half a second for one.
+    pub(crate) fn compile_together(&self, source: &str, entries: &[&str]) {
+        let is_known = |entry: &&str| {
+            let key = (source.to_owned(), (*entry).to_owned());
+            self.passes.lock().is_ok_and(|p| p.contains_key(&key))
+        };
+        if entries.iter().all(is_known) {
+            return;
+        }
+        // Parsed once for all of them.
+        self.shader(source, entries);
+        let error = std::thread::scope(|scope| {
+            let compile = |entry| {
+                scope.spawn(move || {
+                    self.compute_pass(source, entry);
+                    self.take_error_text()
+                })
+            };
+            let running: Vec<_> = entries.iter().copied().map(compile).collect();
+            // One that panicked is compiled again by whoever asks for it, and panics there.
+            let ended = running.into_iter().map(|one| one.join());
+            ended.filter_map(|error| error.ok().flatten()).next()
+        });
+        // It is told where they were asked for.
+        if let (Some(error), Ok(mut noted)) = (error, self.errors.lock()) {
+            noted.entry(std::thread::current().id()).or_insert(error);
+        }
+    }
+
     fn compile(&self, source: &str, entry: &str) -> ComputePass {
         let (module, bindings) = self.shader(source, &[entry]);
         let pipeline = self
@@ -310,7 +366,7 @@ impl Context {
                 module: &module,
                 entry_point: Some(entry),
                 compilation_options: Default::default(),
-                cache: None,
+                cache: self.kept.as_ref().map(KeptPipelines::cache),
             });
         ComputePass {
             layout: pipeline.get_bind_group_layout(0),
@@ -352,7 +408,7 @@ impl Context {
                 targets: &targets,
             }),
             multiview_mask: None,
-            cache: None,
+            cache: self.kept.as_ref().map(KeptPipelines::cache),
         };
         let pipeline = self.device.create_render_pipeline(&descriptor);
         RenderPass {

@@ -1,5 +1,6 @@
 //! Where the stages run: the CPU, or a GPU with the same results.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
@@ -27,6 +28,12 @@ pub use transplat_gpu::rasterize::Paint;
 
 use crate::cli::DeviceChoice;
 
+/// Where compiled pipelines are kept from start to start.
+pub fn pipelines_folder() -> Option<PathBuf> {
+    let folders = directories::ProjectDirs::from("", "", "transplat")?;
+    Some(folders.cache_dir().join("pipelines"))
+}
+
 /// The chosen device.
 #[derive(Clone, Debug)]
 pub enum Device {
@@ -39,12 +46,16 @@ impl Device {
     pub fn open(choice: DeviceChoice) -> Result<Self> {
         Ok(match choice {
             DeviceChoice::Cpu => Self::Cpu,
-            DeviceChoice::Gpu => Self::Gpu(Arc::new(Context::new(true)?)),
-            DeviceChoice::Auto => match Context::new(false) {
-                Ok(context) => Self::Gpu(Arc::new(context)),
-                Err(_) => Self::Cpu,
-            },
+            DeviceChoice::Gpu => Self::gpu(true)?,
+            DeviceChoice::Auto => Self::gpu(false).unwrap_or(Self::Cpu),
         })
+    }
+
+    /// The best adapter, a software driver if that may count and nothing better is there.
+    pub fn gpu(allow_software: bool) -> Result<Self> {
+        let context = Context::new(allow_software)?;
+        let context = context.with_pipelines_in(pipelines_folder().as_deref());
+        Ok(Self::Gpu(Arc::new(context)))
     }
 
     pub fn name(&self) -> String {

@@ -130,7 +130,7 @@ pub fn measure(
                     savings.saved.push(saved);
                 }
                 // Without any rays there are none to spare.
-                None if [Skip::ClosedSides, Skip::SharedSight].contains(&skip) && is_open => {}
+                None if skip.is_of_rays() && is_open => {}
                 None => savings.needed.push((method, skip.needed())),
             }
         }

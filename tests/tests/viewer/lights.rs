@@ -403,3 +403,36 @@ fn a_sun_is_placed_by_its_shadow() {
     // As exact as places are that are single.
     assert!(to_light.distance(wanted) < 1e-4, "{to_light} {wanted}");
 }
+
+/// Keys that a look comes with are shown; Delete over the bar takes the one at its time, and elsewhere the object.
+#[test]
+fn keys_come_with_a_look_and_go_one_by_one() {
+    let mut d = Driver::bundled();
+    let bar = |d: &Driver| {
+        let bar = d.harness.query_by_role_and_label(Role::Slider, "Timeline");
+        bar.map(|bar| bar.rect())
+    };
+    assert_eq!(bar(&d), None);
+    let mut scene = d.viewer().session.scene_to_save();
+    for time in [0.0, 1.0] {
+        let key = scene.light_key(time);
+        scene.animation.set(key);
+    }
+    let look = d.folder.path("keys.json");
+    save_look(&look, &scene).expect("room");
+    d.after(|v| v.open(&look));
+    let shown = bar(&d).expect("the timeline is shown");
+    let left = |d: &mut Driver| {
+        let scene = &d.viewer().session.scene;
+        (scene.animation.keys.len(), scene.objects.len())
+    };
+    d.after(|v| v.session.duplicate_object());
+    assert_eq!(left(&mut d), (2, 2));
+    for (at, expected) in [(shown.center(), (1, 2)), (middle(&d), (1, 1))] {
+        d.harness.event(Event::PointerMoved(at));
+        d.settle();
+        d.harness.key_press(egui::Key::Delete);
+        d.settle();
+        assert_eq!(left(&mut d), expected);
+    }
+}

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::agreed::Agreed;
 use super::front::{Front, Fronts};
 use super::open_object::OpenObject;
 use super::patches::{DIRECTIONS, Found, Hit, MOST_SURFELS, PATCHES, PER_PATCH, directions};
@@ -65,6 +66,8 @@ pub struct DirectionalBake {
     pub open_object_error: Option<f32>,
     /// Share of the rays that were not traced, since they go into closed sides.
     pub closed_share: f32,
+    /// The same of those that others tell of.
+    pub agreed_share: f32,
 }
 
 impl DirectionalBake {
@@ -103,8 +106,13 @@ impl DirectionalBake {
         preview: impl Fn(Self, f32),
     ) -> Result<Self> {
         let directions = directions();
+        let (_, skips) = stages;
         let by = |patches: &[usize], found: &mut [Found], progress: Progress<'_>| {
-            trace(tracer, &directions, patches, found, progress)
+            let agreed = match skips.has(Skip::AgreedRays) {
+                true => Agreed::of(&directions, patches, tracer.surfels.len()),
+                false => Agreed::none(),
+            };
+            trace(tracer, (&directions, &agreed), patches, found, progress)
         };
         Self::bake_by(cloud, tracer, stages, by, progress, preview)
     }
@@ -125,10 +133,34 @@ impl DirectionalBake {
         let (directions, patches) = (directions(), refining_order(PATCHES));
         let asked: Vec<Vec3> = patches[..PROBES].iter().map(|p| directions[*p]).collect();
         let sharing = Sharing::find(&tracer, &asked, together, no_progress);
-        let sharing = Arc::new(sharing.expect("not cancelled"));
+        Self::traced_by(cloud, &tracer, sharing.expect("not cancelled"), false)
+    }
+
+    /// By rays all over, or without those that others tell of.
+    #[cfg(test)]
+    pub(crate) fn traced(cloud: &SurfelCloud, others_tell: bool) -> Self {
+        let tracer = Self::tracer(cloud, &crate::progress::no_progress).expect("not cancelled");
+        let own = Sharing::each_own(&tracer.order);
+        Self::traced_by(cloud, &tracer, own, others_tell)
+    }
+
+    #[cfg(test)]
+    fn traced_by(
+        cloud: &SurfelCloud,
+        tracer: &Arc<Tracer>,
+        sharing: Sharing,
+        others_tell: bool,
+    ) -> Self {
+        let (directions, patches) = (directions(), refining_order(PATCHES));
+        let agreed = match others_tell {
+            true => Agreed::of_many(&directions, &patches),
+            false => Agreed::none(),
+        };
         let mut found: Vec<Found> = sharing.leaders.iter().map(|i| Found::of(*i)).collect();
-        trace(&tracer, &directions, &patches, &mut found, no_progress).expect("not cancelled");
-        Self::of(cloud, &tracer, &sharing, &found)
+        let rays = (&directions[..], &agreed);
+        let no_progress = &crate::progress::no_progress;
+        trace(tracer, rays, &patches, &mut found, no_progress).expect("not cancelled");
+        Self::of(cloud, tracer, &Arc::new(sharing), &found)
     }
 
     /// What the rays are traced through: the beginning of a bake.
@@ -305,6 +337,10 @@ impl DirectionalBake {
             normal_noise: normal_noise(tracer, &normals, &prominence),
             prominence,
             closed_share: closed_share(tracer, directions, found),
+            agreed_share: {
+                let told: usize = found.iter().map(|f| usize::from(f.told)).sum();
+                told as f32 / (found.len() * DIRECTIONS).max(1) as f32
+            },
             normals,
             two_sided,
             sight: Sight {
@@ -355,36 +391,43 @@ fn is_ambiguous(front: &Front, two_sided: f32) -> bool {
 /// Traces the rays of some patches.
 fn trace(
     tracer: &Tracer,
-    directions: &[Vec3],
+    rays: (&[Vec3], &Agreed),
     patches: &[usize],
     found: &mut [Found],
     progress: Progress<'_>,
 ) -> Result<()> {
     by_neighborhood(found, progress, |found| {
-        trace_neighborhood(tracer, directions, patches, found);
+        trace_neighborhood(tracer, rays, patches, found);
     })
 }
 
-/// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, in full packets.
+/// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, and which others do not tell, in full
+/// packets.
 fn trace_neighborhood(
     tracer: &Tracer,
-    directions: &[Vec3],
+    (directions, agreed): (&[Vec3], &Agreed),
     patches: &[usize],
     found: &mut [Found],
 ) {
     let mut stack = Vec::new();
     let (mut places, mut asked) = (Vec::new(), Vec::new());
-    for patch in patches {
-        for place in 0..PER_PATCH {
+    for place in 0..PER_PATCH {
+        for patch in patches {
             let j = place * PATCHES + patch;
             places.clear();
             asked.clear();
-            for (lane, f) in found.iter().enumerate() {
+            for (lane, f) in found.iter_mut().enumerate() {
                 let cosine = tracer.surfels[f.surfel as usize].normal.dot(directions[j]);
-                if !f.is_closed(cosine) {
-                    places.push(lane);
-                    asked.push(f.surfel);
+                if f.is_closed(cosine) {
+                    continue;
                 }
+                if let Some(open) = agreed.tells(j, &f.open) {
+                    f.set_open(j, open);
+                    f.told += 1;
+                    continue;
+                }
+                places.push(lane);
+                asked.push(f.surfel);
             }
             for (places, asked) in places.chunks(PACKET).zip(asked.chunks(PACKET)) {
                 let hits = tracer.hits(asked, directions[j], place > 0, &mut stack);

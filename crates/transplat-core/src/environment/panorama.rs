@@ -6,6 +6,11 @@ use rayon::prelude::*;
 use super::beams::{Beam, RING_RADIUS, SUN_RADIUS};
 use super::emitter::{Emitter, Shape};
 use super::map::{EnvironmentMap, direction_at};
+use crate::color::luminance;
+use crate::numeric::smoothstep;
+
+/// Up to where the sky takes the place of a sun that is taken out, in degrees.
+const EDGE_RADIUS: f64 = 1.6 * SUN_RADIUS;
 
 /// Rays along each edge of a pixel that an edge of a light may cross.
 const ACROSS: usize = 8;
@@ -24,20 +29,21 @@ impl EnvironmentMap {
         self
     }
 
-    /// The map without some of its suns: where each stands, it is as bright as the sky around at most.
+    /// The map without some of its suns: where each stands, what is brighter than the sky around is that sky.
     #[must_use]
     pub fn without_suns(mut self, suns: &[Beam]) -> Self {
-        // A sun's direction is that of its middle, which need not be its brightest pixel.
-        let [inner, outer] = [1.25 * SUN_RADIUS, RING_RADIUS].map(|r| r.to_radians().cos());
+        // A sun's direction is that of its middle, which need not be its brightest pixel. Its glow goes on beyond what is taken for it: without
+        // an edge between.
+        let [whole, none, outer] = [SUN_RADIUS, EDGE_RADIUS, RING_RADIUS].map(f64::to_radians);
         for sun in suns {
             let toward = sun.direction.as_dvec3();
-            let cosine = |i: usize| {
+            let angle = |i: usize| {
                 let d = self.direction(i % self.width, i / self.width);
-                DVec3::from_array(d).dot(toward)
+                DVec3::from_array(d).angle_between(toward)
             };
             let near = (0..self.pixels.len()).into_par_iter();
-            let near = near.map(|i| (i, cosine(i))).filter(|(_, c)| *c > outer);
-            let (disc, ring): (Vec<_>, Vec<_>) = near.partition(|(_, c)| *c > inner);
+            let near = near.map(|i| (i, angle(i))).filter(|(_, a)| *a < outer);
+            let (disc, ring): (Vec<_>, Vec<_>) = near.partition(|(_, a)| *a < none);
             let sky: [f32; 3] = std::array::from_fn(|channel| {
                 let values = ring.iter().map(|(i, _)| self.pixels[*i][channel]);
                 let mut values: Vec<f32> = values.collect();
@@ -47,9 +53,14 @@ impl EnvironmentMap {
                     false => *values.select_nth_unstable_by(middle, f32::total_cmp).1,
                 }
             });
-            for (i, _) in disc {
-                for (value, most) in self.pixels[i].iter_mut().zip(sky) {
-                    *value = value.min(most);
+            for (i, angle) in disc {
+                let pixel = &mut self.pixels[i];
+                if luminance(*pixel) <= luminance(sky) {
+                    continue;
+                }
+                let left = smoothstep(whole as f32, none as f32, angle as f32);
+                for (value, sky) in pixel.iter_mut().zip(sky) {
+                    *value = sky + left * (*value - sky);
                 }
             }
         }

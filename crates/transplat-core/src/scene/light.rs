@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{Beams, EnvironmentMap, Illumination, Layout, Sky};
+use crate::environment::{EnvironmentMap, Illumination, Layout, Sky};
 use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
@@ -177,13 +177,34 @@ impl EnvironmentLight {
         self.tint.map(|t| t * self.strength.exp2())
     }
 
-    /// Its map as it is seen behind the objects.
-    pub fn backdrop<'a>(&self, map: &'a EnvironmentMap) -> Cow<'a, EnvironmentMap> {
-        if !self.without_suns {
-            return Cow::Borrowed(map);
+    /// Its map as it is seen behind the objects; `light` is the map's, as that lies in its file.
+    pub fn backdrop<'a>(
+        &self,
+        map: &'a EnvironmentMap,
+        light: &Illumination,
+    ) -> Cow<'a, EnvironmentMap> {
+        match &light.beams {
+            Some(beams) if self.without_suns => Cow::Owned(map.clone().without_suns(&beams.suns)),
+            _ => Cow::Borrowed(map),
         }
-        let beams = Beams::of(map);
-        Cow::Owned(map.clone().without_suns(&beams.suns))
+    }
+
+    /// The same map as it stands in the Z-up world, with its strength and tint and times a gain.
+    pub fn in_world(
+        &self,
+        map: &EnvironmentMap,
+        light: &Illumination,
+        columns: usize,
+        gain: f32,
+    ) -> EnvironmentMap {
+        let gain = self.gain().map(|g| g * gain);
+        let map = map.reduced(columns);
+        let map = self.backdrop(&map, light);
+        let map_from_world = self.map_from_asset(UpAxis::PlusZ);
+        EnvironmentMap::of_directions(columns, columns / 2, |d| {
+            let radiance = map.sample((map_from_world * d).as_vec3());
+            std::array::from_fn(|c| radiance[c] * gain[c])
+        })
     }
 
     /// A map's light as the asset sees it: mirrored, turned, tinted, with its strength.

@@ -40,6 +40,8 @@ pub enum Skip {
     OpenObject,
     /// Bake of the directional method: rays of surfels beside one that sees nearly the same.
     SharedSight,
+    /// Bake of the directional method on the CPU: of many surfels, rays of which the nearest ones all leave or are all blocked.
+    AgreedRays,
     /// Transfer and drawing: SH bands in which the result holds nothing.
     EmptyBands,
     /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
@@ -56,10 +58,11 @@ pub enum Skip {
 
 impl Skip {
     /// All of them, in their order.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::ClosedSides,
         Self::OpenObject,
         Self::SharedSight,
+        Self::AgreedRays,
         Self::EmptyBands,
         Self::GrayLight,
         Self::Suns,
@@ -74,6 +77,7 @@ impl Skip {
             Self::ClosedSides => "closed-sides",
             Self::OpenObject => "open-object",
             Self::SharedSight => "shared-sight",
+            Self::AgreedRays => "agreed-rays",
             Self::EmptyBands => "empty-bands",
             Self::GrayLight => "gray-light",
             Self::Suns => "suns",
@@ -90,6 +94,7 @@ impl Skip {
             Self::GrayLight => &[Method::Harmonic],
             Self::ClosedSides
             | Self::SharedSight
+            | Self::AgreedRays
             | Self::Suns
             | Self::Bounces
             | Self::Matte
@@ -100,7 +105,9 @@ impl Skip {
     /// The stage that is quicker for it.
     pub fn stage(self) -> Stage {
         match self {
-            Self::ClosedSides | Self::OpenObject | Self::SharedSight => Stage::Bake,
+            Self::ClosedSides | Self::OpenObject | Self::SharedSight | Self::AgreedRays => {
+                Stage::Bake
+            }
             Self::EmptyBands
             | Self::GrayLight
             | Self::Suns
@@ -110,6 +117,14 @@ impl Skip {
         }
     }
 
+    /// Whether it spares single rays of a bake.
+    pub fn is_of_rays(self) -> bool {
+        matches!(
+            self,
+            Self::ClosedSides | Self::SharedSight | Self::AgreedRays
+        )
+    }
+
     /// What a scene needs where it does not apply.
     pub fn needed(self) -> &'static str {
         match self {
@@ -117,6 +132,9 @@ impl Skip {
             Self::OpenObject => "visibility: surfels block each other's light",
             Self::SharedSight => {
                 "rays of every surfel: there are not so many, or no two see the same"
+            }
+            Self::AgreedRays => {
+                "rays in every direction: there are not so many surfels, or none that agree"
             }
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",

@@ -155,6 +155,9 @@ impl GpuDirectional {
         let upload = |first| Chunk::upload(context, prepared, first, chunk.min(n - first));
         let chunks: Vec<Chunk> = (0..n).step_by(chunk).map(upload).collect();
         let source = shader::transfer_directional(&asset.nodes, asset.encoding);
+        let adds_back = prepared.settings.terms.two_sided && chunks.iter().any(|c| c.has_two_sides);
+        let entries = ["gather", "bounce", "finish", "add_back"];
+        context.compile_together(&source, &entries[..3 + usize::from(adds_back)]);
         let step = |entry, from| {
             let pass = context.compute_pass(&source, entry);
             let bind = |chunk: &Chunk| {
@@ -164,7 +167,6 @@ impl GpuDirectional {
             let groups = chunks.iter().map(bind).collect();
             Step { pass, groups }
         };
-        let adds_back = prepared.settings.terms.two_sided && chunks.iter().any(|c| c.has_two_sides);
         let (gather, finish) = (step("gather", 1), step("finish", TURNS % 2));
         let bounce = [0, 1].map(|from| step("bounce", from));
         let add_back = adds_back.then(|| step("add_back", 0));

@@ -2,6 +2,7 @@
 
 mod frames;
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -526,7 +527,16 @@ impl Shots<'_> {
                         None => pipeline.load_light(first, path, saved, summary)?,
                     };
                     let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
-                    Arc::new(settings.backdrop(&map).blurred(scene.background_blur))
+                    let light = match maps {
+                        Some(maps) => Cow::Borrowed(maps[side]),
+                        None if settings.without_suns => Cow::Owned(Illumination::of(&map, 0)),
+                        None => Cow::Owned(Illumination::even(0)),
+                    };
+                    Arc::new(
+                        settings
+                            .backdrop(&map, &light)
+                            .blurred(scene.background_blur),
+                    )
                 }
             };
             if self.args.animation {

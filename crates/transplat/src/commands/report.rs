@@ -18,7 +18,6 @@ use anyhow::{Context, Result, bail};
 use transplat_core::files::load_environment;
 use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
-use transplat_gpu::Context as GpuContext;
 
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart, usage};
@@ -229,8 +228,8 @@ fn devices(choice: DeviceChoice, summary: &mut Summary) -> Vec<Device> {
     if choice == DeviceChoice::Cpu {
         return devices;
     }
-    match GpuContext::new(choice == DeviceChoice::Gpu) {
-        Ok(context) => devices.push(Device::Gpu(Arc::new(context))),
+    match Device::gpu(choice == DeviceChoice::Gpu) {
+        Ok(device) => devices.push(device),
         Err(error) => summary.skip("the GPU", &error.to_string()),
     }
     devices

@@ -5,6 +5,7 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use crate::cli::{DeviceChoice, ViewArgs, usage};
+use crate::device::pipelines_folder;
 use crate::pipeline::settings::{look_of, look_over};
 use crate::viewer::{self, Startup};
 
@@ -42,6 +43,7 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         bake,
         work: directories::ProjectDirs::from("", "", "transplat")
             .map(|folders| folders.data_local_dir().join("work.json")),
+        pipelines: pipelines_folder(),
         ..Startup::default()
     };
     viewer::open(startup, args.options.device == DeviceChoice::Cpu)

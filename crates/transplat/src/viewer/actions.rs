@@ -82,7 +82,11 @@ impl Viewer {
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
             Action::Duplicate => session.duplicate_object(),
-            Action::Remove => session.remove_object(),
+            Action::Remove => {
+                if !self.timeline.remove_pointed(session) {
+                    session.remove_object();
+                }
+            }
             Action::Frame => self.session.frame_all(),
             Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
             Action::Front => navigation::look_from(&mut session.pose, navigation::FRONT),

@@ -54,6 +54,8 @@ pub struct Startup {
     pub bake: Option<PathBuf>,
     /// Where the work is kept for the next start.
     pub work: Option<PathBuf>,
+    /// Where compiled pipelines are kept.
+    pub pipelines: Option<PathBuf>,
     /// Gets what ended the window against the user's will.
     pub fatal: Arc<Mutex<Option<String>>>,
 }
@@ -139,11 +141,9 @@ impl Viewer {
             .wgpu_render_state
             .as_ref()
             .ok_or("the window has no wgpu")?;
-        let context = Arc::new(Context::from_device(
-            &state.adapter,
-            state.device.clone(),
-            state.queue.clone(),
-        ));
+        let (device, queue) = (state.device.clone(), state.queue.clone());
+        let context = Context::from_device(&state.adapter, device, queue);
+        let context = Arc::new(context.with_pipelines_in(startup.pipelines.as_deref()));
         style::apply(&cc.egui_ctx);
         let kept = cc.storage.and_then(|s| s.get_string(STORAGE_KEY));
         let is_first_start = kept.is_none();

@@ -164,6 +164,8 @@ pub struct Environment {
     pub brightest: Option<Vec3>,
     /// The whole map where there is no file.
     map: Option<Arc<EnvironmentMap>>,
+    /// The small map without what is among the light's emitters, where that is another.
+    dome: Option<EnvironmentMap>,
     /// Sun and sky, where it is that.
     pub sky: Option<Sky>,
 }
@@ -208,6 +210,7 @@ impl Environment {
             thumbnail_gain: 1.0,
             brightest: None,
             map: Some(Arc::new(EnvironmentMap::even_backdrop())),
+            dome: None,
             sky: None,
         }
     }
@@ -224,10 +227,11 @@ impl Environment {
     pub fn of_sky(sky: Sky) -> Self {
         let dome = sky.dome_map(SMALL_WIDTH);
         let illumination = sky.illumination_with(&dome, MAX_DEGREE);
-        let map = sky.with_sun(dome);
+        let map = sky.with_sun(dome.clone());
         let light = Self::of(SKY.into(), &map, illumination, Vec::new());
         Self {
             sky: Some(sky),
+            dome: Some(dome),
             size: [0, 0],
             brightest: sky.sun().map(|_| sky.sun.toward().as_vec3()),
             ..light
@@ -273,8 +277,14 @@ impl Environment {
             thumbnail_gain: 0.18 / mean,
             small,
             map: None,
+            dome: None,
             sky: None,
         }
+    }
+
+    /// The small map of what is around, without what is among the light's emitters.
+    pub fn small_dome(&self) -> &EnvironmentMap {
+        self.dome.as_ref().unwrap_or(&self.small)
     }
 
     /// Whether it was read from a file.

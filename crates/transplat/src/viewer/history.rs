@@ -71,6 +71,19 @@ impl History {
         }
     }
 
+    /// Learns that the light went to a time of its animation: that is no step, if nothing else is another.
+    pub fn went_to(&mut self, time: f64, scene: &Scene) {
+        let Some(step) = self.steps.get_mut(self.at) else {
+            return;
+        };
+        let mut then = step.scene.clone();
+        then.go_to(time);
+        if is_as(&then, scene) {
+            step.scene = scene.clone();
+            self.change = None;
+        }
+    }
+
     /// Whether something changes that is no step yet.
     pub fn is_in_flux(&self) -> bool {
         self.change.is_some()

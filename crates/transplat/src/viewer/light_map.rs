@@ -36,6 +36,7 @@ struct Key {
     /// Of the light as if it were not turned.
     map_from_world: DMat3,
     gain: [f32; 3],
+    without_suns: bool,
 }
 
 impl LightMap {
@@ -57,18 +58,19 @@ impl LightMap {
             map_from_world: unturned.map_from_asset(UpAxis::PlusZ),
             // How strong it is does not show in it.
             gain: settings.tint.map(|t| t * light.thumbnail_gain),
+            without_suns: settings.without_suns,
         };
         // Away from the eye, in the map as if it were not turned.
         let ahead = session.pose.azimuth + 180.0 - rotation;
         let ahead = across_azimuth((ahead as f32).to_radians());
-        let texture = self.texture(ui, &light, &key);
+        let texture = self.texture(ui, (&light, settings), &key);
         paint_turned(ui, rect, texture, ahead - 0.5);
         let placed = Placed {
             rect,
             ahead,
             rotation: (rotation as f32).to_radians(),
-            brightest: light
-                .brightest
+            brightest: (light.brightest)
+                .filter(|_| !settings.without_suns)
                 .map(|d| key.map_from_world.transpose().as_mat3() * d),
         };
         (placed, response)
@@ -134,7 +136,12 @@ impl LightMap {
         turned.is_some() || brought
     }
 
-    fn texture(&mut self, ui: &Ui, light: &Environment, key: &Key) -> &TextureHandle {
+    fn texture(
+        &mut self,
+        ui: &Ui,
+        light: (&Environment, &EnvironmentLight),
+        key: &Key,
+    ) -> &TextureHandle {
         let kept = self.shown.take().filter(|(k, _)| k == key);
         let draw = || {
             let image = picture(light, key);
@@ -188,9 +195,10 @@ fn across_azimuth(azimuth: f32) -> f32 {
     0.5 - azimuth / TAU
 }
 
-fn picture(light: &Environment, key: &Key) -> ColorImage {
+fn picture((light, settings): (&Environment, &EnvironmentLight), key: &Key) -> ColorImage {
+    let small = settings.backdrop(&light.small, &light.illumination);
     let map = EnvironmentMap::of_directions(WIDTH, WIDTH / 2, |d| {
-        let radiance = light.small.sample((key.map_from_world * d).as_vec3());
+        let radiance = small.sample((key.map_from_world * d).as_vec3());
         std::array::from_fn(|c| radiance[c] * key.gain[c])
     });
     let display = Display::default();

@@ -5,18 +5,19 @@ use std::time::Duration;
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::{self, Color32, Key, Ui};
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
 use transplat_core::scene::Scene;
 use transplat_core::settings::skips::Skipped;
+use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
 use super::export::Task;
 use super::jobs::{Job, Kind, TOLD_EVERY, Work};
 use super::language::{tr, tr_format};
 use super::navigation;
-use super::probes::{Key as ProbeKey, Probe};
+use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
 use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
@@ -213,27 +214,34 @@ impl Viewer {
             return;
         };
         let lights = session.oriented_lights();
+        let scene_from_view = frame.presentation.camera.view_from_world.transpose();
+        let place = session.lit().center;
         for side in [SOURCE, TARGET] {
-            let settings = session.side(side);
-            let shown = &frame.presentation.lights[side];
             let key = ProbeKey {
-                light: session.light(side).id,
                 oriented: lights[side].clone(),
-                place: session.asset().map_or(Vec3::ZERO, |a| a.bounds.center),
+                place,
                 transfer: session.scene.transfer.clone(),
-                map_from_asset: settings.map_from_asset(session.scene_up()),
-                gain: shown.gain,
                 display: session.scene.display,
-                view: frame.presentation.camera.view_from_world,
+                world_from_view: session.world_from_scene().as_mat3() * scene_from_view,
+            };
+            let around = || {
+                let (scene, light) = (&session.scene, session.light(side));
+                if side == SOURCE {
+                    let settings = session.side(side);
+                    let map = settings.in_world(&light.small, &light.illumination, MAP_WIDTH, 1.0);
+                    let light = settings.orient(&light.illumination, UpAxis::PlusZ);
+                    return Around::new(light, map, place);
+                }
+                // All objects are in the light of the first.
+                let maps = session
+                    .sides_of(0)
+                    .map(|(_, side)| &side.light.illumination);
+                let map = scene.panorama(light.small_dome(), maps, place, MAP_WIDTH);
+                let [_, light] = scene.lights_on(&scene.objects[0], maps, UpAxis::PlusZ);
+                Around::new(light, map, place)
             };
             let name = tr(SIDES[side]);
-            Probe::update(
-                &mut self.probes[side],
-                context,
-                name,
-                key,
-                session.light(side),
-            );
+            Probe::update(&mut self.probes[side], context, name, key, around);
         }
         let area = egui::Area::new(egui::Id::unique("probes"))
             .pivot(egui::Align2::RIGHT_TOP)

@@ -1,11 +1,13 @@
-//! What the method sees of the lights: a grey and a mirror ball under each, and each environment beside what the transfer takes of it.
+//! What the method sees of the lights: a grey and a mirror ball under each, and all that is around beside what the transfer takes of it.
 
 use eframe::egui::{self, Color32, ColorImage, TextureHandle};
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 use transplat_core::bake::patches::directions;
 use transplat_core::color::Display;
-use transplat_core::environment::{EnvironmentMap, Illumination, IncidentRadiance, Mosaic};
+use transplat_core::environment::{
+    Emitter, EnvironmentMap, Illumination, IncidentRadiance, Mosaic,
+};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
 
@@ -18,27 +20,47 @@ const BALL: usize = 64;
 /// Reflectance of the grey ball.
 const GREY: f32 = 0.5;
 
-/// Pixels across a map.
-const MAP_WIDTH: usize = 128;
+/// Pixels across a map, and across what a ball mirrors.
+pub const MAP_WIDTH: usize = 128;
 
 /// All that the pictures of one light depend on.
 #[derive(Clone, PartialEq)]
 pub struct Key {
-    pub light: u64,
+    /// Another one whenever the light changes.
     pub oriented: OrientedLight,
-    /// Where the balls are, for what is near: in the coordinates of the light.
-    pub place: Vec3,
+    /// Where the balls are, in the Z-up world.
+    pub place: DVec3,
     pub transfer: TransferSettings,
-    pub map_from_asset: DMat3,
-    pub gain: [f32; 3],
     pub display: Display,
-    /// Rows of the camera's rotation.
-    pub view: glam::Mat3,
+    /// From the view's coordinates to the Z-up world's.
+    pub world_from_view: Mat3,
+}
+
+/// What is around the balls, in the Z-up world.
+pub struct Around {
+    /// As it arrives there.
+    light: Illumination,
+    /// What of it is near.
+    near: Vec<Emitter>,
+    /// All that shines.
+    map: EnvironmentMap,
+}
+
+impl Around {
+    /// A light, and the map of all that is of it, at a place.
+    pub fn new(light: Illumination, map: EnvironmentMap, place: DVec3) -> Self {
+        Self {
+            light: light.at_one_place(place.as_vec3()).into_owned(),
+            near: light.emitters,
+            map,
+        }
+    }
 }
 
 /// The pictures of one light.
 pub struct Probe {
     key: Key,
+    around: Around,
     pub grey: TextureHandle,
     pub mirror: TextureHandle,
     pub map: TextureHandle,
@@ -52,38 +74,35 @@ impl Probe {
         context: &egui::Context,
         name: &str,
         key: Key,
-        light: &Environment,
+        around: impl FnOnce() -> Around,
     ) {
         if probe.as_ref().is_some_and(|p| p.key == key) {
             return;
         }
         // The maps do not turn with the camera.
-        let maps = probe.as_ref().filter(|p| {
+        let kept = probe.take().filter(|p| {
             let turned = Key {
-                view: key.view,
+                world_from_view: key.world_from_view,
                 ..p.key.clone()
             };
             turned == key
         });
-        let maps = maps.map(|p| (p.map.clone(), p.seen.clone()));
-        let encode = |radiance: [f32; 3]| color(key.display.encode(radiance));
-        let turn = key.map_from_asset.as_mat3();
-        let seen = |d: Vec3| -> [f32; 3] {
-            let radiance = light.small.sample(turn * d);
-            std::array::from_fn(|c| radiance[c] * key.gain[c])
+        let (around, maps) = match kept {
+            Some(kept) => (kept.around, Some((kept.map, kept.seen))),
+            None => (around(), None),
         };
-        let radiance = &key.oriented.light.at_one_place(key.place).radiance;
+        let encode = |radiance: [f32; 3]| color(key.display.encode(radiance));
+        let radiance = &around.light.radiance;
         let irradiance = convolved(radiance);
-        let asset_from_view = key.view.transpose();
         let grey = ball(|normal, _| {
-            let n = (asset_from_view * normal).to_array();
+            let n = (key.world_from_view * normal).to_array();
             let e = evaluate_sh(&irradiance, radiance.degree, n);
             encode(e.map(|e| GREY / std::f32::consts::PI * e.max(0.0)))
         });
         let mirror = ball(|normal, towards| {
             let away = -towards;
             let reflected = away - 2.0 * away.dot(normal) * normal;
-            encode(seen(asset_from_view * reflected))
+            encode(around.map.sample(key.world_from_view * reflected))
         });
         let load = |part: &str, image: ColorImage| {
             context.load_texture(
@@ -92,26 +111,25 @@ impl Probe {
                 egui::TextureOptions::LINEAR,
             )
         };
-        // The maps as they lie in their file, one beside the other: what is lost is seen at once.
+        // One beside the other: what is lost is seen at once.
         let draw_maps = || {
-            let radiance = |d: DVec3| {
-                let radiance = light.small.sample(d.as_vec3());
-                std::array::from_fn(|c| radiance[c] * key.gain[c])
+            let taken = taken_in(&around.light, &key.transfer);
+            let size = [MAP_WIDTH, MAP_WIDTH / 2];
+            let taken = EnvironmentMap::of_directions(size[0], size[1], |d| taken(d.as_vec3()));
+            // What is near is traced as it is by one method, and is in the series of the other.
+            let near: &[Emitter] = match key.transfer.method {
+                Method::Directional => &around.near,
+                Method::Harmonic => &[],
             };
-            let asset_from_map = turn.transpose();
-            let taken = taken_in(&key.oriented.light, &key.transfer);
-            let of = |radiance: &(dyn Fn(DVec3) -> [f32; 3] + Sync)| {
-                let map = EnvironmentMap::of_directions(MAP_WIDTH, MAP_WIDTH / 2, radiance);
-                image(&map, encode)
-            };
-            let map = of(&radiance);
-            let seen = of(&|d| taken(asset_from_map * d.as_vec3()));
+            let taken = taken.with_lights(near, key.place.as_vec3());
+            let [map, seen] = [&around.map, &taken].map(|map| image(map, encode));
             (load("map", map), load("seen", seen))
         };
         let (map, seen) = maps.unwrap_or_else(draw_maps);
         let (grey, mirror) = (load("grey", grey), load("mirror", mirror));
         *probe = Some(Self {
             key,
+            around,
             grey,
             mirror,
             map,

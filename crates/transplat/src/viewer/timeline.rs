@@ -39,6 +39,10 @@ pub struct Timeline {
     is_scrubbed: bool,
     /// Seconds that the bar shows, as long as something is dragged in it.
     shown: Option<f64>,
+    /// Whether the pointer is over the bar, and the key that it is over.
+    is_pointed: bool,
+    pointed: Option<usize>,
+    had_keys: bool,
 }
 
 impl Timeline {
@@ -47,12 +51,16 @@ impl Timeline {
         self.is_playing || self.is_scrubbed || self.held.is_some()
     }
 
-    /// Goes on, where it plays.
+    /// Goes on, where it plays; it is shown where there were no keys and are some now.
     pub fn play(&mut self, context: &egui::Context, session: &mut Session) {
         let seconds = session.scene.animation.seconds();
+        // Keys that a look comes with are not to be overlooked.
+        let has_keys = !session.scene.animation.keys.is_empty();
+        let had_keys = std::mem::replace(&mut self.had_keys, has_keys);
+        self.is_shown |= has_keys && !had_keys;
         if !self.is_shown {
             self.let_go();
-            self.is_playing = false;
+            (self.is_playing, self.is_pointed) = (false, false);
         }
         self.is_playing &= session.scene.animation.keys.len() > 1 && seconds > 0.0;
         // What is compared meanwhile is to stay as it is.
@@ -61,6 +69,34 @@ impl Timeline {
             self.time = (self.time + gone) % seconds;
             session.scene.go_to(self.time);
             context.request_repaint();
+        }
+    }
+
+    /// The time that the light is at, in seconds.
+    pub fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// If the pointer is over the bar, removes the key under it, or else that at its time. Returns whether the pointer is there.
+    pub fn remove_pointed(&self, session: &mut Session) -> bool {
+        let keys = &mut session.scene.animation.keys;
+        match self
+            .pointed
+            .filter(|at| self.is_pointed && *at < keys.len())
+        {
+            Some(at) => {
+                keys.remove(at);
+            }
+            None if self.is_pointed => self.remove_key(session),
+            None => {}
+        }
+        self.is_pointed
+    }
+
+    fn remove_key(&self, session: &mut Session) {
+        let animation = &mut session.scene.animation;
+        if let Some(at) = animation.key_at(self.time) {
+            animation.keys.remove(at);
         }
     }
 
@@ -116,10 +152,11 @@ impl Timeline {
         }
         let at = session.scene.animation.key_at(self.time);
         ui.add_enabled_ui(at.is_some(), |ui| {
-            let tip = tr("Removes the key at this time.");
-            let removes = ui.button(tr("Remove key")).on_hover_text(tip).clicked();
-            if let (Some(at), true) = (at, removes) {
-                session.scene.animation.keys.remove(at);
+            let tip = tr(
+                "Removes the key at this time. With the pointer over the bar, Delete does the same.",
+            );
+            if ui.button(tr("Remove key")).on_hover_text(tip).clicked() {
+                self.remove_key(session);
             }
         });
         // Always there, so that the bar beside it stays where it is.
@@ -172,6 +209,7 @@ impl Timeline {
         let size = vec2(ui.available_width().max(80.0), ui.available_height());
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         named(&response, Role::Slider, tr("Timeline"));
+        self.is_pointed = response.hovered();
         let keys = &session.scene.animation.keys;
         // Under the pointer it does not stretch.
         let fitting = BEYOND * session.scene.animation.seconds();
@@ -210,6 +248,9 @@ impl Timeline {
             let tips = tips.map(|tip| at + tip).to_vec();
             painter.add(egui::Shape::convex_polygon(tips, color, Stroke::NONE));
         }
+        let hovered = response.hover_pos();
+        let is_under = |at: egui::Pos2, key: &LightKey| (x(key.time) - at.x).abs() < REACH;
+        self.pointed = hovered.and_then(|at| keys.iter().position(|key| is_under(at, key)));
         let now = x(self.time);
         let hand = Stroke::new(1.5, visuals.selection.bg_fill);
         painter.vline(now, rect.y_range(), hand);

@@ -43,7 +43,11 @@ impl eframe::App for Viewer {
         let is_between = self.session.is_loading_asset() || self.viewport.is_dragging();
         let is_between = is_between || self.timeline.is_moving();
         if !is_between && !is_comparing {
-            self.history.feed(time, &self.session.scene_as_step());
+            let scene = self.session.scene_as_step();
+            if !scene.animation.keys.is_empty() {
+                self.history.went_to(self.timeline.time(), &scene);
+            }
+            self.history.feed(time, &scene);
             // That is seen only when there is a frame.
             if self.history.is_in_flux() {
                 context.request_repaint_after_secs(history::STEP_S as f32 + 0.05);

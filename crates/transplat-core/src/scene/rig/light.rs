@@ -293,7 +293,10 @@ impl Light {
                     )
                 },
             ),
-            _ => Ok(()),
+            LightSource::Disc { radius, .. } => ensure(radius >= 0.0, || {
+                format!("radius {radius} is less than nothing")
+            }),
+            LightSource::Point { .. } | LightSource::Rect { .. } => Ok(()),
         }
     }
 }

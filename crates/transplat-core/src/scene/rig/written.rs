@@ -316,6 +316,10 @@ mod tests {
                 r#"{"type": "spot", "position": [0, 0, 1], "direction": [0, 0, -1], "intensity": [1, 1, 1], "cutoff_deg": 9, "beam_deg": 10}"#,
                 "beam",
             ),
+            (
+                r#"{"type": "disc", "center": [0, 0, 1], "normal": [0, 0, -1], "radius": -1, "radiance": [1, 1, 1]}"#,
+                "radius",
+            ),
         ] {
             let why = validate_all(&[parsed(text).expect(text)])
                 .expect_err(text)

@@ -47,8 +47,52 @@ struct Sums {
     parts: [[f32; 2]; MOST_PARTS],
 }
 
-/// Samples along each edge of a light where an edge of a shadow crosses it.
-const MANY: usize = 4;
+/// Samples along each edge of a light where an edge of a shadow crosses it: each square of the few in four.
+const MANY: usize = 2 * FEW;
+
+/// Surfels that follow each other, all of which are taken for crossed by an edge where one is.
+const BESIDE: usize = 4;
+
+/// Which of a light's squares the rays of a surfel go to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Squares {
+    /// The few large ones.
+    Few,
+    /// Of the quarters of each of them those three that its ray did not go to.
+    Rest,
+}
+
+impl Squares {
+    fn count(self, shape: &Shape) -> usize {
+        let few = shape.samples(FEW);
+        match self {
+            Self::Few => few,
+            Self::Rest => shape.samples(MANY) - few,
+        }
+    }
+
+    /// The large square that the `k`th of them is, or lies in.
+    fn large(self, k: usize) -> usize {
+        match self {
+            Self::Few => k,
+            Self::Rest => k / 3,
+        }
+    }
+
+    /// Which sample of how many along each edge the `k`th is for a surfel, and where in its square.
+    fn sample(self, k: usize, shift: [f32; 2]) -> ((usize, usize), [f32; 2]) {
+        if self == Self::Few {
+            return ((k, FEW), shift);
+        }
+        let (large, other) = (self.large(k), 1 + k % 3);
+        let half = |axis: usize| usize::from(shift[axis] >= 0.5) ^ (other >> axis & 1);
+        let (column, row) = (2 * (large % FEW) + half(0), 2 * (large / FEW) + half(1));
+        (
+            (row * MANY + column, MANY),
+            shift.map(|s| (2.0 * s).fract()),
+        )
+    }
+}
 
 /// How far a sample is moved from surfel to surfel within each square of its disc, so that neighbours see other places of it and together all:
 /// the first two powers of one over the plastic number (Roberts 2018).
@@ -108,13 +152,16 @@ impl DirectionalAsset {
         };
         let (tracer, parts) = (&self.bake.tracer, shape.parts());
         let mut all = vec![Sums::default(); tracer.surfels.len()];
-        self.trace_some((shape, FEW), &tracer.order, (is_shadowed, among), &mut all);
+        let tracing = (is_shadowed, among);
+        let places: Vec<u32> = (0..tracer.order.len() as u32).collect();
+        self.trace_some((shape, Squares::Few), &places, tracing, &mut all);
         if is_shadowed && shape.has_extent() {
             // Where neighbours see all of them, or none, no edge crosses the light.
-            let crossed = |of: &&[u32]| every || of.iter().any(|i| all[*i as usize].are_mixed());
-            let crossed = tracer.order.chunks(PACKET).filter(crossed);
+            let is_mixed = |place: &u32| all[tracer.order[*place as usize] as usize].are_mixed();
+            let crossed = |of: &&[u32]| every || of.iter().any(is_mixed);
+            let crossed = places.chunks(BESIDE).filter(crossed);
             let crossed: Vec<u32> = crossed.flatten().copied().collect();
-            self.trace_some((shape, MANY), &crossed, (is_shadowed, among), &mut all);
+            self.trace_some((shape, Squares::Rest), &crossed, tracing, &mut all);
         }
         let mut seen = vec![0f32; all.len() * parts];
         let irradiance = (seen.par_chunks_exact_mut(parts).zip(&all).enumerate())
@@ -122,9 +169,13 @@ impl DirectionalAsset {
                 for (seen, part) in seen.iter_mut().zip(sums.parts) {
                     *seen = share(part);
                 }
+                let shares = sums.sides.map(share);
+                if shares == [0.0; 2] {
+                    return [0.0; 2];
+                }
                 let surfel = &tracer.surfels[i];
                 let open = shape.irradiance(surfel.position, self.bake.normals[i], surfel.minor);
-                [0, 1].map(|side| open[side] * share(sums.sides[side]))
+                [0, 1].map(|side| open[side] * shares[side])
             })
             .collect();
         Met {
@@ -134,24 +185,24 @@ impl DirectionalAsset {
         }
     }
 
-    /// What so many samples across a light tell of some surfels, neighbours after neighbours.
+    /// Adds what some squares of a light tell of the surfels in some places of the tracer's order.
     fn trace_some(
         &self,
-        light: (&Shape, usize),
-        of: &[u32],
+        light: (&Shape, Squares),
+        places: &[u32],
         tracing: (bool, Option<&Surroundings>),
         all: &mut [Sums],
     ) {
-        let found: Vec<[Sums; PACKET]> = of
+        let order = &self.bake.tracer.order;
+        let found: Vec<[Sums; PACKET]> = places
             .par_chunks(PACKET)
-            .enumerate()
-            .map_init(Scratch::default, |scratch, (packet, of)| {
-                self.trace_packet(light, (packet, of), tracing, scratch)
+            .map_init(Scratch::default, |scratch, places| {
+                self.trace_packet(light, places, tracing, scratch)
             })
             .collect();
-        for (of, sums) in of.chunks(PACKET).zip(found) {
-            for (i, sums) in of.iter().zip(sums) {
-                all[*i as usize] = sums;
+        for (places, sums) in places.chunks(PACKET).zip(found) {
+            for (place, sums) in places.iter().zip(sums) {
+                all[order[*place as usize] as usize].add(&sums);
             }
         }
     }
@@ -159,21 +210,23 @@ impl DirectionalAsset {
     /// The same of those whose rays go together.
     fn trace_packet(
         &self,
-        (shape, across): (&Shape, usize),
-        (packet, of): (usize, &[u32]),
+        (shape, squares): (&Shape, Squares),
+        places: &[u32],
         (is_shadowed, among): (bool, Option<&Surroundings>),
         scratch: &mut Scratch,
     ) -> [Sums; PACKET] {
         let bake = &self.bake;
+        let in_order = |place: &u32| bake.tracer.order[*place as usize];
+        let of: Vec<u32> = places.iter().map(in_order).collect();
         let mut sums = [Sums::default(); PACKET];
-        for sample in 0..shape.samples(across) {
-            let part = shape.part_of(sample, across);
+        for k in 0..squares.count(shape) {
+            let part = shape.part_of(squares.large(k), FEW);
             scratch.rays.clear();
             scratch.whose.clear();
             for (lane, i) in of.iter().enumerate() {
                 let (i, surfel) = (*i as usize, &bake.tracer.surfels[*i as usize]);
-                let shift = shift_of(packet * PACKET + lane);
-                let to = shape.sample((sample, across), shift, surfel.position, surfel.minor);
+                let (sample, shift) = squares.sample(k, shift_of(places[lane] as usize));
+                let to = shape.sample(sample, shift, surfel.position, surfel.minor);
                 let cosine = to.direction.dot(bake.normals[i]);
                 let side = usize::from(cosine < 0.0);
                 if to.strength <= 0.0 || (side == 1 && bake.two_sided[i] == 0.0) {
@@ -190,7 +243,7 @@ impl DirectionalAsset {
                 scratch.rays.push((start, to.direction, distance));
             }
             let open = if is_shadowed {
-                unblocked(&bake.tracer, among, of, scratch)
+                unblocked(&bake.tracer, among, &of, scratch)
             } else {
                 [true; PACKET]
             };
@@ -209,6 +262,14 @@ impl DirectionalAsset {
 }
 
 impl Sums {
+    /// Adds what the next squares tell, each a quarter of one of those before, if there were any.
+    fn add(&mut self, next: &Self) {
+        let own = self.sides.iter_mut().chain(&mut self.parts);
+        for (sum, term) in own.zip(next.sides.iter().chain(&next.parts)) {
+            *sum = [0, 1].map(|i| 0.25 * sum[i] + term[i]);
+        }
+    }
+
     /// Whether some of the samples on a side are seen, and some are not.
     fn are_mixed(&self) -> bool {
         (self.sides.iter()).any(|[seen, all]| *seen > 0.0 && *seen < (1.0 - 1e-4) * all)
@@ -389,6 +450,33 @@ mod tests {
             }
         }
         assert!(seen.iter().all(|n| *n > 300), "{seen:?}");
+    }
+
+    /// However a surfel's samples are shifted, the few and the rest go to each square of the fine grid once.
+    #[test]
+    fn the_few_and_the_rest_are_all_squares() {
+        let square = Shape::Area {
+            center: Vec3::ZERO,
+            half: [Vec3::X, Vec3::Y],
+            normal: Vec3::Z,
+            is_round: false,
+        };
+        for surfel in 0..50 {
+            let mut rays = [0; MANY * MANY];
+            for squares in [Squares::Few, Squares::Rest] {
+                for k in 0..squares.count(&square) {
+                    let ((sample, across), shift) = squares.sample(k, shift_of(surfel));
+                    let [column, row] = [sample % across, sample / across];
+                    let fine = |i: usize, shift: f32| {
+                        ((i as f32 + shift) * (MANY / across) as f32) as usize
+                    };
+                    let [x, y] = [fine(column, shift[0]), fine(row, shift[1])];
+                    assert_eq!(squares.large(k), x / 2 + FEW * (y / 2));
+                    rays[x + MANY * y] += 1;
+                }
+            }
+            assert_eq!(rays, [1; MANY * MANY], "{surfel}");
+        }
     }
 
     /// The penumbra of a ball under a soft box: how much of the box each surfel of the slab sees past the ball, by many rays past a sphere.

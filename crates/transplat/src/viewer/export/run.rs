@@ -119,10 +119,10 @@ impl Snapshot {
                 let turn = |frame| 360.0 * frame as f64 / frames as f64;
                 // The camera's turn changes no light: one relight does for all frames.
                 match self.settings.turn {
-                    Turn::Camera => self.sequence(handle, frames, true, |frame, _, pose| {
+                    Turn::Camera => self.sequence(handle, "", (frames, true), |frame, _, pose| {
                         pose.azimuth = wrap(pose.azimuth + turn(frame));
                     }),
-                    Turn::Light => self.sequence(handle, frames, false, |frame, scene, _| {
+                    Turn::Light => self.sequence(handle, "", (frames, false), |frame, scene, _| {
                         scene.environment.rotation += turn(frame);
                     }),
                 }
@@ -137,7 +137,7 @@ impl Snapshot {
                         MOST_FRAMES = MOST_FRAMES
                     ));
                 }
-                self.sequence(handle, frames, false, |frame, scene, _| {
+                self.sequence(handle, "_animation", (frames, false), |frame, scene, _| {
                     scene.go_to(frame as f64 / f64::from(frame_rate));
                 })
             }
@@ -353,7 +353,9 @@ impl Snapshot {
             return Ok(map.clone());
         }
         let map = load_map(light)?;
-        let map = settings.backdrop(&map).blurred(self.scene.background_blur);
+        let map = settings
+            .backdrop(&map, &light.illumination)
+            .blurred(self.scene.background_blur);
         let map = Arc::new(map);
         // A sheet of many lights is not to hold all their maps.
         let mut maps = self.maps.borrow_mut();
@@ -459,13 +461,9 @@ impl Snapshot {
 
     /// A file's name by the pattern; one that is taken gets a number, nothing is written over.
     pub(super) fn named(&self, light: &str, view: View) -> PathBuf {
-        self.named_as(light, view, self.settings.format.extension())
-    }
-
-    /// The same of another kind; a folder, where that has no extension.
-    fn named_as(&self, light: &str, view: View, extension: &str) -> PathBuf {
         let stem = self.stem(light, view, None);
-        free_name(Path::new(&self.settings.folder), &stem, extension)
+        let folder = Path::new(&self.settings.folder);
+        free_name(folder, &stem, self.settings.format.extension())
     }
 
     /// What the pattern makes of a picture, or of a frame of several.
@@ -497,12 +495,13 @@ impl Snapshot {
         stem
     }
 
-    /// Frame by frame, each set from how it is now; where the light stays, it is relit once.
+    /// So many frames, each set from how it is now; where the light stays, it is relit once. Film and folder are named as a picture is, with what
+    /// they hold behind.
     fn sequence(
         &self,
         handle: &Handle<Outcome>,
-        frames: usize,
-        light_stays: bool,
+        what: &str,
+        (frames, light_stays): (usize, bool),
         set: impl Fn(usize, &mut Scene, &mut CameraPose),
     ) -> Result<Made> {
         let target = &self.lights[TARGET];
@@ -513,9 +512,11 @@ impl Snapshot {
             false => None,
         };
         let mut written = Vec::new();
+        let stem = self.stem(&target.name(), view, None) + what;
+        let named = |extension| free_name(Path::new(&self.settings.folder), &stem, extension);
         let mut film = match self.settings.film {
             Some(format) => {
-                let path = self.named_as(&target.name(), view, format.extension());
+                let path = named(format.extension());
                 self.make_folder(&path)?;
                 let film = Film::new(&path, self.settings.size, self.settings.frame_rate)?;
                 written.push(path);
@@ -524,7 +525,7 @@ impl Snapshot {
             None => None,
         };
         // A sequence has a folder of its own: in one with others it would be numbered around them.
-        let folder = self.named_as(&target.name(), view, "");
+        let folder = named("");
         for frame in 0..frames {
             handle_step(handle, frame, frames)?;
             let report = step(handle, frame, frames);

@@ -46,7 +46,7 @@ impl Session {
                     (None, Some(sky)) => Arc::new(sky.map(SKY_COLUMNS / 2)),
                     (None, None) => load_map(&light)?,
                 };
-                let shown = settings.backdrop(&map).blurred(blur);
+                let shown = settings.backdrop(&map, &light.illumination).blurred(blur);
                 Ok((map, Backdrop::new(&context, &shown)))
             };
             self.start(kind, label, work, move |session, (map, backdrop)| {
