@@ -40,7 +40,7 @@ pub const SUN_SHARE: f64 = 0.025;
 pub const SUN_RADIUS: f64 = 4.0;
 
 /// Outer radius of the ring around it whose median is what the sky would be without it, in degrees.
-pub(super) const RING_RADIUS: f64 = 10.0;
+const RING_RADIUS: f64 = 10.0;
 
 /// What the ring may hold above its median, relative to what the disc does: beside a piece of the rim of a soft box it is five times
 /// as much, beside a window of a few degrees less than as much.

@@ -3,14 +3,13 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::beams::{Beam, RING_RADIUS, SUN_RADIUS};
+use super::beams::{Beam, SUN_RADIUS};
 use super::emitter::{Emitter, Shape};
 use super::map::{EnvironmentMap, direction_at};
 use crate::color::luminance;
-use crate::numeric::smoothstep;
 
-/// Up to where the sky takes the place of a sun that is taken out, in degrees.
-const EDGE_RADIUS: f64 = 1.6 * SUN_RADIUS;
+/// Places around a sun whose sky takes its place.
+const RIM: usize = 128;
 
 /// Rays along each edge of a pixel that an edge of a light may cross.
 const ACROSS: usize = 8;
@@ -29,40 +28,53 @@ impl EnvironmentMap {
         self
     }
 
-    /// The map without some of its suns: where each stands, what is brighter than the sky around is that sky.
+    /// The map without some of its suns: over each lies the sky of the rim around it, as smooth as that allows (harmonic, by Poisson's integral),
+    /// where it is darker.
     #[must_use]
     pub fn without_suns(mut self, suns: &[Beam]) -> Self {
-        // A sun's direction is that of its middle, which need not be its brightest pixel. Its glow goes on beyond what is taken for it: without
-        // an edge between.
-        let [whole, none, outer] = [SUN_RADIUS, EDGE_RADIUS, RING_RADIUS].map(f64::to_radians);
+        // A sun's direction is that of its middle, which need not be its brightest pixel.
+        let radius = (1.25 * SUN_RADIUS).to_radians();
         for sun in suns {
             let toward = sun.direction.as_dvec3();
-            let angle = |i: usize| {
-                let d = self.direction(i % self.width, i / self.width);
-                DVec3::from_array(d).angle_between(toward)
+            let (east, north) = toward.any_orthonormal_pair();
+            let azimuth = |k: usize| std::f64::consts::TAU * k as f64 / RIM as f64;
+            let rim: Vec<[f32; 3]> = (0..RIM)
+                .map(|k| {
+                    let (sin, cos) = azimuth(k).sin_cos();
+                    let aside = cos * east + sin * north;
+                    self.sample((radius.cos() * toward + radius.sin() * aside).as_vec3())
+                })
+                .collect();
+            let sky = |d: DVec3| {
+                let inward = (d.angle_between(toward) / radius).min(1.0 - 1e-3);
+                let at = d.dot(north).atan2(d.dot(east));
+                let weight = |k: usize| {
+                    let cosine = (azimuth(k) - at).cos();
+                    (1.0 - inward * inward) / (1.0 - 2.0 * inward * cosine + inward * inward)
+                };
+                let (mut sum, mut all) = ([0f64; 3], 0.0);
+                for (k, value) in rim.iter().enumerate() {
+                    let weight = weight(k);
+                    all += weight;
+                    for (sum, value) in sum.iter_mut().zip(value) {
+                        *sum += weight * f64::from(*value);
+                    }
+                }
+                sum.map(|s| (s / all) as f32)
             };
-            let near = (0..self.pixels.len()).into_par_iter();
-            let near = near.map(|i| (i, angle(i))).filter(|(_, a)| *a < outer);
-            let (disc, ring): (Vec<_>, Vec<_>) = near.partition(|(_, a)| *a < none);
-            let sky: [f32; 3] = std::array::from_fn(|channel| {
-                let values = ring.iter().map(|(i, _)| self.pixels[*i][channel]);
-                let mut values: Vec<f32> = values.collect();
-                let middle = values.len() / 2;
-                match values.is_empty() {
-                    true => 0.0,
-                    false => *values.select_nth_unstable_by(middle, f32::total_cmp).1,
+            let (width, height) = (self.width, self.height);
+            let pixels = self.pixels.par_iter_mut().enumerate();
+            pixels.for_each(|(i, pixel)| {
+                let place = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+                let d = direction_at(place, [width, height]);
+                if d.dot(toward) < radius.cos() {
+                    return;
+                }
+                let sky = sky(d);
+                if luminance(*pixel) > luminance(sky) {
+                    *pixel = sky;
                 }
             });
-            for (i, angle) in disc {
-                let pixel = &mut self.pixels[i];
-                if luminance(*pixel) <= luminance(sky) {
-                    continue;
-                }
-                let left = smoothstep(whole as f32, none as f32, angle as f32);
-                for (value, sky) in pixel.iter_mut().zip(sky) {
-                    *value = sky + left * (*value - sky);
-                }
-            }
         }
         self
     }
@@ -202,6 +214,50 @@ fn is_met(shape: &Shape, place: Vec3, axis: Vec3, reach: f32, ray: Vec3) -> bool
 mod tests {
     use super::*;
     use crate::environment::{Illumination, project_environment};
+
+    /// Where a saturated sun was, its rim's sky is: within what that holds in each channel; and nothing else is another.
+    #[test]
+    fn where_a_sun_was_its_rims_sky_is() {
+        let sun = DVec3::new(0.6, 0.3, 0.2).normalize();
+        let map = EnvironmentMap::of_directions(512, 256, |d| {
+            let degrees = d.angle_between(sun).to_degrees();
+            let glow = (4.0 - 0.3 * degrees).max(0.0) as f32;
+            match degrees < 1.0 {
+                true => [3000.0, 500.0, 0.0],
+                false => [
+                    glow + 0.5,
+                    0.6 * glow + 0.5,
+                    0.3 * glow + 0.1 * d.x as f32 + 0.5,
+                ],
+            }
+        });
+        let beam = Beam {
+            direction: sun.as_vec3(),
+            energy: [1.0; 3],
+        };
+        let without = map.clone().without_suns(&[beam]);
+        let degrees = |i: usize| {
+            let d = map.direction(i % map.width(), i / map.width());
+            DVec3::from_array(d).angle_between(sun).to_degrees()
+        };
+        let all = || (0..map.pixels().len()).map(|i| (i, degrees(i)));
+        let rim: Vec<[f32; 3]> = all()
+            .filter(|(_, a)| (4.0..6.0).contains(a))
+            .map(|(i, _)| map.pixels()[i])
+            .collect();
+        for (i, angle) in all() {
+            let [before, after] = [&map, &without].map(|m| m.pixels()[i]);
+            if angle > 5.0 {
+                assert_eq!(before, after);
+                continue;
+            }
+            for c in 0..3 {
+                let of_rim = rim.iter().map(|p| p[c]);
+                let [low, high] = of_rim.fold([f32::MAX, 0.0], |[l, h], v| [v.min(l), v.max(h)]);
+                assert!((low..=high).contains(&after[c]), "{angle}: {after:?}");
+            }
+        }
+    }
 
     /// A light whose suns are taken out is that of the map without them, and has none.
     #[test]
