@@ -136,42 +136,45 @@ impl Bake {
                 ..Skipped::exact(Stage::Bake, "the bake", why)
             });
         }
-        if closed > 0.0 {
-            let why = format!(
-                "{:.0} % of the rays would start on sides that are closed",
-                100.0 * closed
-            );
-            out.push(Skipped {
-                share: Some(CLOSED_RAY_COST * closed),
-                skip: Some(Skip::ClosedSides),
-                max_error: Some(CLOSED_SIDES_ERROR),
-                ..Skipped::exact(Stage::Bake, "rays into closed sides", why)
-            });
-        }
-        if followers > 0.0 {
-            let why = format!(
-                "{:.0} % of the surfels lie beside one that sees nearly the same",
-                100.0 * followers
-            );
-            out.push(Skipped {
-                share: Some(RAYS_OF_BAKE * followers),
-                skip: Some(Skip::SharedSight),
-                max_error: Some(SHARED_SIGHT_ERROR),
-                ..Skipped::exact(Stage::Bake, "rays of neighbours", why)
-            });
-        }
-        if agreed > 0.0 {
-            let why = format!(
-                "{:.0} % of the rays are told by the nearest ones, which all leave or are all blocked",
-                100.0 * agreed
-            );
-            out.push(Skipped {
-                share: Some(AGREED_RAY_COST * agreed),
-                skip: Some(Skip::AgreedRays),
-                max_error: Some(AGREED_ERROR),
-                ..Skipped::exact(Stage::Bake, "rays of which others tell", why)
-            });
-        }
+        let spared = [
+            (
+                CLOSED_RAY_COST * closed,
+                (Skip::ClosedSides, CLOSED_SIDES_ERROR),
+                "rays into closed sides",
+                (closed, "rays would start on sides that are closed"),
+            ),
+            (
+                RAYS_OF_BAKE * followers,
+                (Skip::SharedSight, SHARED_SIGHT_ERROR),
+                "rays of neighbours",
+                (
+                    followers,
+                    "surfels lie beside one that sees nearly the same",
+                ),
+            ),
+            (
+                AGREED_RAY_COST * agreed,
+                (Skip::AgreedRays, AGREED_ERROR),
+                "rays of which others tell",
+                (
+                    agreed,
+                    "rays are told by the nearest ones, which all leave or are all blocked",
+                ),
+            ),
+        ];
+        let spared = spared.into_iter().filter(|(share, ..)| *share > 0.0);
+        out.extend(
+            spared.map(|(share, (skip, error), what, (of, why))| Skipped {
+                share: Some(share),
+                skip: Some(skip),
+                max_error: Some(error),
+                ..Skipped::exact(
+                    Stage::Bake,
+                    what,
+                    format!("{:.0} % of the {why}", 100.0 * of),
+                )
+            }),
+        );
         out
     }
 

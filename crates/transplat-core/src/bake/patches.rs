@@ -101,7 +101,7 @@ pub struct Found {
     pub(crate) hits: Vec<Hit>,
     /// Whether the back is known to be closed: its rays are not traced any more.
     pub back_is_closed: bool,
-    /// Directions that were not traced, since those around them tell.
+    /// How many directions were not traced, since others tell of them.
     pub(crate) told: u16,
 }
 

@@ -73,7 +73,8 @@ impl History {
 
     /// Learns that the light went to a time of its animation: that is no step, if nothing else is another.
     pub fn went_to(&mut self, time: f64, scene: &Scene) {
-        let Some(step) = self.steps.get_mut(self.at) else {
+        let step = self.steps.get_mut(self.at);
+        let Some(step) = step.filter(|step| step.scene != *scene) else {
             return;
         };
         let mut then = step.scene.clone();

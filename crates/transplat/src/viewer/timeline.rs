@@ -39,9 +39,8 @@ pub struct Timeline {
     is_scrubbed: bool,
     /// Seconds that the bar shows, as long as something is dragged in it.
     shown: Option<f64>,
-    /// Whether the pointer is over the bar, and the key that it is over.
-    is_pointed: bool,
-    pointed: Option<usize>,
+    /// Where the pointer is over the bar: the time of the key under it, or else the light's.
+    pointed: Option<f64>,
     had_keys: bool,
 }
 
@@ -60,7 +59,7 @@ impl Timeline {
         self.is_shown |= has_keys && !had_keys;
         if !self.is_shown {
             self.let_go();
-            (self.is_playing, self.is_pointed) = (false, false);
+            (self.is_playing, self.pointed) = (false, None);
         }
         self.is_playing &= session.scene.animation.keys.len() > 1 && seconds > 0.0;
         // What is compared meanwhile is to stay as it is.
@@ -79,25 +78,10 @@ impl Timeline {
 
     /// If the pointer is over the bar, removes the key under it, or else that at its time. Returns whether the pointer is there.
     pub fn remove_pointed(&self, session: &mut Session) -> bool {
-        let keys = &mut session.scene.animation.keys;
-        match self
-            .pointed
-            .filter(|at| self.is_pointed && *at < keys.len())
-        {
-            Some(at) => {
-                keys.remove(at);
-            }
-            None if self.is_pointed => self.remove_key(session),
-            None => {}
+        if let Some(time) = self.pointed {
+            remove_key(session, time);
         }
-        self.is_pointed
-    }
-
-    fn remove_key(&self, session: &mut Session) {
-        let animation = &mut session.scene.animation;
-        if let Some(at) = animation.key_at(self.time) {
-            animation.keys.remove(at);
-        }
+        self.pointed.is_some()
     }
 
     fn let_go(&mut self) {
@@ -153,10 +137,10 @@ impl Timeline {
         let at = session.scene.animation.key_at(self.time);
         ui.add_enabled_ui(at.is_some(), |ui| {
             let tip = tr(
-                "Removes the key at this time. With the pointer over the bar, Delete does the same.",
+                "Removes the key at this time. Over the bar, Delete removes the one that is pointed at, or else this one.",
             );
             if ui.button(tr("Remove key")).on_hover_text(tip).clicked() {
-                self.remove_key(session);
+                remove_key(session, self.time);
             }
         });
         // Always there, so that the bar beside it stays where it is.
@@ -209,7 +193,6 @@ impl Timeline {
         let size = vec2(ui.available_width().max(80.0), ui.available_height());
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         named(&response, Role::Slider, tr("Timeline"));
-        self.is_pointed = response.hovered();
         let keys = &session.scene.animation.keys;
         // Under the pointer it does not stretch.
         let fitting = BEYOND * session.scene.animation.seconds();
@@ -248,9 +231,12 @@ impl Timeline {
             let tips = tips.map(|tip| at + tip).to_vec();
             painter.add(egui::Shape::convex_polygon(tips, color, Stroke::NONE));
         }
-        let hovered = response.hover_pos();
-        let is_under = |at: egui::Pos2, key: &LightKey| (x(key.time) - at.x).abs() < REACH;
-        self.pointed = hovered.and_then(|at| keys.iter().position(|key| is_under(at, key)));
+        let under = |at: egui::Pos2| {
+            let mut keys = keys.iter();
+            keys.position(|key| (x(key.time) - at.x).abs() < REACH)
+        };
+        let time_under = |at| under(at).map(|key| keys[key].time);
+        self.pointed = (response.hover_pos()).map(|at| time_under(at).unwrap_or(self.time));
         let now = x(self.time);
         let hand = Stroke::new(1.5, visuals.selection.bg_fill);
         painter.vline(now, rect.y_range(), hand);
@@ -261,9 +247,7 @@ impl Timeline {
         let time = (time.clamp(0.0, LONGEST) * 100.0).round() / 100.0;
         if response.drag_started() {
             let pressed = ui.input(|i| i.pointer.press_origin()).unwrap_or(at);
-            self.held = keys
-                .iter()
-                .position(|key| (x(key.time) - pressed.x).abs() < REACH);
+            self.held = under(pressed);
         }
         if response.drag_stopped() {
             return self.let_go();
@@ -282,10 +266,16 @@ impl Timeline {
             self.time = keys[held].time;
             session.scene.go_to(self.time);
         } else if response.dragged() || response.clicked() {
-            let near = keys.iter().find(|key| (x(key.time) - at.x).abs() < REACH);
-            let time = near.map_or(time, |key| key.time);
+            let time = time_under(at).unwrap_or(time);
             self.is_scrubbed = response.dragged();
             self.scrub(session, time);
         }
+    }
+}
+
+fn remove_key(session: &mut Session, time: f64) {
+    let animation = &mut session.scene.animation;
+    if let Some(at) = animation.key_at(time) {
+        animation.keys.remove(at);
     }
 }
