@@ -404,7 +404,8 @@ fn a_sun_is_placed_by_its_shadow() {
     assert!(to_light.distance(wanted) < 1e-4, "{to_light} {wanted}");
 }
 
-/// Keys that a look comes with are shown; Delete over the bar takes the one at its time, and elsewhere the object.
+/// Keys that a look comes with are shown; Delete takes the one under the pointer, over the bar else the one at the light's time, and elsewhere the
+/// object.
 #[test]
 fn keys_come_with_a_look_and_go_one_by_one() {
     let mut d = Driver::bundled();
@@ -424,11 +425,18 @@ fn keys_come_with_a_look_and_go_one_by_one() {
     let shown = bar(&d).expect("the timeline is shown");
     let left = |d: &mut Driver| {
         let scene = &d.viewer().session.scene;
-        (scene.animation.keys.len(), scene.objects.len())
+        let times: Vec<f64> = scene.animation.keys.iter().map(|key| key.time).collect();
+        (times, scene.objects.len())
     };
     d.after(|v| v.session.duplicate_object());
-    assert_eq!(left(&mut d), (2, 2));
-    for (at, expected) in [(shown.center(), (1, 2)), (middle(&d), (1, 1))] {
+    assert_eq!(left(&mut d), (vec![0.0, 1.0], 2));
+    // Five seconds are shown, between two tips of a key at either end.
+    let second = shown.left_center() + egui::vec2(12.0 + (shown.width() - 24.0) / 5.0, 0.0);
+    for (at, expected) in [
+        (second, (vec![0.0], 2)),
+        (shown.center(), (vec![], 2)),
+        (middle(&d), (vec![], 1)),
+    ] {
         d.harness.event(Event::PointerMoved(at));
         d.settle();
         d.harness.key_press(egui::Key::Delete);
