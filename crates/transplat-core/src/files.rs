@@ -38,7 +38,7 @@ pub use estimate::{load_estimate, save_estimate};
 pub use exr::load_picture;
 pub use format::SplatFormat;
 pub use kind::{FileKind, file_kind, file_of};
-pub use look::{is_rig_file, load_look, load_rig, look_text, save_look, save_rig};
+pub use look::{load_look, load_rig, look_text, save_look, save_rig};
 pub use lut::load_lut;
 pub use read::{MAX_ENVIRONMENT_EDGE, MAX_ENVIRONMENT_PIXELS};
 pub use rows::{AssetKind, AssetReport};
@@ -96,7 +96,7 @@ pub fn load_environment_as(path: &Path, told: Option<Layout>) -> Result<Environm
             path,
             "is a splat; an environment (.hdr, .exr, .png, .jpg) is expected here",
         )),
-        FileKind::Bake | FileKind::Look | FileKind::Lut => Err(Error::invalid(
+        FileKind::Bake | FileKind::Look | FileKind::Rig | FileKind::Lut => Err(Error::invalid(
             path,
             "is no environment; .hdr, .exr, .png or .jpg is expected here",
         )),

@@ -276,22 +276,29 @@ impl Scene {
         .collect()
     }
 
+    /// All that lights the objects, Z up: they are in the light of the first. `maps` are the lights of the source and of the environment, as they
+    /// are in their files.
+    pub fn light_in_world(&self, maps: [&Illumination; 2]) -> Illumination {
+        let [_, light] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
+        light
+    }
+
     /// All that lights the objects as one environment, Z up, as it is seen from a place of that world: what is near has that place's distance.
-    /// `around` is the environment's map and `maps` the lights of the source's and of that, as they are in their files.
+    /// `around` is the environment's map, and `light` what [`Scene::light_in_world`] makes of `maps`.
     pub fn panorama(
         &self,
         around: &EnvironmentMap,
         maps: [&Illumination; 2],
+        light: &Illumination,
         place: DVec3,
         columns: usize,
     ) -> EnvironmentMap {
-        let [_, all] = self.lights_on(&self.objects[0], maps, UpAxis::PlusZ);
         let gain = self.environment_gain(&self.objects[0], maps);
         let map = self.environment.in_world(around, maps[1], columns, gain);
         // Those without a disc are beams among the light's own.
         let beams = self.shining().filter(|l| l.is_beam());
         let crisp = beams.map(Light::emitter);
-        let lights: Vec<_> = crisp.chain(all.emitters).collect();
+        let lights: Vec<_> = crisp.chain(light.emitters.iter().copied()).collect();
         map.with_lights(&lights, place.as_vec3())
     }
 
@@ -379,7 +386,8 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::environment::MAX_SUNS;
+    use crate::environment::{MAX_SUNS, project_environment};
+    use glam::Vec3;
 
     #[test]
     fn matched_lights_have_one_mean_and_keep_their_strength_on_top() {
@@ -433,6 +441,61 @@ mod tests {
         assert_eq!(scene.environment, expected);
     }
 
+    /// What is drawn of all that shines lights as what is taken of it does: matched, turned, tinted, with lights of one's own and without.
+    #[test]
+    fn all_that_shines_is_drawn_as_bright_as_it_lights() {
+        let map = EnvironmentMap::of_directions(256, 128, |d| {
+            let sun = if d.x > 0.97 { 60.0 } else { 0.0 };
+            [1.0 + d.z as f32 + sun, 1.5 + sun, 2.0 - d.y as f32 + sun]
+        });
+        let (light, source) = (Illumination::of(&map, 3), Illumination::even(3));
+        let mut scene = Scene {
+            match_strength: true,
+            ..Scene::default()
+        };
+        scene.environment = EnvironmentLight {
+            rotation: 40.0,
+            tilt: 15.0,
+            strength: 0.5,
+            tint: [1.0, 0.8, 0.5],
+            ..EnvironmentLight::of("a.hdr")
+        };
+        let lights = [
+            LightSource::Directional {
+                to_light: DVec3::Z,
+                irradiance: [3.0, 2.0, 1.0],
+                angle_deg: SUN_DEG,
+            },
+            LightSource::Disc {
+                center: DVec3::new(3.0, 0.0, 1.0),
+                radius: 1.0,
+                normal: DVec3::NEG_X,
+                radiance: [4.0; 3],
+                reach: None,
+            },
+        ];
+        for lights in [vec![], lights.map(Light::of).to_vec()] {
+            scene.set_lights(lights);
+            let maps = [&source, &light];
+            let all = scene.light_in_world(maps);
+            let drawn = scene.panorama(&map, maps, &all, DVec3::ZERO, 512);
+            let there = all.at_one_place(Vec3::ZERO);
+            let drawn = project_environment(&drawn, 3);
+            let pairs = drawn.coefficients.iter();
+            let wanted = &there.radiance.coefficients;
+            let most = wanted[0].iter().fold(0.0f32, |a, b| a.max(b.abs()));
+            for (i, (found, wanted)) in pairs.zip(wanted).enumerate() {
+                for (found, wanted) in found.iter().zip(wanted) {
+                    // A pixel of 0.7 degrees is coarse for a sun of half of one.
+                    assert!(
+                        (found - wanted).abs() < 0.02 * most,
+                        "{i}: {found} {wanted}"
+                    );
+                }
+            }
+        }
+    }
+
     /// Irradiance adds up, whichever form of the light is asked; there is room for any number.
     #[test]
     fn lights_of_ones_own_come_on_top_of_the_environment() {
@@ -475,6 +538,6 @@ mod tests {
             [2.0 * MAX_SUNS as f32; 3],
             "the brightest first"
         );
-        assert!(suns[0].direction.distance(-glam::Vec3::Y) < 1e-6);
+        assert!(suns[0].direction.distance(-Vec3::Y) < 1e-6);
     }
 }

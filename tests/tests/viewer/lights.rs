@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, Rect, accesskit::Role};
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
-use transplat::viewer::{Format, Task};
+use transplat::viewer::{Format, Startup, Task};
 use transplat_core::camera::Camera;
 use transplat_core::environment::{Sky, Sun};
 use transplat_core::files::{load_look, load_rig, save_look};
@@ -13,7 +13,7 @@ use transplat_core::present::{Background, View};
 use transplat_core::rasterize::pick;
 use transplat_core::scene::{FixedTo, Light, LightKind, RigPreset, SKY, Scene};
 use transplat_tests::driver::Driver;
-use transplat_tests::{args, picture, psnr, run_json};
+use transplat_tests::{Folder, args, picture, psnr, run_json};
 
 /// Presses, moves and releases the first button, a frame each.
 fn drag(d: &mut Driver, way: &[Pos2]) {
@@ -110,6 +110,21 @@ fn a_light_is_added_placed_and_undone() {
         let cosine = mirrors(&mut d, to);
         assert!(cosine > 0.2f64.to_radians().cos(), "{to}: {cosine}");
     }
+    let second = place(&mut d);
+    // Beside the object there is nothing to place it by: that is said, and the next click places it.
+    d.click("By highlight");
+    let viewport = d.harness.get_by_label("Viewport").rect();
+    let corner = viewport.left_bottom() + egui::vec2(30.0, -60.0);
+    drag(&mut d, &[corner]);
+    let messages = &d.viewer().session.messages;
+    assert!(
+        messages
+            .iter()
+            .any(|m| m.text.contains("nothing of the objects"))
+    );
+    assert_eq!(place(&mut d), second);
+    drag(&mut d, &[at + egui::vec2(20.0, -12.0)]);
+    assert!(place(&mut d).distance(second) < 1e-9);
     let second = place(&mut d);
     // A click alone orbits again afterwards.
     let azimuth = d.viewer().session.pose.azimuth;
@@ -223,6 +238,22 @@ fn rigs_are_taken_opened_and_saved() {
             .any(|m| m.is_error && m.text.contains("lamp"))
     );
     assert_eq!(told(&session.scene.lights), told(&scene.lights));
+    // Nor does a splat where lights are asked for.
+    let splat = d.folder.path("teapot.ply");
+    d.after(|v| v.session.open_rig(&splat));
+    let session = &d.viewer().session;
+    let last = session.messages.last().expect("a message");
+    assert!(last.is_error && last.text.contains("not a rig"));
+    assert_eq!(told(&session.scene.lights), told(&scene.lights));
+    // Alone on the command line, it lights the bundled scene.
+    let alone = Startup {
+        files: vec![path],
+        ..Startup::default()
+    };
+    let mut alone = Driver::open(alone, Folder::empty());
+    let session = &alone.viewer().session;
+    assert_eq!(told(&session.scene.lights), told(&scene.lights));
+    assert!(session.has_asset());
 }
 
 /// Sun and sky, a near light, an environment without its sun: the screen, the saved picture and the commands show the same.
@@ -327,6 +358,14 @@ fn light_over_time_is_played_and_saved() {
     drag(&mut d, &[at(0.5), at(0.8), at(1.0)]);
     let rotation = d.viewer().session.scene.environment.rotation;
     assert!((rotation - 45.0).abs() < 3.0, "{rotation}");
+    // That was no step: the one before it is the key's.
+    d.harness.key_press_modifiers(Modifiers::CTRL, egui::Key::Z);
+    d.settle();
+    assert!(d.viewer().session.scene.animation.keys.len() < 2);
+    d.harness
+        .key_press_modifiers(Modifiers::CTRL | Modifiers::SHIFT, egui::Key::Z);
+    d.settle();
+    assert_eq!(d.viewer().session.scene.animation, animation);
     let frames = animated(&mut d, "turned", 2);
     assert_eq!(frames.len(), 5);
     assert!(psnr(&frames[0], &frames[4]) < 35.0);

@@ -164,6 +164,7 @@ fn instead_of_a_splat(kind: Result<FileKind>, length: u64) -> String {
         Ok(FileKind::Look) => {
             "a look, where one splat is expected; render, relight and the window open looks"
         }
+        Ok(FileKind::Rig) => "a rig of lights, where a splat is expected (--rig takes it)",
         Ok(FileKind::Bake) => "a bake, where a splat is expected",
         Ok(FileKind::Lut) => "a table of colours, where a splat is expected (--lut takes it)",
         Ok(_) => "a picture, where a splat is expected",

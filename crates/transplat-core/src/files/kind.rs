@@ -4,8 +4,8 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use serde::Deserialize;
 use serde::de::IgnoredAny;
+use serde::{Deserialize, Deserializer};
 
 use super::format::SplatFormat;
 use super::read::{open, read_all};
@@ -27,6 +27,8 @@ pub enum FileKind {
     Bake,
     /// A saved look (JSON).
     Look,
+    /// Lights of one's own (JSON).
+    Rig,
     /// A table of colours (.cube).
     Lut,
 }
@@ -122,13 +124,22 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
     })
 }
 
-/// What a text in JSON is known by; what is neither of the others is a look, or nothing.
+/// What a text in JSON is known by; what is none of the others is a look, or nothing.
 #[derive(Deserialize)]
 struct Known {
     asset: Option<IgnoredAny>,
     meshes: Option<IgnoredAny>,
     means: Option<IgnoredAny>,
     quats: Option<IgnoredAny>,
+    lights: Option<IgnoredAny>,
+    #[serde(default, deserialize_with = "named")]
+    environment: bool,
+    version: Option<IgnoredAny>,
+}
+
+/// Whether it is there, be it as `null`.
+fn named<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<bool, D::Error> {
+    IgnoredAny::deserialize(from).map(|_| true)
 }
 
 fn kind_of_json(path: &Path) -> Result<FileKind> {
@@ -144,6 +155,13 @@ fn kind_of_json(path: &Path) -> Result<FileKind> {
             meshes: Some(_),
             ..
         }) => FileKind::Splat(SplatFormat::Gltf),
+        // Looks that have lights have a version, too.
+        Ok(Known {
+            version: None,
+            lights,
+            environment,
+            ..
+        }) if lights.is_some() || environment => FileKind::Rig,
         _ => FileKind::Look,
     })
 }

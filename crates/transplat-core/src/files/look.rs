@@ -270,19 +270,6 @@ pub fn save_rig(path: &Path, rig: &Rig) -> error::Result<()> {
     write_atomically(path, |out| writeln!(out, "{text}"))
 }
 
-/// Whether a file in JSON that may be a look is a rig: it has lights or what is around them, and no version, which looks have.
-pub fn is_rig_file(path: &Path) -> bool {
-    let text = read_all(path, 1 << 24).ok();
-    let value = text.and_then(|text| serde_json::from_slice::<serde_json::Value>(&text).ok());
-    let names = value.as_ref().and_then(|value| value.as_object());
-    names.is_some_and(|names| {
-        ["lights", "environment"]
-            .iter()
-            .any(|name| names.contains_key(*name))
-            && !names.contains_key("version")
-    })
-}
-
 /// Loads a saved look; its paths are resolved against its own folder.
 ///
 /// # Errors
@@ -316,7 +303,13 @@ pub fn look_text(scene: &Scene) -> Result<String, String> {
 }
 
 fn parse(text: &[u8]) -> Result<Scene, String> {
-    let look: Look = serde_json::from_slice(text).map_err(|e| format!("not a look: {e}"))?;
+    let look: Look = serde_json::from_slice(text).map_err(|e| {
+        let neither = "neither a look nor a rig, which names \"lights\" or \"environment\"";
+        let is_versioned = serde_json::from_slice(text)
+            .is_ok_and(|value: serde_json::Value| value.get("version").is_some());
+        let what = if is_versioned { "not a look" } else { neither };
+        format!("{what}: {e}")
+    })?;
     let version = look.version;
     if !(1..=LOOK_VERSION).contains(&version) {
         return Err(format!(

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use serde::de::{Error as _, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
-use super::light::{EVEN, EnvironmentLight, SKY};
+use super::light::{EVEN, EnvironmentLight, MOST_TINT, SKY};
 use crate::environment::Sky;
 use crate::error::{Result, ensure};
 pub(super) use light::validate_all;
@@ -51,6 +51,14 @@ impl Rig {
         validate_all(&self.lights)?;
         match &self.environment {
             Some(Around::Sky { sky }) => sky.validate(),
+            Some(Around::Uniform { uniform }) => {
+                let in_range = |v| (0.0..=MOST_TINT).contains(v);
+                ensure(uniform.iter().all(in_range), || {
+                    format!(
+                        "the environment's \"uniform\" {uniform:?} is out of range 0 to {MOST_TINT}"
+                    )
+                })
+            }
             Some(Around::File { scale, .. }) => ensure(*scale > 0.0 && scale.is_finite(), || {
                 format!("the environment's scale {scale} is not above 0")
             }),
@@ -241,6 +249,7 @@ mod tests {
         assert!(rig(r#", "enviroment": null"#).is_err());
         for (around, what) in [
             (r#"{"uniform": [1, 1]}"#, "length 2"),
+            (r#"{"uniform": [1, -1, 1]}"#, "\"uniform\""),
             (r#"{"uniform": [1, 1, 1], "file": "a.hdr"}"#, "one of"),
             (
                 r#"{"sky": {"sun": {"latitude": 50, "longitude": 9, "date": "2026-02-31", "hour": 3}}}"#,

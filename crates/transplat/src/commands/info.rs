@@ -9,11 +9,11 @@ use transplat_core::crop::proposed_crop;
 use transplat_core::environment::project_environment;
 use transplat_core::files::{
     AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look, load_lut, look_text,
+    load_look, load_lut, load_rig, look_text,
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
-use transplat_core::scene::{EnvironmentLight, Object, Scene, is_file};
+use transplat_core::scene::{Around, EnvironmentLight, Light, Object, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
 use crate::cli::{DeviceChoice, InfoArgs};
@@ -83,8 +83,51 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             summary.set("look", serde_json::from_str::<serde_json::Value>(&text)?);
             look(&scene, &mut summary, &mut lines);
         }
+        FileKind::Rig => {
+            let rig = load_rig(path)?;
+            summary.set("kind", "rig");
+            summary.set("rig", serde_json::to_value(&rig)?);
+            let count = rig.lights.len();
+            let lights = if count == 1 { "light" } else { "lights" };
+            lines.push(format!("rig of {count} {lights}"));
+            lines.extend(rig.lights.iter().enumerate().map(light_line));
+            lines.push(match &rig.environment {
+                None => "around them whatever there is".into(),
+                Some(Around::Nothing) => "nothing around them".into(),
+                Some(Around::Uniform { uniform: [r, g, b] }) => {
+                    format!("even light of {r} {g} {b} around them")
+                }
+                Some(Around::Sky { .. }) => "sun and sky around them".into(),
+                Some(Around::File { file, .. }) => format!("{} around them", file.display()),
+            });
+        }
     }
     summary.finish(&lines.join("\n  "))
+}
+
+/// A light of a rig or a look, by its number from 0.
+fn light_line((at, light): (usize, &Light)) -> String {
+    let number = at + 1;
+    let kind = light.source.kind();
+    let [r, g, b] = light.source.emission();
+    let mut said = vec![
+        format!("light {number}: {}", kind.name()),
+        format!("emits {r} {g} {b} {}", kind.unit()),
+    ];
+    if !light.name.is_empty() {
+        said.insert(1, light.name.clone());
+    }
+    if let Some(position) = light.source.position() {
+        let [x, y, z] = position.to_array();
+        said.push(format!("at {x:.3},{y:.3},{z:.3}"));
+    }
+    if light.strength != 0.0 {
+        said.push(format!("{:+} stops", light.strength));
+    }
+    if !light.on {
+        said.push("off".into());
+    }
+    said.join(", ")
 }
 
 /// What a look is of; how all of it is set, the JSON object has.
@@ -124,6 +167,7 @@ fn look(scene: &Scene, summary: &mut Summary, lines: &mut Vec<String>) {
         "relit by {target}, preset {}",
         scene.transfer.method.preset()
     ));
+    lines.extend(scene.lights.iter().enumerate().map(light_line));
     if let Some(plate) = &scene.plate {
         lines.push(format!("before the photograph {}", plate.display()));
     }

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    check_output, is_environment_name, is_rig_file, load_environment_as, load_look,
+    FileKind, check_output, file_kind, is_environment_name, load_environment_as, load_look,
     write_environment,
 };
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, is_estimate, is_even, is_file};
@@ -29,7 +29,7 @@ pub fn run(args: &PanoramaArgs) -> Result<()> {
             args.output.display()
         );
     }
-    let mut scene = if is_rig_file(&args.rig) {
+    let mut scene = if file_kind(&args.rig)? == FileKind::Rig {
         let mut scene = Scene::default();
         take_rig(&mut scene, &args.rig, args.target.is_none())?;
         scene
@@ -88,7 +88,9 @@ pub fn run(args: &PanoramaArgs) -> Result<()> {
         }
     }
     let map = summary.time("draw", || {
-        Ok::<_, anyhow::Error>(scene.panorama(&around, [&source, &light], place, columns))
+        let maps = [&source, &light];
+        let all = scene.light_in_world(maps);
+        Ok::<_, anyhow::Error>(scene.panorama(&around, maps, &all, place, columns))
     })?;
     if map.pixels().iter().all(|p| *p == [0.0; 3]) {
         summary.warn(

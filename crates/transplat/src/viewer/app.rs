@@ -416,18 +416,18 @@ impl Viewer {
 
     /// Writes to a file that the user named: never over what is open, and over anything else only when `replace` says so.
     pub(super) fn save_to(&mut self, path: &Path, kind: SaveKind, replace: bool) {
-        if kind == SaveKind::Folder {
-            if path.is_file() {
-                let why = tr("is a file; the folder for pictures is asked for");
-                self.session.error(format!("{}: {why}", path.display()));
-            } else {
-                self.preferences.export.folder = path.display().to_string();
-            }
-            return;
-        }
         match kind {
+            SaveKind::Folder if path.is_file() => {
+                let why = tr("is a file; the folder for pictures is asked for");
+                return self.session.error(format!("{}: {why}", path.display()));
+            }
+            SaveKind::Folder => {
+                self.preferences.export.folder = path.display().to_string();
+                return;
+            }
             SaveKind::Plate => return self.session.set_plate(path.to_owned()),
             SaveKind::Lut => return self.session.open_lut(path.to_owned()),
+            SaveKind::OpenRig => return self.session.open_rig(path),
             _ => {}
         }
         if path.is_dir() {

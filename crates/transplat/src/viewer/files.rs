@@ -31,7 +31,7 @@ impl PathField {
         let text = match &dialog {
             Dialog::Open
             | Dialog::OpenFolder
-            | Dialog::Save(SaveKind::Plate | SaveKind::Lut, _) => String::new(),
+            | Dialog::Save(SaveKind::OpenRig | SaveKind::Plate | SaveKind::Lut, _) => String::new(),
             Dialog::Save(SaveKind::Folder, _) => folder.display().to_string(),
             Dialog::Save(_, name) => folder.join(name).display().to_string(),
         };
@@ -56,6 +56,9 @@ impl PathField {
             Some(Dialog::Save(SaveKind::Look, _)) => vec![(tr("Save look"), Some(SaveKind::Look))],
             Some(Dialog::Save(SaveKind::Rig, _)) => {
                 vec![(tr("Save lights"), Some(SaveKind::Rig))]
+            }
+            Some(Dialog::Save(SaveKind::OpenRig, _)) => {
+                vec![(tr("Take the lights"), Some(SaveKind::OpenRig))]
             }
             Some(Dialog::Save(SaveKind::Environment, _)) => {
                 vec![(tr("Save as environment"), Some(SaveKind::Environment))]
@@ -135,6 +138,11 @@ fn show(dialog: Dialog) -> Option<Event> {
             .add_filter(tr("Photographs"), &["png", "jpg", "jpeg", "exr", "hdr"])
             .pick_file()
             .map(|file| Event::SaveTo(file, SaveKind::Plate)),
+        Dialog::Save(SaveKind::OpenRig, _) => rfd::FileDialog::new()
+            .set_title(tr("Open lights"))
+            .add_filter(tr("Lights"), &["json"])
+            .pick_file()
+            .map(|file| Event::SaveTo(file, SaveKind::OpenRig)),
         Dialog::Save(SaveKind::Lut, _) => rfd::FileDialog::new()
             .set_title(tr("Table of colours"))
             .add_filter(tr("Tables of colours"), &["cube"])
@@ -182,6 +190,7 @@ mod tests {
             SaveKind::Screenshot,
             SaveKind::Folder,
             SaveKind::Plate,
+            SaveKind::OpenRig,
             SaveKind::Lut,
         ] {
             let asked = actions(Dialog::Save(kind, "name".into()));

@@ -1,8 +1,10 @@
 //! What was done, step by step, to go back to.
 
-use super::language::{tr, tr_later};
+use super::language::{tr, tr_format, tr_later};
+use std::cmp::Ordering;
 use transplat_core::files::look_text;
-use transplat_core::scene::{FixedTo, Object, Scene};
+
+use transplat_core::scene::{FixedTo, Light, Object, Scene};
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.
 pub const STEP_S: f64 = 1.0;
@@ -177,7 +179,8 @@ fn is_as(step: &Scene, scene: &Scene) -> bool {
 }
 
 /// What looks call a setting, and how it is said: the longest beginning counts.
-const WORDS: [(&str, &str); 46] = [
+const WORDS: [(&str, &str); 49] = [
+    ("animation", tr_later("light over time")),
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
     ("background_blur", tr_later("blur")),
@@ -216,10 +219,12 @@ const WORDS: [(&str, &str); 46] = [
     ("target/layout", tr_later("layout of the light")),
     ("target/mirror", tr_later("light mirrored")),
     ("target/rotation", tr_later("light turned")),
+    ("target/sky", tr_later("sun and sky")),
     ("target/strength", tr_later("strength of the light")),
     ("target/tilt", tr_later("light tilted")),
     ("target/tint", tr_later("tint of the light")),
     ("target/up", tr_later("up in the light")),
+    ("target/without_suns", tr_later("sun taken out")),
     ("transfer", tr_later("how it is relit")),
     ("transfer/preset", tr_later("preset")),
     ("transfer/terms", tr_later("terms")),
@@ -249,6 +254,10 @@ fn changes(before: &Scene, after: &Scene) -> String {
     differences(String::new(), &last, &now, &mut found);
     let mut said: Vec<String> = Vec::new();
     for (path, value) in found {
+        if path == "lights" {
+            said.extend(changed_lights(&before.lights, &after.lights));
+            continue;
+        }
         let known = WORDS.iter().filter(|(of, _)| {
             let rest = path.strip_prefix(of);
             rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -269,6 +278,53 @@ fn changes(before: &Scene, after: &Scene) -> String {
         said.push("…".into());
     }
     said.join(", ")
+}
+
+/// Which lights of one's own are others, and in what.
+fn changed_lights(before: &[Light], after: &[Light]) -> Vec<String> {
+    let only_in = |these: &[Light], others: &[Light]| {
+        let only = these.iter().find(|light| !others.contains(light));
+        only.map_or_else(String::new, |light| light.name.clone())
+    };
+    match before.len().cmp(&after.len()) {
+        Ordering::Less => {
+            let name = only_in(after, before);
+            return vec![tr_format!("{name}: added", name = name)];
+        }
+        Ordering::Greater => {
+            let name = only_in(before, after);
+            return vec![tr_format!("{name}: removed", name = name)];
+        }
+        Ordering::Equal => {}
+    }
+    let pairs = before.iter().zip(after).filter(|(a, b)| a != b);
+    pairs
+        .map(|(a, b)| format!("{}: {}", b.name, changed_in_light(a, b)))
+        .collect()
+}
+
+fn changed_in_light(before: &Light, after: &Light) -> String {
+    let place = |of: &Light| (of.source.position(), of.source.direction());
+    let number = |value: f32| simple(&value.into()).unwrap_or_default();
+    if before.on != after.on {
+        tr(if after.on { "on" } else { "off" }).into()
+    } else if before.solo != after.solo {
+        tr("solo").into()
+    } else if before.strength != after.strength {
+        tr_format!("strength {stops}", stops = number(after.strength))
+    } else if (before.tint, before.kelvin) != (after.tint, after.kelvin) {
+        tr("colour").into()
+    } else if before.name != after.name {
+        tr("name").into()
+    } else if before.fixed_to != after.fixed_to {
+        tr("what it goes along with").into()
+    } else if place(before) != place(after) {
+        tr("moved").into()
+    } else if before.source.emission() != after.source.emission() {
+        tr("what it emits").into()
+    } else {
+        tr("size").into()
+    }
 }
 
 /// The settings of a look that differ, by their paths, and what those that are simple are now.
@@ -318,10 +374,9 @@ fn simple(value: &serde_json::Value) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use transplat_core::camera::CameraPose;
-    use transplat_core::scene::{
-        Bookmark, EnvironmentLight, KEY, Light, LightKind, Placed, Variant,
-    };
+    use transplat_core::scene::{Bookmark, EnvironmentLight, KEY, LightKind, Placed, Variant};
     use transplat_core::surfels::Bounds;
 
     use super::*;
@@ -367,16 +422,48 @@ mod tests {
         assert_eq!(history.steps().0.len(), MOST_STEPS);
     }
 
-    fn light(position: glam::DVec3) -> Light {
+    fn light(position: DVec3) -> Light {
         let placed = Placed {
             position,
-            aim: glam::DVec3::ZERO,
+            aim: DVec3::ZERO,
             radius: 1.0,
         };
         Light {
             fixed_to: FixedTo::Camera,
             ..Light::placed(LightKind::Spot, placed, KEY)
         }
+    }
+
+    /// Where the light went to another time of its animation, that is no step; what else is set is.
+    #[test]
+    fn the_light_over_time_makes_no_steps() {
+        let mut scene = Scene::default();
+        for (time, rotation) in [(0.0, 0.0), (4.0, 90.0)] {
+            scene.environment.rotation = rotation;
+            let key = scene.light_key(time);
+            scene.animation.keys.push(key);
+        }
+        scene.go_to(0.0);
+        let mut history = History::default();
+        history.feed(0.0, &scene);
+        for frame in 1..=40 {
+            let now = f64::from(frame);
+            scene.go_to(0.1 * now);
+            history.went_to(0.1 * now, &scene);
+            history.feed(now, &scene);
+        }
+        assert_eq!(scene.environment.rotation, 90.0);
+        assert!(!history.has_undo(&scene) && !history.is_in_flux());
+        scene.display.exposure = 1.0;
+        history.went_to(4.0, &scene);
+        history.feed(50.0, &scene);
+        history.feed(60.0, &scene);
+        // It goes back to where the light is, not to where it began.
+        let undone = history.undo(&scene).expect("a step");
+        assert_eq!(
+            (undone.display.exposure, undone.environment.rotation),
+            (0.0, 90.0)
+        );
     }
 
     /// A light that goes along with the camera makes no steps of that; what it is set to does.
@@ -386,12 +473,12 @@ mod tests {
             center: glam::Vec3::ZERO,
             radius: 1.0,
         };
-        let seen = |azimuth: f64, position: glam::DVec3| Scene {
+        let seen = |azimuth: f64, position: DVec3| Scene {
             camera: Some(CameraPose::around(&bounds, azimuth, 0.0, 1.0, 40.0)),
             lights: vec![light(position)],
             ..Scene::default()
         };
-        let (x, y) = (glam::DVec3::X, glam::DVec3::Y);
+        let (x, y) = (DVec3::X, DVec3::Y);
         let mut history = History::default();
         history.feed(0.0, &seen(0.0, x));
         history.feed(5.0, &seen(90.0, y));
@@ -417,6 +504,28 @@ mod tests {
         let mut moved = before.clone();
         moved.objects[0].transform.scale = 2.0;
         assert_eq!(changes(&before, &moved), "objects");
+        // A light is called by its name, and by what it was set to.
+        let one = |set: &dyn Fn(&mut Light)| {
+            let mut lights = [DVec3::X, DVec3::Y].map(light);
+            lights[1].name = "key".into();
+            set(&mut lights[1]);
+            lights.to_vec()
+        };
+        let lit = |lights| Scene {
+            lights,
+            ..before.clone()
+        };
+        let both = one(&|_| {});
+        for (lights, said) in [
+            (one(&|l| l.strength = 1.5), "key: strength 1.5"),
+            (one(&|l| l.on = false), "key: off"),
+            (one(&|l| l.source.put(-DVec3::X, DVec3::ZERO)), "key: moved"),
+            (both[1..].to_vec(), ": removed"),
+        ] {
+            assert_eq!(changes(&lit(both.clone()), &lit(lights)), said);
+        }
+        let added = changes(&lit(both[..1].to_vec()), &lit(both.clone()));
+        assert_eq!(added, "key: added");
         // No setting lacks its words.
         let bounds = Bounds {
             center: glam::Vec3::ZERO,
@@ -425,7 +534,8 @@ mod tests {
         let mut full = before.clone();
         (full.lut, full.plate) = (Some("a.cube".into()), Some("a.png".into()));
         full.note = "a note".into();
-        full.lights = vec![light(glam::DVec3::X)];
+        full.lights = vec![light(DVec3::X)];
+        full.animation.keys.push(full.light_key(0.0));
         full.bookmarks = vec![Bookmark {
             name: "a view".into(),
             camera: CameraPose::around(&bounds, 0.0, 0.0, 1.0, 40.0),

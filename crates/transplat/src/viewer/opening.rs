@@ -6,9 +6,7 @@ use std::sync::{Arc, Weak};
 use transplat_core::camera::{CameraPose, first_pose, framed};
 use transplat_core::environment::Layout;
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{
-    FileKind, file_kind, is_camera_file, is_rig_file, is_same_file, load_look,
-};
+use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
 use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
@@ -41,8 +39,10 @@ impl Session {
                 let opened_with = OpenedWith::Object(Box::new(object), None);
                 self.load_asset(self.selected, path.to_owned(), opened_with);
             }
-            Ok(FileKind::Look) | Err(_) if is_camera_file(path) => self.open_cameras(path),
-            Ok(FileKind::Look) if is_rig_file(path) => self.open_rig(path),
+            Ok(FileKind::Look | FileKind::Rig) | Err(_) if is_camera_file(path) => {
+                self.open_cameras(path)
+            }
+            Ok(FileKind::Rig) => self.open_rig(path),
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(scene) => {
                     self.opened.push(path.to_owned());

@@ -232,13 +232,12 @@ impl Viewer {
                     let light = settings.orient(&light.illumination, UpAxis::PlusZ);
                     return Around::new(light, map, place);
                 }
-                // All objects are in the light of the first.
                 let maps = session
                     .sides_of(0)
                     .map(|(_, side)| &side.light.illumination);
-                let map = scene.panorama(light.small_dome(), maps, place, MAP_WIDTH);
-                let [_, light] = scene.lights_on(&scene.objects[0], maps, UpAxis::PlusZ);
-                Around::new(light, map, place)
+                let all = scene.light_in_world(maps);
+                let map = scene.panorama(light.small_dome(), maps, &all, place, MAP_WIDTH);
+                Around::new(all, map, place)
             };
             let name = tr(SIDES[side]);
             Probe::update(&mut self.probes[side], context, name, key, around);
@@ -273,6 +272,10 @@ impl Viewer {
                             let ball = tr_format!("{ball} ball {name}", ball = ball, name = name);
                             let response = ui.add(image).on_hover_cursor(egui::CursorIcon::Grab);
                             named(&response, egui::Role::Image, ball);
+                            // What mirrors nothing is a ball, too.
+                            let (center, radius) = (response.rect.center(), 23.0);
+                            let rim = (0.5, Color32::from_gray(120));
+                            ui.painter().circle_stroke(center, radius, rim);
                             let tip = tr("Drag: turns and tilts the light.");
                             balls.push((side, response.on_hover_text(tip)));
                         }
@@ -377,6 +380,9 @@ impl Viewer {
                     }
                     Some(Dialog::Save(SaveKind::Plate, _)) => {
                         tr("The desktop shows no file dialog. A photograph:")
+                    }
+                    Some(Dialog::Save(SaveKind::OpenRig, _)) => {
+                        tr("The desktop shows no file dialog. Lights to open (.json):")
                     }
                     Some(Dialog::Save(SaveKind::Lut, _)) => {
                         tr("The desktop shows no file dialog. A table of colours (.cube):")

@@ -219,7 +219,9 @@ impl Session {
             // The backdrop of even light is grey, and no light.
             let even = EnvironmentMap::even();
             let map = if around.is_even { &even } else { &map };
-            write_environment(&path, &scene.panorama(map, lights, place, SKY_COLUMNS))?;
+            let all = scene.light_in_world(lights);
+            let map = scene.panorama(map, lights, &all, place, SKY_COLUMNS);
+            write_environment(&path, &map)?;
             Ok(path)
         };
         let label = tr("saving the light as an environment");

@@ -76,6 +76,8 @@ pub enum SaveKind {
     Plate,
     /// Lights of one's own.
     Rig,
+    /// The same, to be taken from there.
+    OpenRig,
     /// All the light as one environment.
     Environment,
     /// A table of colours to grade the picture by.

@@ -82,6 +82,8 @@ pub struct Viewport {
     pub placing: Option<Placing>,
     /// Whether the click of this frame placed one.
     was_placed: bool,
+    /// Whether the pointer has been on anything that it could be placed by, since it was pressed.
+    has_met: bool,
     /// Of which frame the time was that quality was last set by.
     judged: u64,
 }
@@ -100,6 +102,7 @@ impl Default for Viewport {
             lights: LightHandles::default(),
             placing: None,
             was_placed: false,
+            has_met: false,
             judged: 0,
         }
     }
@@ -311,7 +314,10 @@ impl Viewport {
         if held != Some(Gesture::LightHandle) {
             self.lights.let_go();
         }
-        if has_placed || ui.input(|i| i.key_pressed(Key::Escape)) {
+        if has_placed && !self.has_met {
+            session.info(tr("nothing of the objects is there: click or drag on one"));
+        }
+        if (has_placed && self.has_met) || ui.input(|i| i.key_pressed(Key::Escape)) {
             self.placing = None;
         }
     }
@@ -326,6 +332,7 @@ impl Viewport {
             _ if self.is_on_wipe(session, Some(press.at)) => Gesture::Wipe,
             _ if shift => Gesture::Pan,
             _ if self.placing.is_some() => {
+                self.has_met = false;
                 self.place(session, press.at, press.at);
                 Gesture::Place
             }
@@ -389,6 +396,7 @@ impl Viewport {
         let Some(at) = session.chosen_light() else {
             return;
         };
+        self.has_met |= self.picked(session, from).is_some();
         match self.placing {
             Some(Placing::Aim) => self.aim(session, at, to),
             Some(Placing::Highlight) => {

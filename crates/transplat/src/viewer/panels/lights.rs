@@ -93,7 +93,8 @@ fn rigs(ui: &mut Ui, viewer: &mut Viewer) {
     }
     ui.separator();
     if entry(ui, tr("Open…")) {
-        ask(&mut viewer.session, Dialog::Open);
+        let dialog = Dialog::Save(SaveKind::OpenRig, String::new());
+        ask(&mut viewer.session, dialog);
     }
     ui.add_enabled_ui(!viewer.session.scene.lights.is_empty(), |ui| {
         if entry(ui, tr("Save lights…")) {
