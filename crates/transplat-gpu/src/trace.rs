@@ -37,7 +37,7 @@ pub(crate) struct ResidentTracer {
 impl ResidentTracer {
     /// Checks that there is room for it.
     pub fn check_fits(context: &Context, tracer: &Tracer) -> Result<()> {
-        let (discs, boxes) = (tracer.discs.len(), tracer.box_count());
+        let (discs, boxes) = (tracer.disc_count(), tracer.box_count());
         context.check_fits("the surfels' discs", discs * size_of::<TraceDisc>())?;
         context.check_fits("the discs' boxes", boxes * size_of::<TraceBox>())
     }
@@ -54,8 +54,7 @@ impl ResidentTracer {
             })
             .collect();
         let discs: Vec<TraceDisc> = tracer
-            .discs
-            .iter()
+            .discs()
             .map(|d| TraceDisc {
                 center: d.center.to_array(),
                 surfel: d.surfel,

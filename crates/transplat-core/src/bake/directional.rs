@@ -401,8 +401,7 @@ fn trace(
     })
 }
 
-/// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, and which others do not tell, in full
-/// packets.
+/// The rays of surfels that are neighbours: of each direction those whose side is not known to be closed, and which others do not tell.
 fn trace_neighborhood(
     tracer: &Tracer,
     (directions, agreed): (&[Vec3], &Agreed),

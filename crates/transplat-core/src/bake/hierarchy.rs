@@ -1,30 +1,69 @@
-//! A hierarchy of boxes, walked by packets of rays of one direction: they start from neighbours, meet the same boxes, and share all that
-//! depends on the direction alone.
+//! A hierarchy of boxes, eight side by side: a ray is held against all eight at once, and against all that is in a leaf.
+//!
+//! Each ray walks by itself. Those of neighbours in one direction part soon: of sixteen that walked together two were left in a leaf.
 
 use std::ops::Range;
 
+use fearless_simd::f32x8;
+use fearless_simd::prelude::*;
 use glam::{Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-/// Rays that walk together.
+/// Rays that are asked for at once.
 pub const PACKET: usize = 16;
 
-/// A number of each ray of a packet.
-pub(super) type Lanes = [f32; PACKET];
+/// What is held against a ray at once: boxes of a node, or things in a leaf.
+pub(super) const WIDE: usize = 8;
 
-/// Things in a leaf, at most.
-const LEAF: u32 = 4;
+/// A number of each of them.
+pub(super) type Wide = [f32; WIDE];
 
-/// A node: the box, and its two children from `first` on, or `count` things.
+/// What a box costs to look into beside the things in it, in things: a full leaf costs what one thing does, and leaves are filled wherever they
+/// can be.
+const BOX_COST: f32 = 8.0;
+
+/// Boxes side by side, in the order of their middles along an axis.
 #[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
 struct Node {
-    min: Vec3,
-    max: Vec3,
-    first: u32,
-    count: u32,
+    /// Lower and upper corners, by axis; what is not there ends before it begins.
+    corners: [[Wide; 3]; 2],
+    inside: [Inside; WIDE],
+    /// That axis.
+    axis: u32,
 }
+
+/// What is in a box: the node of that number, or with [`LEAF`] the leaf.
+#[derive(Clone, Copy, Debug)]
+struct Inside(u32);
+
+/// See [`Inside`].
+const LEAF: u32 = 1 << 31;
+
+impl Inside {
+    fn leaf(self) -> Option<usize> {
+        (self.0 & LEAF != 0).then_some((self.0 & !LEAF) as usize)
+    }
+}
+
+/// What a walk has still to look into, and where its ray enters that.
+pub type Stack = Vec<Waiting>;
+
+/// See [`Stack`].
+#[derive(Clone, Copy, Debug)]
+pub struct Waiting {
+    inside: Inside,
+    enter: f32,
+}
+
+/// In places of a stack that are to be filled.
+const NOTHING: Waiting = Waiting {
+    inside: Inside(0),
+    enter: f32::INFINITY,
+};
 
 /// A box of the hierarchy in an order that needs no stack: whatever meets the box goes on with the next one, and whatever does not, with
 /// number `skip`.
@@ -42,10 +81,13 @@ pub struct BoxInOrder {
     pub count: u32,
 }
 
-/// The boxes; what is in them lies with whoever built it.
+/// The boxes; what is in them lies with whoever built it, leaf by leaf.
 #[derive(Clone, Debug)]
 pub(super) struct Hierarchy {
+    /// The first one holds all.
     nodes: Vec<Node>,
+    /// The first thing of each leaf, and behind the last one how many there are. `[leaves + 1]`
+    starts: Vec<u32>,
 }
 
 /// The box of an ellipse with those half axes.
@@ -60,60 +102,111 @@ pub(super) fn ellipse_box(center: Vec3, [a, b]: [Vec3; 2]) -> Aabb {
 impl Hierarchy {
     /// Over things that lie in these boxes, and the order, leaf by leaf, that the things have to be brought into.
     pub fn new(boxes: &[Aabb]) -> (Self, Vec<u32>) {
+        let mut all = Self {
+            nodes: Vec::new(),
+            starts: vec![0],
+        };
+        if boxes.is_empty() {
+            return (all, Vec::new());
+        }
         let indices = (0..boxes.len() as u32).collect();
-        let mut bvh = PlocBuilder::new().build(
+        let mut tree = PlocBuilder::new().build(
             PlocSearchDistance::High,
             boxes,
             indices,
             SortPrecision::U64,
             0,
         );
-        collapse(&mut bvh, LEAF, 1.0);
-        let nodes = bvh
-            .nodes
-            .iter()
-            .map(|n| Node {
-                min: n.aabb.min.into(),
-                max: n.aabb.max.into(),
-                first: n.first_index,
-                count: n.prim_count,
-            })
-            .collect();
-        (Self { nodes }, bvh.primitive_indices)
+        collapse(&mut tree, WIDE as u32, BOX_COST);
+        let mut order = Vec::with_capacity(boxes.len());
+        let mut add_leaf = |node: &Bvh2Node| {
+            let leaf = all.starts.len() as u32 - 1;
+            let things = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+            order.extend_from_slice(&tree.primitive_indices[things]);
+            all.starts.push(order.len() as u32);
+            Inside(leaf | LEAF)
+        };
+        // Nodes of the tree that become one here, and where that is told of.
+        let mut waiting: Vec<(Option<[usize; 2]>, &Bvh2Node)> = Vec::new();
+        waiting.extend(tree.nodes.first().map(|root| (None, root)));
+        while let Some((told, root)) = waiting.pop() {
+            let number = all.nodes.len();
+            if let Some([node, k]) = told {
+                all.nodes[node].inside[k] = Inside(number as u32);
+            }
+            let mut children = unfold(&tree.nodes, root);
+            let mut node = Node::of(&mut children);
+            for (k, child) in children.iter().enumerate() {
+                if child.prim_count > 0 {
+                    node.inside[k] = add_leaf(child);
+                } else {
+                    waiting.push((Some([number, k]), child));
+                }
+            }
+            all.nodes.push(node);
+        }
+        (all, order)
+    }
+
+    /// The things of each leaf.
+    pub fn leaves(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        (self.starts.windows(2)).map(|w| w[0] as usize..w[1] as usize)
+    }
+
+    /// How many things there are.
+    pub fn things(&self) -> usize {
+        self.starts.last().map_or(0, |end| *end as usize)
     }
 
     /// How many boxes there are.
     pub fn len(&self) -> usize {
-        self.nodes.len()
+        // Each is in another one, but for the one that holds all.
+        (self.nodes.len() + self.starts.len()).saturating_sub(2)
     }
 
     /// The boxes, each before those that it holds.
     pub fn boxes_in_order(&self) -> Vec<BoxInOrder> {
-        let mut out: Vec<BoxInOrder> = Vec::with_capacity(self.nodes.len());
-        // A node, or the end of one that holds others.
+        let mut out: Vec<BoxInOrder> = Vec::with_capacity(self.len());
+        // A box of a node, or the end of one that holds others.
         enum Step {
-            Enter(u32),
+            Enter(usize, usize),
             Leave(usize),
         }
+        let boxes = |node: usize| {
+            let is_there = move |k: &usize| {
+                let [min, max] = &self.nodes[node].corners;
+                min[0][*k] <= max[0][*k]
+            };
+            (0..WIDE)
+                .filter(is_there)
+                .map(move |k| Step::Enter(node, k))
+        };
         let mut steps = Vec::new();
         if !self.nodes.is_empty() {
-            steps.push(Step::Enter(0));
+            steps.extend(boxes(0));
         }
         while let Some(step) = steps.pop() {
             match step {
                 Step::Leave(place) => out[place].skip = out.len() as u32,
-                Step::Enter(index) => {
-                    let node = &self.nodes[index as usize];
-                    if node.count == 0 {
-                        steps.push(Step::Leave(out.len()));
-                        steps.extend([node.first + 1, node.first].map(Step::Enter));
-                    }
+                Step::Enter(node, k) => {
+                    let Node {
+                        corners, inside, ..
+                    } = &self.nodes[node];
+                    let [min, max] = corners.map(|side| Vec3::from_array(side.map(|axis| axis[k])));
+                    let things = match inside[k].leaf() {
+                        Some(leaf) => self.starts[leaf]..self.starts[leaf + 1],
+                        None => {
+                            steps.push(Step::Leave(out.len()));
+                            steps.extend(boxes(inside[k].0 as usize));
+                            0..0
+                        }
+                    };
                     out.push(BoxInOrder {
-                        min: node.min,
-                        max: node.max,
+                        min,
+                        max,
                         skip: out.len() as u32 + 1,
-                        first: node.first,
-                        count: node.count,
+                        first: things.start,
+                        count: things.end - things.start,
                     });
                 }
             }
@@ -122,97 +215,139 @@ impl Hierarchy {
     }
 
     /// Begins a walk: `stack` is scratch.
-    pub fn enter(&self, stack: &mut Vec<u32>) {
+    pub fn enter(&self, stack: &mut Stack) {
         stack.clear();
         if !self.nodes.is_empty() {
-            stack.push(0);
+            stack.push(Waiting {
+                inside: Inside(0),
+                enter: f32::NEG_INFINITY,
+            });
         }
     }
 
-    /// The things of the next leaf that a ray passes through before it is done, near ones first as far as the boxes tell. `farthest` is how far
-    /// each ray still goes. Inlined, so that it is compiled for the caller's instruction set; a closure would not be.
+    /// The next leaf that a ray passes through before its end, near ones first as far as the boxes tell. Inlined, so that it is compiled for the
+    /// caller's instruction set; a closure would not be.
     #[inline(always)]
-    pub fn next_leaf(
-        &self,
-        origin: &[Lanes; 3],
-        toward: &Toward,
-        farthest: &Lanes,
-        stack: &mut Vec<u32>,
-    ) -> Option<Range<usize>> {
-        while let Some(index) = stack.pop() {
-            let node = &self.nodes[index as usize];
-            if !meets(node, origin, &toward.inverse, farthest) {
+    pub fn next_leaf<S: Simd>(&self, ray: &Ray<S>, end: f32, stack: &mut Stack) -> Option<usize> {
+        let simd = ray.simd;
+        while let Some(Waiting { inside, enter }) = stack.pop() {
+            if enter > end {
                 continue;
             }
-            let first = node.first as usize;
-            if node.count > 0 {
-                return Some(first..first + node.count as usize);
+            if let Some(leaf) = inside.leaf() {
+                return Some(leaf);
             }
-            let [a, b] = [node.first, node.first + 1];
-            let middle = |i: u32| {
-                let n = &self.nodes[i as usize];
-                (n.min + n.max).dot(toward.direction)
-            };
-            // The nearer one is looked at first.
-            if middle(a) < middle(b) {
-                stack.extend([b, a]);
+            let node = &self.nodes[inside.0 as usize];
+            let (mut enter, mut leave) = (ray.start, f32x8::splat(simd, end));
+            for axis in 0..3 {
+                let side = ray.side[axis];
+                let toward =
+                    |corner: &Wide| (load(simd, corner) - ray.origin[axis]) * ray.inverse[axis];
+                enter = toward(&node.corners[side][axis]).max(enter);
+                leave = toward(&node.corners[1 - side][axis]).min(leave);
+            }
+            let met = enter.simd_le(leave);
+            if !met.any_true() {
+                continue;
+            }
+            let (met, enter): ([i32; WIDE], [f32; WIDE]) = (met.into(), enter.into());
+            // The far ones first, so that the near ones are taken up before them. Without a branch: whatever is not met is overwritten.
+            let flip = if ray.side[node.axis as usize % 3] == 0 {
+                WIDE - 1
             } else {
-                stack.extend([a, b]);
+                0
+            };
+            let before = stack.len();
+            stack.extend_from_slice(&[NOTHING; WIDE]);
+            let mut count = 0;
+            if let Some(places) = stack.last_chunk_mut::<WIDE>() {
+                for k in 0..WIDE {
+                    let k = k ^ flip;
+                    places[count % WIDE] = Waiting {
+                        inside: node.inside[k],
+                        enter: enter[k],
+                    };
+                    count += usize::from(met[k] != 0);
+                }
             }
+            stack.truncate(before + count);
         }
         None
     }
+}
 
-    /// The same of rays that each have a direction of their own, in no order.
+/// The boxes that are side by side in one: its children, the larger ones of which give way to their own.
+fn unfold<'a>(nodes: &'a [Bvh2Node], root: &'a Bvh2Node) -> Vec<&'a Bvh2Node> {
+    if root.prim_count > 0 {
+        return vec![root];
+    }
+    let children = |of: &Bvh2Node| [0, 1].map(|k| &nodes[of.first_index as usize + k]);
+    let mut all = children(root).to_vec();
+    while all.len() < WIDE {
+        let area = |k: &usize| all[*k].aabb.half_area();
+        let with_others = (0..all.len()).filter(|k| all[*k].prim_count == 0);
+        let Some(k) = with_others.max_by(|a, b| area(a).total_cmp(&area(b))) else {
+            break;
+        };
+        let [a, b] = children(all[k]);
+        all[k] = a;
+        all.push(b);
+    }
+    all
+}
+
+impl Node {
+    /// Of boxes, which are brought into its order; what is in them is left open.
+    fn of(children: &mut [&Bvh2Node]) -> Self {
+        let middle = |node: &Bvh2Node| node.aabb.center();
+        let middles = children.iter().map(|node| middle(node));
+        let low = middles.clone().fold(Vec3A::INFINITY, Vec3A::min);
+        let high = middles.fold(Vec3A::NEG_INFINITY, Vec3A::max);
+        let axis = (high - low).max_position();
+        children.sort_by(|a, b| middle(a)[axis].total_cmp(&middle(b)[axis]));
+        let corner = |side: usize, axis: usize, k: usize| match children.get(k) {
+            Some(node) if side == 0 => node.aabb.min[axis],
+            Some(node) => node.aabb.max[axis],
+            None => [f32::INFINITY, f32::NEG_INFINITY][side],
+        };
+        let wide = |side, axis| std::array::from_fn(|k| corner(side, axis, k));
+        Self {
+            corners: [0, 1].map(|side| [0, 1, 2].map(|axis| wide(side, axis))),
+            inside: [Inside(0); WIDE],
+            axis: axis as u32,
+        }
+    }
+}
+
+/// A ray.
+pub(super) struct Ray<S: Simd> {
+    simd: S,
+    origin: [f32x8<S>; 3],
+    direction: [f32x8<S>; 3],
+    inverse: [f32x8<S>; 3],
+    /// On which side of a box it enters that, by axis.
+    side: [usize; 3],
+    /// What it meets before that does not count.
+    start: f32x8<S>,
+}
+
+impl<S: Simd> Ray<S> {
+    /// From a place along a unit vector; what it meets nearer than `start` does not count.
     #[inline(always)]
-    pub fn next_leaf_on(
-        &self,
-        origin: &[Lanes; 3],
-        ways: &Ways,
-        farthest: &Lanes,
-        stack: &mut Vec<u32>,
-    ) -> Option<Range<usize>> {
-        while let Some(index) = stack.pop() {
-            let node = &self.nodes[index as usize];
-            if !meets_any(node, origin, &ways.inverse, farthest) {
-                continue;
-            }
-            let first = node.first as usize;
-            if node.count > 0 {
-                return Some(first..first + node.count as usize);
-            }
-            stack.extend([node.first, node.first + 1]);
+    pub fn new(simd: S, origin: Vec3, direction: Vec3, start: f32) -> Self {
+        let wide = |v: f32| f32x8::splat(simd, v);
+        let [x, y, z] = direction.to_array();
+        let inverse = [inverse(x), inverse(y), inverse(z)];
+        let [by_x, by_y, by_z] = inverse;
+        let enters_above = |inverse: f32| usize::from(inverse < 0.0);
+        Self {
+            simd,
+            origin: [wide(origin.x), wide(origin.y), wide(origin.z)],
+            direction: [wide(x), wide(y), wide(z)],
+            inverse: [wide(by_x), wide(by_y), wide(by_z)],
+            side: [enters_above(by_x), enters_above(by_y), enters_above(by_z)],
+            start: wide(start),
         }
-        None
-    }
-}
-
-/// Rays that each have a direction of their own, an axis after the other.
-pub(super) struct Ways {
-    /// Unit vectors.
-    pub direction: [Lanes; 3],
-    inverse: [Lanes; 3],
-}
-
-impl Ways {
-    /// Along unit vectors.
-    pub fn new(direction: [Lanes; 3]) -> Self {
-        let inverse = direction.map(|axis| axis.map(inverse));
-        Self { direction, inverse }
-    }
-}
-
-/// Where the rays of a packet go.
-pub(super) struct Toward {
-    direction: Vec3,
-    inverse: [f32; 3],
-}
-
-impl Toward {
-    /// Towards a unit vector.
-    pub fn new(direction: Vec3) -> Self {
-        let inverse = direction.to_array().map(inverse);
-        Self { direction, inverse }
     }
 }
 
@@ -223,85 +358,171 @@ fn inverse(v: f32) -> f32 {
     1.0 / if v.abs() < 1e-12 { tiny } else { v }
 }
 
-/// The numbers of a packet's rays.
 #[inline(always)]
-pub(super) fn lanes(f: impl Fn(usize) -> f32) -> Lanes {
-    let mut out = [0.0; PACKET];
-    for i in 0..PACKET {
-        out[i] = f(i);
-    }
-    out
+fn load<S: Simd>(simd: S, wide: &Wide) -> f32x8<S> {
+    simd.load_array_ref_f32x8(wide)
 }
 
-/// How far each ray goes until it meets the plane of an ellipse, which it faces with that cosine, and the square of how far off the centre
-/// that is: 1 on the ellipse with half axes over their squared lengths.
-#[inline(always)]
-pub(super) fn meet_plane(
-    [ox, oy, oz]: &[Lanes; 3],
-    d: Vec3,
-    facing: f32,
-    (c, n, [a, b]): (Vec3, Vec3, [Vec3; 2]),
-) -> (Lanes, Lanes) {
-    let over = 1.0 / facing;
-    let (da, db) = (d.dot(a), d.dot(b));
-    let (cn, ca, cb) = (c.dot(n), c.dot(a), c.dot(b));
-    let t = lanes(|i| (cn - (ox[i] * n.x + oy[i] * n.y + oz[i] * n.z)) * over);
-    let outside = lanes(|i| {
-        let u = ox[i] * a.x + oy[i] * a.y + oz[i] * a.z - ca + t[i] * da;
-        let v = ox[i] * b.x + oy[i] * b.y + oz[i] * b.z - cb + t[i] * db;
-        u * u + v * v
-    });
-    (t, outside)
+/// Ellipses side by side: those of a leaf.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Ellipses {
+    /// Unit normals, and the half axes over their squared lengths.
+    frame: [[Wide; 3]; 3],
+    /// Where the middles are along each of these.
+    middle: [Wide; 3],
+}
+
+/// Where a ray meets the planes of ellipses.
+pub(super) struct Meeting<S: Simd> {
+    /// How far along it; of those that it does not face, no number or infinity.
+    pub distance: f32x8<S>,
+    /// The square of how far off the middle that is: 1 on the ellipse.
+    pub off: f32x8<S>,
+    /// Cosine to the normal.
+    pub facing: f32x8<S>,
 }
 
 /// A plane whose normal has a smaller cosine to a ray is not met.
 pub(super) const LEAST_FACING: f32 = 1e-6;
 
-/// Whether any ray of the packet passes through the box before what it has met already.
-#[inline(always)]
-fn meets(node: &Node, origin: &[Lanes; 3], inverse: &[f32; 3], farthest: &Lanes) -> bool {
-    let (mut enter, mut leave) = ([0f32; PACKET], *farthest);
-    for axis in 0..3 {
-        let (near, far) = if inverse[axis] >= 0.0 {
-            (node.min[axis], node.max[axis])
-        } else {
-            (node.max[axis], node.min[axis])
+impl Ellipses {
+    /// As many as are held against a ray at once, at most: middle, unit normal, and half axes over their squared lengths.
+    pub fn new(each: impl Iterator<Item = (Vec3, Vec3, [Vec3; 2])>) -> Self {
+        let mut all = Self {
+            frame: [[[0.0; WIDE]; 3]; 3],
+            middle: [[0.0; WIDE]; 3],
         };
-        for i in 0..PACKET {
-            let (a, b) = (
-                (near - origin[axis][i]) * inverse[axis],
-                (far - origin[axis][i]) * inverse[axis],
-            );
-            enter[i] = if a > enter[i] { a } else { enter[i] };
-            leave[i] = if b < leave[i] { b } else { leave[i] };
+        for (k, (center, normal, [a, b])) in each.enumerate() {
+            for (i, axis) in [normal, a, b].into_iter().enumerate() {
+                (0..3).for_each(|c| all.frame[i][c][k] = axis[c]);
+                all.middle[i][k] = center.dot(axis);
+            }
+        }
+        all
+    }
+
+    /// Where a ray meets their planes.
+    #[inline(always)]
+    pub fn meet<S: Simd>(&self, ray: &Ray<S>) -> Meeting<S> {
+        let simd = ray.simd;
+        let facing = along(simd, &self.frame[0], &ray.direction);
+        let from = along(simd, &self.frame[0], &ray.origin);
+        let distance = (load(simd, &self.middle[0]) - from) / facing;
+        let mut off = f32x8::splat(simd, 0.0);
+        for i in 1..3 {
+            let from = along(simd, &self.frame[i], &ray.origin) - load(simd, &self.middle[i]);
+            let by = along(simd, &self.frame[i], &ray.direction);
+            let u = distance.mul_add(by, from);
+            off = u.mul_add(u, off);
+        }
+        let far = f32x8::splat(simd, f32::INFINITY);
+        let is_faced = facing.abs().simd_ge(LEAST_FACING);
+        Meeting {
+            distance: simd.select_f32x8(is_faced, distance, far),
+            off,
+            facing,
         }
     }
-    let mut any = 0u32;
-    for i in 0..PACKET {
-        any |= u32::from(enter[i] <= leave[i]);
-    }
-    any != 0
 }
 
-/// The same of rays that each have a direction of their own.
+/// The dot product of each of some vectors with one.
 #[inline(always)]
-fn meets_any(node: &Node, origin: &[Lanes; 3], inverse: &[Lanes; 3], farthest: &Lanes) -> bool {
-    let (mut enter, mut leave) = ([0f32; PACKET], *farthest);
-    for axis in 0..3 {
-        let (low, high) = (node.min[axis], node.max[axis]);
-        for i in 0..PACKET {
-            let (a, b) = (
-                (low - origin[axis][i]) * inverse[axis][i],
-                (high - origin[axis][i]) * inverse[axis][i],
-            );
-            let (near, far) = if a < b { (a, b) } else { (b, a) };
-            enter[i] = if near > enter[i] { near } else { enter[i] };
-            leave[i] = if far < leave[i] { far } else { leave[i] };
+fn along<S: Simd>(simd: S, [x, y, z]: &[Wide; 3], v: &[f32x8<S>; 3]) -> f32x8<S> {
+    let two = load(simd, y).mul_add(v[1], load(simd, x) * v[0]);
+    load(simd, z).mul_add(v[2], two)
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::{Level, dispatch};
+
+    use super::*;
+
+    /// Numbers from -1 to 1.
+    fn numbers() -> impl FnMut() -> f32 {
+        let mut state = 7u32;
+        move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
         }
     }
-    let mut any = 0u32;
-    for i in 0..PACKET {
-        any |= u32::from(enter[i] <= leave[i]);
+
+    fn boxes(count: usize) -> Vec<Aabb> {
+        let mut number = numbers();
+        let mut place = move || Vec3A::from_array([number(), number(), number()]);
+        (0..count)
+            .map(|_| {
+                let (center, half) = (place(), 0.1 * place().abs());
+                Aabb {
+                    min: center - half,
+                    max: center + half,
+                }
+            })
+            .collect()
     }
-    any != 0
+
+    #[test]
+    fn a_ray_is_led_to_all_that_it_passes_through() {
+        for count in [0, 1, 2, 8, 9, 400] {
+            let boxes = boxes(count);
+            let (hierarchy, order) = Hierarchy::new(&boxes);
+            let leaves: Vec<_> = hierarchy.leaves().collect();
+            assert!(leaves.iter().all(|leaf| leaf.len() <= WIDE));
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert!(
+                sorted.into_iter().eq(0..count as u32),
+                "each is in one leaf"
+            );
+            let mut number = numbers();
+            let mut directions: Vec<Vec3> = (0..200)
+                .map(|_| Vec3::new(number(), number(), number()).normalize())
+                .collect();
+            // Also along the axes, on either side of zero.
+            directions.extend([Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y, Vec3::Z, -Vec3::Z]);
+            for direction in directions {
+                let origin = 0.3 * Vec3::new(number(), number(), number());
+                let mut met = vec![false; count];
+                let mut stack = Vec::new();
+                dispatch!(Level::new(), simd => {
+                    let ray = Ray::new(simd, origin, direction, 0.0);
+                    hierarchy.enter(&mut stack);
+                    while let Some(leaf) = hierarchy.next_leaf(&ray, 2.0, &mut stack) {
+                        leaves[leaf].clone().for_each(|i| met[order[i] as usize] = true);
+                    }
+                });
+                for (found, each) in met.iter().zip(&boxes) {
+                    let [o, d] = [origin, direction].map(|v| v.as_dvec3().to_array());
+                    let (mut enter, mut leave) = (0f64, 2f64);
+                    for axis in 0..3 {
+                        let ends = [each.min, each.max].map(|corner| f64::from(corner[axis]));
+                        let [a, b] = ends.map(|end| (end - o[axis]) / d[axis]);
+                        (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+                    }
+                    // What it passes through by less than rounding, it may miss.
+                    assert!(*found || enter + 1e-5 > leave, "{direction} {each:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_in_order_hold_those_that_follow_until_they_end() {
+        for count in [0, 1, 9, 400] {
+            let (hierarchy, _) = Hierarchy::new(&boxes(count));
+            let all = hierarchy.boxes_in_order();
+            assert_eq!(all.len(), hierarchy.len());
+            let things: u32 = all.iter().map(|b| b.count).sum();
+            assert_eq!(things as usize, count);
+            for (i, outer) in all.iter().enumerate() {
+                let inside = &all[i + 1..outer.skip as usize];
+                assert_eq!(inside.is_empty(), outer.count > 0);
+                for b in inside {
+                    assert!(b.skip <= outer.skip);
+                    assert!(outer.min.cmple(b.min).all() && outer.max.cmpge(b.max).all());
+                }
+            }
+        }
+    }
 }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::directional::DirectionalBake;
 use super::patches::{DIRECTIONS, Hit, MOST_SURFELS, PATCHES, WORDS, directions};
 use super::sight::{Sight, is_met_on_back, sees};
-use super::trace::{MISS, PACKET, RayStart, RaySurfel, Tracer, by_neighborhood};
+use super::trace::{MISS, PACKET, RayStart, RaySurfel, Stack, Tracer, by_neighborhood};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 
@@ -229,7 +229,7 @@ impl Surroundings {
         open
     }
 
-    /// Closes, of rays of the object's surfels `of` to places at some distance, those that another object blocks; as many as a packet holds, in
+    /// Closes, of rays of the object's surfels `of` to places at some distance, those that another object blocks; [`PACKET`] at most, in
     /// the object's coordinates for rays.
     pub fn unblocked(
         &self,
@@ -237,7 +237,7 @@ impl Surroundings {
         of: &[u32],
         rays: &[(RayStart, Vec3, f32)],
         open: &mut [bool; PACKET],
-        stack: &mut Vec<u32>,
+        stack: &mut Stack,
     ) {
         for other in &self.others {
             let mut asked = Vec::new();

@@ -6,15 +6,14 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8};
 use glam::Vec3;
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::front::Fronts;
-pub use super::hierarchy::{BoxInOrder, PACKET};
-use super::hierarchy::{
-    Hierarchy, LEAST_FACING, Lanes, Toward, Ways, ellipse_box, lanes, meet_plane,
-};
+pub use super::hierarchy::{BoxInOrder, PACKET, Stack};
+use super::hierarchy::{Ellipses, Hierarchy, Ray, WIDE, Wide, ellipse_box};
 use super::scaled::ScaledObject;
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
@@ -24,7 +23,7 @@ use crate::surfels::SurfelCloud;
 /// No surfel: the ray left the object.
 pub const MISS: u32 = u32::MAX;
 
-/// Surfels whose rays are packed together.
+/// Surfels whose rays in one direction follow each other: they meet the same boxes, which are in the cache then.
 const NEIGHBORHOOD: usize = 16 * PACKET;
 
 /// A ray starts this many of its surfel's smaller standard deviations off the surface.
@@ -99,12 +98,21 @@ pub struct Disc {
     pub one_sided: bool,
 }
 
+/// The discs of a leaf, side by side.
+#[derive(Clone, Copy, Debug)]
+struct Discs {
+    ellipses: Ellipses,
+    surfel: [u32; WIDE],
+    /// The cosine of a ray from which on it leaves one that is seen from its front alone.
+    front: Wide,
+}
+
 /// The discs of an asset in a hierarchy of boxes.
 #[derive(Clone, Debug)]
 pub struct Tracer {
     hierarchy: Hierarchy,
-    /// Leaf by leaf.
-    pub discs: Vec<Disc>,
+    /// By leaf.
+    discs: Vec<Discs>,
     /// The surfels that rays start from. `[n]`
     pub surfels: Vec<RaySurfel>,
     /// Which side of each is its front.
@@ -117,7 +125,7 @@ pub struct Tracer {
     pub radius: f32,
 }
 
-/// What the rays of a packet met first.
+/// What some rays met first.
 #[derive(Clone, Copy, Debug)]
 pub struct Met {
     /// The surfel, or [`MISS`].
@@ -130,42 +138,6 @@ impl Met {
     /// Ray by ray.
     pub fn each(&self) -> impl Iterator<Item = (u32, f32)> {
         self.surfel.into_iter().zip(self.distance)
-    }
-}
-
-/// The origins of [`PACKET`] rays of one direction.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-struct Packet {
-    origin: [Lanes; 3],
-    /// Hits nearer than this do not count.
-    nearest: Lanes,
-    /// The same of discs that are left through their fronts.
-    stack: Lanes,
-}
-
-impl Packet {
-    /// At most [`PACKET`] rays; the last one fills what is left.
-    fn new(count: usize, start: impl Fn(usize) -> RayStart) -> Self {
-        let mut packet = Self {
-            origin: [[0.0; PACKET]; 3],
-            nearest: [0.0; PACKET],
-            stack: [0.0; PACKET],
-        };
-        for lane in 0..PACKET {
-            let start = start(lane.min(count - 1));
-            for axis in 0..3 {
-                packet.origin[axis][lane] = start.origin[axis];
-            }
-            packet.nearest[lane] = start.nearest;
-            packet.stack[lane] = start.stack;
-        }
-        packet
-    }
-
-    /// Those of the surfels `of`.
-    fn from_surfels(surfels: &[RaySurfel], of: &[u32], direction: Vec3) -> Self {
-        Self::new(of.len(), |i| surfels[of[i] as usize].start(direction))
     }
 }
 
@@ -194,11 +166,13 @@ impl Tracer {
         Self {
             center: object.center,
             radius: object.radius,
-            hierarchy,
-            discs: order
-                .iter()
-                .map(|i| disc(casting[*i as usize], &surfels))
+            discs: (hierarchy.leaves())
+                .map(|leaf| {
+                    let each = || order[leaf.clone()].iter().map(|i| casting[*i as usize]);
+                    Discs::of(each, &surfels)
+                })
                 .collect(),
+            hierarchy,
             order: neighborhood_order(&surfels.iter().map(|s| s.position).collect::<Vec<_>>()),
             surfels,
             fronts,
@@ -215,23 +189,38 @@ impl Tracer {
         self.hierarchy.boxes_in_order()
     }
 
+    /// The discs, leaf by leaf.
+    pub fn discs(&self) -> impl Iterator<Item = Disc> + '_ {
+        let surfels = self.discs.iter().flat_map(|discs| discs.surfel);
+        let surfels = surfels.filter(|i| *i != MISS);
+        surfels.map(|i| disc(i, &self.surfels))
+    }
+
+    /// How many there are.
+    pub fn disc_count(&self) -> usize {
+        self.hierarchy.things()
+    }
+
     /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it
     /// meets, which is quicker. `stack` is scratch.
-    pub fn hits(
-        &self,
-        of: &[u32],
-        direction: Vec3,
-        any: bool,
-        stack: &mut Vec<u32>,
-    ) -> [u32; PACKET] {
-        let packet = Packet::from_surfels(&self.surfels, of, direction);
-        walk(self, &packet, direction, any, stack).surfel
+    pub fn hits(&self, of: &[u32], direction: Vec3, any: bool, stack: &mut Stack) -> [u32; PACKET] {
+        let starts = of
+            .iter()
+            .map(|i| self.surfels[*i as usize].start(direction));
+        self.walk(starts.map(|start| (start, direction, f32::MAX)), any, stack)
+            .surfel
     }
 
     /// The same with how far away the surfels are that are met first.
-    pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Vec<u32>) -> Met {
-        let packet = Packet::from_surfels(&self.surfels, of, direction);
-        walk(self, &packet, direction, false, stack)
+    pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> Met {
+        let starts = of
+            .iter()
+            .map(|i| self.surfels[*i as usize].start(direction));
+        self.walk(
+            starts.map(|start| (start, direction, f32::MAX)),
+            false,
+            stack,
+        )
     }
 
     /// What rays towards a direction meet first, or at all, that start anywhere, in these coordinates; at most [`PACKET`].
@@ -240,27 +229,35 @@ impl Tracer {
         starts: &[RayStart],
         direction: Vec3,
         any: bool,
-        stack: &mut Vec<u32>,
+        stack: &mut Stack,
     ) -> Met {
-        let packet = Packet::new(starts.len(), |i| starts[i]);
-        walk(self, &packet, direction, any, stack)
+        let starts = starts.iter().copied();
+        self.walk(starts.map(|start| (start, direction, f32::MAX)), any, stack)
     }
 
     /// Which rays, [`PACKET`] at most, come to their ends without meeting a surfel: each starts somewhere, goes in a direction of its own (a unit
     /// vector), and ends at a distance; all in these coordinates.
-    pub fn unblocked(
+    pub fn unblocked(&self, rays: &[(RayStart, Vec3, f32)], stack: &mut Stack) -> [bool; PACKET] {
+        let met = self.walk(rays.iter().copied(), true, stack);
+        met.surfel.map(|surfel| surfel == MISS)
+    }
+
+    /// What rays meet first before their ends, or `any` of what they meet.
+    fn walk(
         &self,
-        rays: &[(RayStart, Vec3, f32)],
-        stack: &mut Vec<u32>,
-    ) -> [bool; PACKET] {
-        if rays.is_empty() {
-            return [true; PACKET];
-        }
-        let packet = Packet::new(rays.len(), |i| rays[i].0);
-        let ray = |lane: usize| &rays[lane.min(rays.len() - 1)];
-        let direction = std::array::from_fn(|axis| lanes(|lane| ray(lane).1[axis]));
-        let ends = lanes(|lane| ray(lane).2);
-        walk_to(self, &packet, &Ways::new(direction), ends, stack)
+        rays: impl Iterator<Item = (RayStart, Vec3, f32)>,
+        any: bool,
+        stack: &mut Stack,
+    ) -> Met {
+        let mut met = Met {
+            surfel: [MISS; PACKET],
+            distance: [f32::MAX; PACKET],
+        };
+        let found = met.surfel.iter_mut().zip(&mut met.distance);
+        dispatch!(Level::new(), simd => for ((surfel, distance), ray) in found.zip(rays) {
+            (*surfel, *distance) = first(simd, self, ray, any, stack);
+        });
+        met
     }
 
     /// A ball that holds where the rays of some surfels start: its middle and its radius, in these coordinates.
@@ -306,7 +303,7 @@ impl Tracer {
     }
 }
 
-/// Works on things of which neighbours follow each other, those together whose rays are packed together.
+/// Works on things of which neighbours follow each other, those together whose rays follow each other.
 ///
 /// # Errors
 /// [`Error::Cancelled`] when `progress` asked for it.
@@ -351,95 +348,73 @@ fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn walk(tracer: &Tracer, packet: &Packet, d: Vec3, any: bool, stack: &mut Vec<u32>) -> Met {
-    let toward = Toward::new(d);
-    let mut farthest: Lanes = [f32::MAX; PACKET];
-    let mut hit = [MISS; PACKET];
-    let hierarchy = &tracer.hierarchy;
-    hierarchy.enter(stack);
-    while let Some(discs) = hierarchy.next_leaf(&packet.origin, &toward, &farthest, stack) {
-        for disc in &tracer.discs[discs] {
-            let facing = disc.normal.dot(d);
-            if facing.abs() < LEAST_FACING {
-                continue;
-            }
-            let leaves = disc.one_sided && facing > 0.0;
-            let ellipse = (disc.center, disc.normal, disc.inverse_axes);
-            let (t, outside) = meet_plane(&packet.origin, d, facing, ellipse);
-            for i in 0..PACKET {
-                let nearest = if leaves {
-                    packet.stack[i]
-                } else {
-                    packet.nearest[i]
-                };
-                let met = (outside[i] <= 1.0) & (t[i] > nearest) & (t[i] < farthest[i]);
-                // A ray that has met anything is done: no box is nearer than its start.
-                let end = if any { -1.0 } else { t[i] };
-                farthest[i] = if met { end } else { farthest[i] };
-                hit[i] = if met { disc.surfel } else { hit[i] };
-            }
+impl Discs {
+    fn of<I: Iterator<Item = u32>>(each: impl Fn() -> I, surfels: &[RaySurfel]) -> Self {
+        let discs = || each().map(|i| disc(i, surfels));
+        let mut all = Self {
+            ellipses: Ellipses::new(discs().map(|d| (d.center, d.normal, d.inverse_axes))),
+            surfel: [MISS; WIDE],
+            front: [f32::INFINITY; WIDE],
+        };
+        for (k, disc) in discs().enumerate() {
+            all.surfel[k] = disc.surfel;
+            all.front[k] = if disc.one_sided { 0.0 } else { f32::INFINITY };
         }
-    }
-    Met {
-        surfel: hit,
-        distance: farthest,
+        all
     }
 }
 
-/// Which rays come to their ends.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn walk_to(
+/// What a ray meets first before its end, or `any` of what it meets, and how far away that is.
+#[inline(always)]
+fn first<S: Simd>(
+    simd: S,
     tracer: &Tracer,
-    packet: &Packet,
-    ways: &Ways,
-    mut farthest: Lanes,
-    stack: &mut Vec<u32>,
-) -> [bool; PACKET] {
-    let mut open = [true; PACKET];
-    let ([ox, oy, oz], [dx, dy, dz]) = (&packet.origin, &ways.direction);
+    (start, direction, mut end): (RayStart, Vec3, f32),
+    any: bool,
+    stack: &mut Stack,
+) -> (u32, f32) {
     let hierarchy = &tracer.hierarchy;
+    let ray = Ray::new(simd, start.origin, direction, start.nearest);
+    let [nearest, behind_stack, none, one] =
+        [start.nearest, start.stack, f32::INFINITY, 1.0].map(|v| f32x8::splat(simd, v));
+    let mut hit = MISS;
     hierarchy.enter(stack);
-    while let Some(discs) = hierarchy.next_leaf_on(&packet.origin, ways, &farthest, stack) {
-        for disc in &tracer.discs[discs] {
-            let (c, n, [a, b]) = (disc.center, disc.normal, disc.inverse_axes);
-            let (cn, ca, cb) = (c.dot(n), c.dot(a), c.dot(b));
-            for i in 0..PACKET {
-                let facing = n.x * dx[i] + n.y * dy[i] + n.z * dz[i];
-                let t = (cn - (ox[i] * n.x + oy[i] * n.y + oz[i] * n.z)) / facing;
-                let [x, y, z] = [ox[i] + t * dx[i], oy[i] + t * dy[i], oz[i] + t * dz[i]];
-                let u = x * a.x + y * a.y + z * a.z - ca;
-                let v = x * b.x + y * b.y + z * b.z - cb;
-                let leaves = disc.one_sided & (facing > 0.0);
-                let nearest = if leaves {
-                    packet.stack[i]
-                } else {
-                    packet.nearest[i]
-                };
-                let met = (facing.abs() >= LEAST_FACING)
-                    & (u * u + v * v <= 1.0)
-                    & (t > nearest)
-                    & (t < farthest[i]);
-                // A ray that has met anything is done: no box is nearer than its start.
-                farthest[i] = if met { -1.0 } else { farthest[i] };
-                open[i] &= !met;
+    while let Some(leaf) = hierarchy.next_leaf(&ray, end, stack) {
+        let discs = &tracer.discs[leaf];
+        let meeting = discs.ellipses.meet(&ray);
+        let front = simd.load_array_ref_f32x8(&discs.front);
+        let leaves = meeting.facing.simd_gt(front);
+        let nearest = simd.select_f32x8(leaves, behind_stack, nearest);
+        let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
+        let met = simd.select_f32x8(counts, meeting.distance, none);
+        if !met.simd_lt(end).any_true() {
+            continue;
+        }
+        let met: [f32; WIDE] = met.into();
+        for (distance, surfel) in met.into_iter().zip(discs.surfel) {
+            if distance < end {
+                (hit, end) = (surfel, distance);
             }
         }
+        if any {
+            break;
+        }
     }
-    open
+    (hit, end)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::bake::directional::DirectionalBake;
+    use crate::bake::hierarchy::LEAST_FACING;
     use crate::progress::no_progress;
     use crate::synthetic;
 
     /// Whether a ray comes to its end, by every disc in turn.
     fn comes_to_its_end(tracer: &Tracer, (start, d, distance): &(RayStart, Vec3, f32)) -> bool {
         let (o, d) = (start.origin.as_dvec3(), d.as_dvec3());
-        tracer.discs.iter().all(|disc| {
+        tracer.discs().all(|disc| {
             let (c, n) = (disc.center.as_dvec3(), disc.normal.as_dvec3());
             let facing = n.dot(d);
             let leaves = disc.one_sided && facing > 0.0;

@@ -1,12 +1,17 @@
 //! How much of a surfel is seen from a direction: what the surfels between let through, as the camera sees them, translucent and soft.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8, u32x8};
 use glam::{Vec2, Vec3};
 use multiversion::multiversion;
 use obvhs::aabb::Aabb;
 
-use super::hierarchy::{Hierarchy, LEAST_FACING, Lanes, PACKET, Toward, ellipse_box, meet_plane};
+use super::hierarchy::{
+    Ellipses, Hierarchy, LEAST_FACING, PACKET, Ray, Stack, WIDE, Wide, ellipse_box,
+};
 use super::scaled::ScaledObject;
 use crate::morton::neighborhood_order;
 use crate::surfels::SurfelCloud;
@@ -59,8 +64,32 @@ pub(super) struct Veils {
 #[derive(Debug)]
 struct Boxes {
     hierarchy: Hierarchy,
-    /// Which they are, leaf by leaf.
-    veils: Vec<Veil>,
+    /// By leaf.
+    leaves: Vec<Leaf>,
+}
+
+/// The surfels of a leaf, side by side.
+#[derive(Debug)]
+struct Leaf {
+    ellipses: Ellipses,
+    opacity: Wide,
+    reach_squared: Wide,
+    surfel: [u32; WIDE],
+}
+
+impl Leaf {
+    fn of(veils: &[&Veil]) -> Self {
+        let of = |value: fn(&Veil) -> f32| {
+            std::array::from_fn(|k| veils.get(k).map_or(0.0, |veil| value(veil)))
+        };
+        let each = veils.iter().map(|v| (v.center, v.normal, v.inverse_axes));
+        Self {
+            ellipses: Ellipses::new(each),
+            opacity: of(|veil| veil.opacity),
+            reach_squared: of(|veil| veil.reach_squared),
+            surfel: std::array::from_fn(|k| veils.get(k).map_or(0, |veil| veil.surfel)),
+        }
+    }
 }
 
 impl Veils {
@@ -101,22 +130,24 @@ impl Veils {
                 .map(|veil| (veil, ellipse_box(veil.center, veil.half_axes())))
                 .unzip();
             let (hierarchy, order) = Hierarchy::new(&boxes);
-            Boxes {
-                hierarchy,
-                veils: order.iter().map(|i| *all[*i as usize]).collect(),
-            }
+            let leaf = |things: Range<usize>| {
+                let veils = order[things].iter().map(|i| all[*i as usize]);
+                Leaf::of(&veils.collect::<Vec<_>>())
+            };
+            let leaves = hierarchy.leaves().map(leaf).collect();
+            Boxes { hierarchy, leaves }
         })
     }
 
     /// What of the light from a direction far away reaches the centres of the surfels `of`, at most [`PACKET`], 0 to 1. `stack` is scratch.
-    pub fn transmittance(
-        &self,
-        of: &[u32],
-        direction: Vec3,
-        stack: &mut Vec<u32>,
-    ) -> [f32; PACKET] {
-        let of = std::array::from_fn(|lane| of[lane.min(of.len() - 1)]);
-        transmittance(self, self.boxes(), &of, direction, stack)
+    pub fn transmittance(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> [f32; PACKET] {
+        let boxes = self.boxes();
+        let mut through = [1.0; PACKET];
+        dispatch!(Level::new(), simd => for (through, i) in through.iter_mut().zip(of) {
+            let from = (*i, self.positions[*i as usize]);
+            *through = transmittance(simd, boxes, from, direction, stack);
+        });
+        through
     }
 }
 
@@ -247,43 +278,41 @@ fn falloff(off: f32) -> f32 {
     falloff
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma", "aarch64+neon"))]
-fn transmittance(
-    veils: &Veils,
-    boxes: &Boxes,
-    of: &[u32; PACKET],
-    d: Vec3,
-    stack: &mut Vec<u32>,
-) -> [f32; PACKET] {
-    let mut origin = [[0f32; PACKET]; 3];
-    for lane in 0..PACKET {
-        for axis in 0..3 {
-            origin[axis][lane] = veils.positions[of[lane] as usize][axis];
-        }
-    }
-    let toward = Toward::new(d);
-    let mut farthest: Lanes = [f32::MAX; PACKET];
-    let mut through = [1f32; PACKET];
-    let hierarchy = &boxes.hierarchy;
+/// What is left of the light from a direction at a surfel.
+#[inline(always)]
+fn transmittance<S: Simd>(
+    simd: S,
+    Boxes { hierarchy, leaves }: &Boxes,
+    (surfel, position): (u32, Vec3),
+    direction: Vec3,
+    stack: &mut Stack,
+) -> f32 {
+    let ray = Ray::new(simd, position, direction, 0.0);
+    let [zero, one] = [0.0, 1.0].map(|v| f32x8::splat(simd, v));
+    let own = u32x8::splat(simd, surfel);
+    let mut through = 1.0;
     hierarchy.enter(stack);
-    while let Some(inside) = hierarchy.next_leaf(&origin, &toward, &farthest, stack) {
-        for veil in &boxes.veils[inside] {
-            let facing = veil.normal.dot(d);
-            if facing.abs() < LEAST_FACING {
-                continue;
-            }
-            let ellipse = (veil.center, veil.normal, veil.inverse_axes);
-            let (t, off) = meet_plane(&origin, d, facing, ellipse);
-            for i in 0..PACKET {
-                let met = (off[i] <= veil.reach_squared) & (t[i] > 0.0) & (of[i] != veil.surfel);
-                through[i] *= 1.0
-                    - if met {
-                        veil.opacity * falloff(off[i])
-                    } else {
-                        0.0
-                    };
-                farthest[i] = if through[i] < DARK { -1.0 } else { farthest[i] };
-            }
+    while let Some(leaf) = hierarchy.next_leaf(&ray, f32::MAX, stack) {
+        let leaf = &leaves[leaf];
+        let meeting = leaf.ellipses.meet(&ray);
+        let reach = simd.load_array_ref_f32x8(&leaf.reach_squared);
+        let others = !simd.load_array_ref_u32x8(&leaf.surfel).simd_eq(own);
+        let met = meeting.off.simd_le(reach)
+            & meeting.distance.simd_gt(zero)
+            & meeting.distance.simd_lt(f32::MAX)
+            & others;
+        if !met.any_true() {
+            continue;
+        }
+        let mut falloff = one - meeting.off * (1.0 / 32.0);
+        for _ in 0..4 {
+            falloff = falloff * falloff;
+        }
+        let blocked = simd.load_array_ref_f32x8(&leaf.opacity) * falloff;
+        let left: [f32; WIDE] = (one - simd.select_f32x8(met, blocked, zero)).into();
+        through *= left.into_iter().product::<f32>();
+        if through < DARK {
+            break;
         }
     }
     through

@@ -13,7 +13,7 @@ use super::met::Met;
 use super::rays::Rays;
 use crate::bake::patches::PATCHES;
 use crate::bake::surroundings::Surroundings;
-use crate::bake::trace::{PACKET, RayStart, Tracer};
+use crate::bake::trace::{PACKET, RayStart, Stack, Tracer};
 use crate::environment::{Beam, Emitter, FEW, MAX_SUNS, MOST_LIGHTS, MOST_PARTS, Shape};
 
 /// Each may be mirrored in as many rays as it has parts.
@@ -282,7 +282,7 @@ struct Scratch {
     rays: Vec<(RayStart, Vec3, f32)>,
     /// Which of the packet they are of, on which side, with what they count.
     whose: Vec<(usize, usize, f32, f32)>,
-    stack: Vec<u32>,
+    stack: Stack,
 }
 
 /// Which rays nothing blocks.
