@@ -1,6 +1,6 @@
 //! An asset's discs in their boxes on the GPU, for `shared/trace.wgsl`.
 
-use transplat_core::bake::trace::Tracer;
+use transplat_core::bake::trace::{BoxInOrder, Tracer};
 use wgpu::BufferUsages;
 
 use crate::context::{Context, Result};
@@ -34,6 +34,12 @@ pub(crate) struct ResidentTracer {
     pub box_count: usize,
 }
 
+/// The first disc of a box, and in the upper bits how many.
+fn packed(b: &BoxInOrder) -> u32 {
+    debug_assert!(b.first < 1 << 28 && b.count < 16);
+    b.first | b.count << 28
+}
+
 impl ResidentTracer {
     /// Checks that there is room for it.
     pub fn check_fits(context: &Context, tracer: &Tracer) -> Result<()> {
@@ -50,7 +56,7 @@ impl ResidentTracer {
                 low: b.min.to_array(),
                 skip: b.skip,
                 high: b.max.to_array(),
-                discs: b.first | b.count << 28,
+                discs: packed(b),
             })
             .collect();
         let discs: Vec<TraceDisc> = tracer

@@ -87,7 +87,7 @@ pub enum Command {
         after_help = "Example:\n  transplat light rig.json -o rig.hdr\n\nThe environment is an equirectangular map, as --target and other programs take it. Distant lights are in it as they are; what is near has there the direction and the strength that it has at one place."
     )]
     Light(PanoramaArgs),
-    /// Tell what a splat, environment, bake or look holds, and what is odd about it.
+    /// Tell what a splat, environment, bake, look, rig or table of colours holds, and what is odd about it.
     #[command(after_help = "Example:\n  transplat info knot.ply")]
     Info(InfoArgs),
     /// Measure error against run time of all settings, extreme cases, and presets and terms against path-traced truth: a page with plots.
@@ -549,7 +549,7 @@ impl ReportArgs {
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// A splat, environment, bake or look
+    /// A splat, environment, bake, look, rig or table of colours
     pub file: PathBuf,
     /// Of a splat, what it tells of the light it was captured under (takes as long as a bake)
     #[arg(long)]

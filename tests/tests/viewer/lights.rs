@@ -243,7 +243,7 @@ fn rigs_are_taken_opened_and_saved() {
     d.after(|v| v.session.open_rig(&splat));
     let session = &d.viewer().session;
     let last = session.messages.last().expect("a message");
-    assert!(last.is_error && last.text.contains("not a rig"));
+    assert!(last.is_error && last.text.contains("no rig"));
     assert_eq!(told(&session.scene.lights), told(&scene.lights));
     // Alone on the command line, it lights the bundled scene.
     let alone = Startup {

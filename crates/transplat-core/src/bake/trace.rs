@@ -60,7 +60,7 @@ pub struct RayStart {
     pub origin: Vec3,
     /// Hits nearer than this do not count.
     pub nearest: f32,
-    /// The same of discs that are left through their fronts.
+    /// The same of discs that are left through their fronts, no nearer.
     pub stack: f32,
 }
 
@@ -168,8 +168,10 @@ impl Tracer {
             radius: object.radius,
             discs: (hierarchy.leaves())
                 .map(|leaf| {
-                    let each = || order[leaf.clone()].iter().map(|i| casting[*i as usize]);
-                    Discs::of(each, &surfels)
+                    let discs = order[leaf]
+                        .iter()
+                        .map(|i| disc(casting[*i as usize], &surfels));
+                    Discs::of(&discs.collect::<Vec<_>>())
                 })
                 .collect(),
             hierarchy,
@@ -204,23 +206,16 @@ impl Tracer {
     /// The surfel that a ray from each of the surfels `of` (at most [`PACKET`]) meets first, or [`MISS`]; `any`: any surfel that it
     /// meets, which is quicker. `stack` is scratch.
     pub fn hits(&self, of: &[u32], direction: Vec3, any: bool, stack: &mut Stack) -> [u32; PACKET] {
-        let starts = of
-            .iter()
-            .map(|i| self.surfels[*i as usize].start(direction));
-        self.walk(starts.map(|start| (start, direction, f32::MAX)), any, stack)
-            .surfel
+        let starts = of.iter().map(|i| &self.surfels[*i as usize]);
+        let rays = starts.map(|surfel| (surfel.start(direction), direction, f32::MAX));
+        self.walk(rays, any, stack).surfel
     }
 
     /// The same with how far away the surfels are that are met first.
     pub fn met(&self, of: &[u32], direction: Vec3, stack: &mut Stack) -> Met {
-        let starts = of
-            .iter()
-            .map(|i| self.surfels[*i as usize].start(direction));
-        self.walk(
-            starts.map(|start| (start, direction, f32::MAX)),
-            false,
-            stack,
-        )
+        let starts = of.iter().map(|i| &self.surfels[*i as usize]);
+        let rays = starts.map(|surfel| (surfel.start(direction), direction, f32::MAX));
+        self.walk(rays, false, stack)
     }
 
     /// What rays towards a direction meet first, or at all, that start anywhere, in these coordinates; at most [`PACKET`].
@@ -349,18 +344,15 @@ fn disc(i: u32, surfels: &[RaySurfel]) -> Disc {
 }
 
 impl Discs {
-    fn of<I: Iterator<Item = u32>>(each: impl Fn() -> I, surfels: &[RaySurfel]) -> Self {
-        let discs = || each().map(|i| disc(i, surfels));
-        let mut all = Self {
-            ellipses: Ellipses::new(discs().map(|d| (d.center, d.normal, d.inverse_axes))),
-            surfel: [MISS; WIDE],
-            front: [f32::INFINITY; WIDE],
-        };
-        for (k, disc) in discs().enumerate() {
-            all.surfel[k] = disc.surfel;
-            all.front[k] = if disc.one_sided { 0.0 } else { f32::INFINITY };
+    fn of(discs: &[Disc]) -> Self {
+        let each = discs.iter().map(|d| (d.center, d.normal, d.inverse_axes));
+        let is_one_sided = |k: usize| discs.get(k).is_some_and(|d| d.one_sided);
+        let front = |k| if is_one_sided(k) { 0.0 } else { f32::INFINITY };
+        Self {
+            ellipses: Ellipses::new(each),
+            surfel: std::array::from_fn(|k| discs.get(k).map_or(MISS, |d| d.surfel)),
+            front: std::array::from_fn(front),
         }
-        all
     }
 }
 
@@ -383,8 +375,8 @@ fn first<S: Simd>(
         let discs = &tracer.discs[leaf];
         let meeting = discs.ellipses.meet(&ray);
         let front = simd.load_array_ref_f32x8(&discs.front);
-        let leaves = meeting.facing.simd_gt(front);
-        let nearest = simd.select_f32x8(leaves, behind_stack, nearest);
+        let from_behind = meeting.facing.simd_gt(front);
+        let nearest = simd.select_f32x8(from_behind, behind_stack, nearest);
         let counts = meeting.distance.simd_gt(nearest) & meeting.off.simd_le(one);
         let met = simd.select_f32x8(counts, meeting.distance, none);
         if !met.simd_lt(end).any_true() {

@@ -1,6 +1,6 @@
 //! How much of a surfel is seen from a direction: what the surfels between let through, as the camera sees them, translucent and soft.
 
-use std::ops::Range;
+use std::ops::{Mul, Range, Sub};
 use std::sync::OnceLock;
 
 use fearless_simd::prelude::*;
@@ -258,7 +258,7 @@ fn blend(
                     let met = off <= veil.reach_squared;
                     *left *= 1.0
                         - if met {
-                            veil.opacity * falloff(off)
+                            veil.opacity * falloff(1.0, off)
                         } else {
                             0.0
                         };
@@ -268,12 +268,15 @@ fn blend(
     }
 }
 
-/// exp(-off / 2) to 2 % of the peak, without the exponential.
+/// exp(-off / 2) to 2 % of the peak, without the exponential; of one or of several.
 #[inline(always)]
-fn falloff(off: f32) -> f32 {
-    let mut falloff = 1.0 - off * (1.0 / 32.0);
+fn falloff<T: Copy + Mul<Output = T> + Mul<f32, Output = T> + Sub<Output = T>>(
+    one: T,
+    off: T,
+) -> T {
+    let mut falloff = one - off * (1.0 / 32.0);
     for _ in 0..4 {
-        falloff *= falloff;
+        falloff = falloff * falloff;
     }
     falloff
 }
@@ -299,16 +302,13 @@ fn transmittance<S: Simd>(
         let others = !simd.load_array_ref_u32x8(&leaf.surfel).simd_eq(own);
         let met = meeting.off.simd_le(reach)
             & meeting.distance.simd_gt(zero)
-            & meeting.distance.simd_lt(f32::MAX)
+            // It is faced.
+            & meeting.distance.simd_lt(f32::INFINITY)
             & others;
         if !met.any_true() {
             continue;
         }
-        let mut falloff = one - meeting.off * (1.0 / 32.0);
-        for _ in 0..4 {
-            falloff = falloff * falloff;
-        }
-        let blocked = simd.load_array_ref_f32x8(&leaf.opacity) * falloff;
+        let blocked = simd.load_array_ref_f32x8(&leaf.opacity) * falloff(one, meeting.off);
         let left: [f32; WIDE] = (one - simd.select_f32x8(met, blocked, zero)).into();
         through *= left.into_iter().product::<f32>();
         if through < DARK {

@@ -117,7 +117,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
             return Err(Error::invalid(
                 path,
                 format!(
-                    "{what}; it opens splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks and tables of colours (.cube)"
+                    "{what}; it opens splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks, rigs of lights and tables of colours (.cube)"
                 ),
             ));
         }
@@ -131,7 +131,8 @@ struct Known {
     meshes: Option<IgnoredAny>,
     means: Option<IgnoredAny>,
     quats: Option<IgnoredAny>,
-    lights: Option<IgnoredAny>,
+    #[serde(default, deserialize_with = "named")]
+    lights: bool,
     #[serde(default, deserialize_with = "named")]
     environment: bool,
     version: Option<IgnoredAny>,
@@ -161,7 +162,7 @@ fn kind_of_json(path: &Path) -> Result<FileKind> {
             lights,
             environment,
             ..
-        }) if lights.is_some() || environment => FileKind::Rig,
+        }) if lights || environment => FileKind::Rig,
         _ => FileKind::Look,
     })
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::kind::{FileKind, file_kind};
 use super::read::read_all;
 use super::write::{folder_of, write_atomically};
 use crate::camera::CameraPose;
@@ -275,6 +276,10 @@ pub fn save_rig(path: &Path, rig: &Rig) -> error::Result<()> {
 /// # Errors
 /// The file cannot be read, is no look, or a setting is out of range.
 pub fn load_look(path: &Path) -> error::Result<Scene> {
+    if file_kind(path).is_ok_and(|kind| kind == FileKind::Rig) {
+        let message = "a rig of lights, where a look is expected (--rig takes it)";
+        return Err(Error::invalid(path, message));
+    }
     let scene = parse(&read_all(path, 1 << 24)?).map_err(|e| Error::invalid(path, e))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     // Without `..` where it can be: a path is compared with others.
@@ -304,11 +309,13 @@ pub fn look_text(scene: &Scene) -> Result<String, String> {
 
 fn parse(text: &[u8]) -> Result<Scene, String> {
     let look: Look = serde_json::from_slice(text).map_err(|e| {
-        let neither = "neither a look nor a rig, which names \"lights\" or \"environment\"";
+        // Most looks that are written by a program have one.
         let is_versioned = serde_json::from_slice(text)
             .is_ok_and(|value: serde_json::Value| value.get("version").is_some());
-        let what = if is_versioned { "not a look" } else { neither };
-        format!("{what}: {e}")
+        match is_versioned {
+            true => format!("not a look: {e}"),
+            false => format!("neither a look nor a rig of lights: {e}"),
+        }
     })?;
     let version = look.version;
     if !(1..=LOOK_VERSION).contains(&version) {

@@ -194,10 +194,23 @@ impl Animation {
             time,
             ..key.clone()
         };
-        match (after.checked_sub(1), self.keys.get(after)) {
-            (Some(before), Some(next)) => Some(self.keys[before].between(next, time)),
-            (Some(last), None) => Some(held(&self.keys[last])),
-            (None, next) => next.map(held),
+        let light = match (after.checked_sub(1), self.keys.get(after)) {
+            (Some(before), Some(next)) => self.keys[before].between(next, time),
+            (Some(last), None) => held(&self.keys[last]),
+            (None, next) => held(next?),
+        };
+        let sun = self.sun_at(time);
+        Some(LightKey { sun, ..light })
+    }
+
+    /// Where the sun stands at a time, by those keys that tell: one that was set under another light does not.
+    fn sun_at(&self, time: f64) -> Option<Sun> {
+        let told = || self.keys.iter().filter(|key| key.sun.is_some());
+        let before = told().rfind(|key| key.time <= time);
+        let next = told().find(|key| key.time > time);
+        match (before, next) {
+            (Some(before), Some(next)) => before.between(next, time).sun,
+            (only, none) => only.or(none)?.sun,
         }
     }
 
@@ -297,6 +310,33 @@ mod tests {
         animation.keys[0].ease = Ease::Smooth;
         let at = |time: f64| wrap(animation.at(time).expect("it has keys").rotation - 170.0);
         assert!((at(1.0) - 10.0).abs() < 1e-9 && at(0.2) < 1.0 && at(1.8) > 19.0);
+    }
+
+    /// Keys that were set under another light know no sun: where it stands those tell that do.
+    #[test]
+    fn the_sun_stands_where_the_keys_that_know_it_say() {
+        let mut animation = Animation::default();
+        let up = |elevation| {
+            Some(Sun::At {
+                azimuth: 0.0,
+                elevation,
+            })
+        };
+        for (time, sun) in [
+            (0.0, None),
+            (1.0, up(10.0)),
+            (2.0, None),
+            (3.0, up(30.0)),
+            (4.0, None),
+        ] {
+            let key = key(time, 0.0, &[]);
+            animation.set(LightKey { sun, ..key });
+        }
+        for (time, elevation) in [(0.5, 10.0), (1.5, 15.0), (2.0, 20.0), (4.0, 30.0)] {
+            let sun = animation.at(time).and_then(|light| light.sun);
+            let found = sun.expect("a key tells").angles()[1];
+            assert!((found - elevation).abs() < 1e-9, "{time}: {found}");
+        }
     }
 
     /// Lights that come and go keep their keys; a light that a key does not know is as the other has it.

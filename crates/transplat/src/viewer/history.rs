@@ -1,10 +1,10 @@
 //! What was done, step by step, to go back to.
 
-use super::language::{tr, tr_format, tr_later};
-use std::cmp::Ordering;
 use transplat_core::files::look_text;
-
 use transplat_core::scene::{FixedTo, Light, Object, Scene};
+
+use super::language::{tr, tr_format, tr_later};
+use super::rigging::called;
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.
 pub const STEP_S: f64 = 1.0;
@@ -282,24 +282,24 @@ fn changes(before: &Scene, after: &Scene) -> String {
 
 /// Which lights of one's own are others, and in what.
 fn changed_lights(before: &[Light], after: &[Light]) -> Vec<String> {
-    let only_in = |these: &[Light], others: &[Light]| {
-        let only = these.iter().find(|light| !others.contains(light));
-        only.map_or_else(String::new, |light| light.name.clone())
+    // The one more that the first list has, if the others are all in the second, in their order.
+    let one_more = |these: &[Light], others: &[Light]| {
+        let same = these.iter().zip(others).take_while(|(a, b)| a == b).count();
+        let rest = these.get(same + 1..)?;
+        (rest == &others[same..]).then(|| called(&these[same]).to_owned())
     };
-    match before.len().cmp(&after.len()) {
-        Ordering::Less => {
-            let name = only_in(after, before);
-            return vec![tr_format!("{name}: added", name = name)];
-        }
-        Ordering::Greater => {
-            let name = only_in(before, after);
-            return vec![tr_format!("{name}: removed", name = name)];
-        }
-        Ordering::Equal => {}
+    if let Some(name) = one_more(after, before) {
+        return vec![tr_format!("{name}: added", name = name)];
+    }
+    if let Some(name) = one_more(before, after) {
+        return vec![tr_format!("{name}: removed", name = name)];
+    }
+    if before.len() != after.len() {
+        return vec![tr("lights of your own").into()];
     }
     let pairs = before.iter().zip(after).filter(|(a, b)| a != b);
     pairs
-        .map(|(a, b)| format!("{}: {}", b.name, changed_in_light(a, b)))
+        .map(|(a, b)| format!("{}: {}", called(b), changed_in_light(a, b)))
         .collect()
 }
 
@@ -309,7 +309,8 @@ fn changed_in_light(before: &Light, after: &Light) -> String {
     if before.on != after.on {
         tr(if after.on { "on" } else { "off" }).into()
     } else if before.solo != after.solo {
-        tr("solo").into()
+        let [yes, no] = [tr("solo"), tr("no longer solo")];
+        if after.solo { yes } else { no }.into()
     } else if before.strength != after.strength {
         tr_format!("strength {stops}", stops = number(after.strength))
     } else if (before.tint, before.kelvin) != (after.tint, after.kelvin) {
@@ -508,6 +509,7 @@ mod tests {
         let one = |set: &dyn Fn(&mut Light)| {
             let mut lights = [DVec3::X, DVec3::Y].map(light);
             lights[1].name = "key".into();
+            lights[0].name.clear();
             set(&mut lights[1]);
             lights.to_vec()
         };
@@ -520,7 +522,9 @@ mod tests {
             (one(&|l| l.strength = 1.5), "key: strength 1.5"),
             (one(&|l| l.on = false), "key: off"),
             (one(&|l| l.source.put(-DVec3::X, DVec3::ZERO)), "key: moved"),
-            (both[1..].to_vec(), ": removed"),
+            (both[..1].to_vec(), "key: removed"),
+            (both[1..].to_vec(), "spot light: removed"),
+            (Vec::new(), "lights of your own"),
         ] {
             assert_eq!(changes(&lit(both.clone()), &lit(lights)), said);
         }

@@ -23,6 +23,9 @@ use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
 use crate::words::milliseconds;
 
+/// Points across a ball in the corner.
+const BALL_SIZE: f32 = 46.0;
+
 /// How long a message stays that is no error, in seconds.
 const MESSAGE_S: f32 = 7.0;
 
@@ -267,13 +270,13 @@ impl Viewer {
                             [(&probe.grey, tr("Grey")), (&probe.mirror, tr("Mirror"))]
                         {
                             let image = egui::Image::new(texture)
-                                .fit_to_exact_size(egui::vec2(46.0, 46.0))
+                                .fit_to_exact_size(egui::vec2(BALL_SIZE, BALL_SIZE))
                                 .sense(egui::Sense::drag());
                             let ball = tr_format!("{ball} ball {name}", ball = ball, name = name);
                             let response = ui.add(image).on_hover_cursor(egui::CursorIcon::Grab);
                             named(&response, egui::Role::Image, ball);
                             // What mirrors nothing is a ball, too.
-                            let (center, radius) = (response.rect.center(), 23.0);
+                            let (center, radius) = (response.rect.center(), 0.5 * BALL_SIZE);
                             let rim = (0.5, Color32::from_gray(120));
                             ui.painter().circle_stroke(center, radius, rim);
                             let tip = tr("Drag: turns and tilts the light.");

@@ -8,7 +8,7 @@ use glam::{Affine3A, DMat3, DQuat, DVec3, Vec3};
 use transplat_core::camera::{Camera, CameraPose};
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::environment::MOST_LIGHTS;
-use transplat_core::files::{load_rig, save_rig, write_environment};
+use transplat_core::files::{FileKind, file_kind, load_rig, save_rig, write_environment};
 use transplat_core::scene::{
     Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, is_even,
 };
@@ -32,6 +32,14 @@ pub fn kind_name(kind: LightKind) -> &'static str {
         LightKind::Rect => tr_later("soft box"),
         LightKind::Disc => tr_later("round soft box"),
     })
+}
+
+/// How a light is called: by its name, or else its kind.
+pub fn called(light: &Light) -> &str {
+    match light.name.is_empty() {
+        true => kind_name(light.source.kind()),
+        false => &light.name,
+    }
 }
 
 /// The rigs to begin with.
@@ -181,6 +189,12 @@ impl Session {
 
     /// Opens a rig's file.
     pub fn open_rig(&mut self, path: &Path) {
+        // Of what is neither a rig nor anything else it is told why.
+        let is_other = |kind| !matches!(kind, FileKind::Rig | FileKind::Look);
+        if file_kind(path).is_ok_and(is_other) {
+            let why = tr("is no rig of lights, which is asked for here");
+            return self.error(format!("{}: {why}", path.display()));
+        }
         match load_rig(path) {
             Ok(rig) => {
                 self.opened.push(path.to_owned());

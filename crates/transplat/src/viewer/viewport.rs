@@ -314,7 +314,7 @@ impl Viewport {
         if held != Some(Gesture::LightHandle) {
             self.lights.let_go();
         }
-        if has_placed && !self.has_met {
+        if has_placed && !self.has_met && self.placing != Some(Placing::Shadow) {
             session.info(tr("nothing of the objects is there: click or drag on one"));
         }
         if (has_placed && self.has_met) || ui.input(|i| i.key_pressed(Key::Escape)) {
@@ -396,23 +396,26 @@ impl Viewport {
         let Some(at) = session.chosen_light() else {
             return;
         };
-        self.has_met |= self.picked(session, from).is_some();
-        match self.placing {
+        let was_met = match self.placing {
             Some(Placing::Aim) => self.aim(session, at, to),
             Some(Placing::Highlight) => {
-                if let Some([there, toward]) = self.mirrored_at(session, to) {
+                let found = self.mirrored_at(session, to);
+                if let Some([there, toward]) = found {
                     session.put_light(at, there, toward.normalize_or(DVec3::Z), 0.0);
                 }
+                // What is there and not baked yet was told.
+                found.is_some() || self.picked(session, to).is_some()
             }
             Some(Placing::Shadow) => self.cast_shadow(session, at, from, to),
-            None => {}
-        }
+            None => false,
+        };
+        self.has_met |= was_met;
     }
 
-    /// Points a light at what is at a point of the window.
-    fn aim(&self, session: &mut Session, light: usize, at: Pos2) {
+    /// Points a light at what is at a point of the window, if anything is.
+    fn aim(&self, session: &mut Session, light: usize, at: Pos2) -> bool {
         let Some((_, pick)) = self.picked(session, at) else {
-            return;
+            return false;
         };
         let there = session.world_from_scene() * pick.position.as_dvec3();
         let source = &mut session.scene.lights[light].source;
@@ -420,6 +423,7 @@ impl Viewport {
             Some(position) => source.put(position, there),
             None => session.info(tr("a sun shines everywhere alike, and has no aim")),
         }
+        true
     }
 
     /// What is at a point of the window, and from where the light comes that it mirrors to the eye, in the world.
@@ -435,21 +439,23 @@ impl Viewport {
         Some(in_scene.map(|v| session.world_from_scene() * v.as_dvec3()))
     }
 
-    /// Puts a light so that what is at one point of the window throws its shadow to another.
-    fn cast_shadow(&self, session: &mut Session, light: usize, from: Pos2, to: Pos2) {
+    /// Puts a light so that what is at one point of the window throws its shadow to another, if they are two and there is something at both.
+    fn cast_shadow(&self, session: &mut Session, light: usize, from: Pos2, to: Pos2) -> bool {
         let seen = |at: Pos2| self.picked(session, at).map(|(_, pick)| pick.position);
         let falls = seen(to).or_else(|| self.on_ground(session, to));
         let Some([caster, there]) = seen(from).zip(falls).map(<[Vec3; 2]>::from) else {
-            return;
+            return false;
         };
         let [caster, there] = [caster, there].map(|p| session.world_from_scene() * p.as_dvec3());
         // At the press both are one.
         let apart = caster.distance(there);
-        if apart > 1e-3 * session.lit().radius {
+        let is_drawn = apart > 1e-3 * session.lit().radius;
+        if is_drawn {
             // Behind what throws it.
             let toward = (caster - there).normalize();
             session.put_light(light, there, toward, BEHIND * apart);
         }
+        is_drawn
     }
 
     /// Where a point of the window is on the ground under the objects.

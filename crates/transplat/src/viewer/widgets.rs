@@ -28,6 +28,9 @@ pub fn waiting(ui: &Ui, rect: Rect) {
     ui.request_repaint_after(TOLD_EVERY);
 }
 
+/// Points that a slider's rail has at least.
+const SHORTEST_RAIL: f32 = 40.0;
+
 /// A slider.
 pub struct Control<'a, T> {
     pub label: &'a str,
@@ -63,8 +66,15 @@ impl<T: Numeric> Control<'_, T> {
             .update_while_editing(false)
             .custom_parser(parse)
             .clamping(egui::SliderClamping::Edits);
+        let number = format!("{:.*}{}", self.decimals, value.to_f64(), self.unit);
         let row = ui.horizontal(|ui| {
             let label = name(ui, self.label);
+            // A number that needs more room takes it from its rail: the panel would grow by it, and the rail with the panel.
+            let spacing = ui.spacing();
+            let around = 2.0 * spacing.button_padding.x + spacing.item_spacing.x;
+            let left = ui.available_width() - around - width_of(ui, number);
+            let rail = left.clamp(SHORTEST_RAIL, spacing.slider_width.max(SHORTEST_RAIL));
+            ui.spacing_mut().slider_width = rail;
             ui.add(slider).labelled_by(label.id)
         });
         let response = row.inner;
@@ -76,6 +86,16 @@ impl<T: Numeric> Control<'_, T> {
         }
         tip(response, self.tip)
     }
+}
+
+fn width_of(ui: &Ui, text: String) -> f32 {
+    let galley = egui::WidgetText::from(text).into_galley(
+        ui,
+        Some(egui::TextWrapMode::Extend),
+        f32::INFINITY,
+        egui::TextStyle::Button,
+    );
+    galley.size().x
 }
 
 /// A slider's rail tells no double clicks itself.

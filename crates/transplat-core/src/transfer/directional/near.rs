@@ -197,7 +197,7 @@ impl DirectionalAsset {
         let found: Vec<[Sums; PACKET]> = places
             .par_chunks(PACKET)
             .map_init(Scratch::default, |scratch, places| {
-                self.trace_packet(light, places, tracing, scratch)
+                self.trace_batch(light, places, tracing, scratch)
             })
             .collect();
         for (places, sums) in places.chunks(PACKET).zip(found) {
@@ -207,8 +207,8 @@ impl DirectionalAsset {
         }
     }
 
-    /// The same of those whose rays go together.
-    fn trace_packet(
+    /// The same of [`PACKET`] at most.
+    fn trace_batch(
         &self,
         (shape, squares): (&Shape, Squares),
         places: &[u32],
@@ -276,11 +276,11 @@ impl Sums {
     }
 }
 
-/// Memory that a thread needs for a packet, used again for the next.
+/// Memory that a thread needs for some surfels, used again for the next.
 #[derive(Default)]
 struct Scratch {
     rays: Vec<(RayStart, Vec3, f32)>,
-    /// Which of the packet they are of, on which side, with what they count.
+    /// Which of the surfels they are of, on which side, with what they count.
     whose: Vec<(usize, usize, f32, f32)>,
     stack: Stack,
 }

@@ -15,6 +15,10 @@ const EACH_OWN: usize = 1 << 12;
 /// So many at most do.
 const TOGETHER: usize = 8;
 
+/// Surfels, about, among which the nearest are looked for: those of the nearest groups. Of a million Gaussians 96.5 % of the nearest are found, of
+/// 250,000 98.4 %; what is found instead is 0.8 and 0.3 % farther.
+const ASKED: usize = 256;
+
 /// Of more surfels than this as many more do, up to four times.
 const VERY_MANY: usize = 1 << 19;
 
@@ -45,7 +49,7 @@ impl Neighbors {
             std::array::from_fn(|axis| sum(axis) / group.len() as f32)
         };
         let middles: Vec<PlaceAndNormal> = members.iter().map(middle).collect();
-        let nearest = nearest_to(&points, &middles, NEIGHBORS + 1);
+        let nearest = nearest_to_groups(&points, &members, &middles, ASKED / together(n));
         let mut group_of = vec![0; n];
         for (group, members) in members.iter().enumerate() {
             for member in *members {
@@ -105,6 +109,30 @@ impl Neighbors {
         let around = self.of_group(self.group_of(i));
         around.iter().map(|j| *j as usize).filter(move |j| *j != i)
     }
+}
+
+/// The points that are nearest to the middle of each group, among those of so many groups around it.
+fn nearest_to_groups(
+    points: &[PlaceAndNormal],
+    members: &[&[u32]],
+    middles: &[PlaceAndNormal],
+    around: usize,
+) -> Vec<Vec<u32>> {
+    let groups = nearest_to(middles, middles, around);
+    let nearest = |(groups, middle): (&Vec<u32>, &PlaceAndNormal)| {
+        let all = groups.iter().flat_map(|group| members[*group as usize]);
+        let away = |i: u32| {
+            let each = points[i as usize].iter().zip(middle);
+            each.map(|(a, b)| (a - b) * (a - b)).sum::<f32>()
+        };
+        let mut all: Vec<(f32, u32)> = all.map(|i| (away(*i), *i)).collect();
+        if all.len() > NEIGHBORS + 1 {
+            all.select_nth_unstable_by(NEIGHBORS, |a, b| a.0.total_cmp(&b.0));
+            all.truncate(NEIGHBORS + 1);
+        }
+        all.into_iter().map(|(_, i)| i).collect()
+    };
+    groups.par_iter().zip(middles).map(nearest).collect()
 }
 
 /// How many of so many surfels share their neighbours at most.

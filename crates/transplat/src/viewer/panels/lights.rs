@@ -8,7 +8,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::language::{tr, tr_format};
 use crate::viewer::light_handles::color_of;
-use crate::viewer::rigging::{RIGS, kind_name};
+use crate::viewer::rigging::{RIGS, called, kind_name};
 use crate::viewer::session::{Dialog, SaveKind, Session};
 use crate::viewer::viewport::Placing;
 use crate::viewer::widgets::{Control, angle, choice, entry, name, named, number};
@@ -117,12 +117,12 @@ fn list(ui: &mut Ui, session: &mut Session) {
     let (mut removed, mut doubled) = (None, None);
     for at in 0..session.scene.lights.len() {
         let light = &mut session.scene.lights[at];
-        let called = light.name.clone();
+        let title = called(light).to_owned();
         ui.horizontal(|ui| {
             let on = ui
                 .checkbox(&mut light.on, "")
                 .on_hover_text(tr("Whether it shines."));
-            let label = tr_format!("{called} shines", called = called);
+            let label = tr_format!("{called} shines", called = title);
             named(&on, Role::CheckBox, label);
             let solo = ui
                 .selectable_label(light.solo, tr("solo"))
@@ -133,11 +133,7 @@ fn list(ui: &mut Ui, session: &mut Session) {
             let (dot, _) = ui.allocate_exact_size(egui::vec2(12.0, 12.0), egui::Sense::hover());
             ui.painter()
                 .circle_filled(dot.center(), 5.0, color_of(light));
-            let text = match light.name.is_empty() {
-                true => kind_name(light.source.kind()),
-                false => &called,
-            };
-            let row = ui.selectable_label(chosen == Some(at), text);
+            let row = ui.selectable_label(chosen == Some(at), called(light));
             if row.clicked() {
                 session.selected_light = at;
             }
@@ -148,11 +144,11 @@ fn list(ui: &mut Ui, session: &mut Session) {
                     named(&button, Role::Button, name);
                     button.clicked()
                 };
-                let name = tr_format!("Remove {called}", called = called);
+                let name = tr_format!("Remove {called}", called = title);
                 if small(ui, "×", name, tr("Removes it. (Undo brings it back.)")) {
                     removed = Some(at);
                 }
-                let name = tr_format!("Double {called}", called = called);
+                let name = tr_format!("Double {called}", called = title);
                 if small(ui, "+", name, tr("Another one like it.")) {
                     doubled = Some(at);
                 }
