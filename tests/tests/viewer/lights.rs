@@ -358,7 +358,7 @@ fn light_over_time_is_played_and_saved() {
     drag(&mut d, &[at(0.5), at(0.8), at(1.0)]);
     let rotation = d.viewer().session.scene.environment.rotation;
     assert!((rotation - 45.0).abs() < 3.0, "{rotation}");
-    // That was no step: the one before it is the key's.
+    // That was no step: what is undone is a key, or both where they were set within a second.
     d.harness.key_press_modifiers(Modifiers::CTRL, egui::Key::Z);
     d.settle();
     assert!(d.viewer().session.scene.animation.keys.len() < 2);
