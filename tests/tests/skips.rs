@@ -94,6 +94,13 @@ fn cases() -> Vec<Case> {
             synthetic::sphere_over_plate(66_000),
             50.0,
         ),
+        // One in two tells what the other is made of as well.
+        case(
+            Skip::SharedGloss,
+            Method::Directional,
+            synthetic::glossy_sphere_over_plate(66_000, 2),
+            45.0,
+        ),
         case(Skip::EmptyBands, Method::Directional, plain.clone(), SAME),
         case(Skip::EmptyBands, Method::Harmonic, plain, SAME),
         Case {

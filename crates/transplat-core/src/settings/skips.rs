@@ -42,6 +42,8 @@ pub enum Skip {
     SharedSight,
     /// Bake of the directional method on the CPU: of many surfels, rays of which the nearest ones all leave or are all blocked.
     AgreedRays,
+    /// Preparing the directional method: of very many surfels, to ask each what it is made of.
+    SharedGloss,
     /// Transfer and drawing: SH bands in which the result holds nothing.
     EmptyBands,
     /// Transfer of the harmonic method on the CPU: two of the three channels of a grey light.
@@ -58,11 +60,12 @@ pub enum Skip {
 
 impl Skip {
     /// All of them, in their order.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::ClosedSides,
         Self::OpenObject,
         Self::SharedSight,
         Self::AgreedRays,
+        Self::SharedGloss,
         Self::EmptyBands,
         Self::GrayLight,
         Self::Suns,
@@ -78,6 +81,7 @@ impl Skip {
             Self::OpenObject => "open-object",
             Self::SharedSight => "shared-sight",
             Self::AgreedRays => "agreed-rays",
+            Self::SharedGloss => "shared-gloss",
             Self::EmptyBands => "empty-bands",
             Self::GrayLight => "gray-light",
             Self::Suns => "suns",
@@ -95,6 +99,7 @@ impl Skip {
             Self::ClosedSides
             | Self::SharedSight
             | Self::AgreedRays
+            | Self::SharedGloss
             | Self::Suns
             | Self::Bounces
             | Self::Matte
@@ -108,6 +113,7 @@ impl Skip {
             Self::ClosedSides | Self::OpenObject | Self::SharedSight | Self::AgreedRays => {
                 Stage::Bake
             }
+            Self::SharedGloss => Stage::Prepare,
             Self::EmptyBands
             | Self::GrayLight
             | Self::Suns
@@ -136,6 +142,7 @@ impl Skip {
             Self::AgreedRays => {
                 "rays in every direction: there are not so many surfels, or none that agree"
             }
+            Self::SharedGloss => "the gloss of every surfel: there are not so many",
             Self::EmptyBands => "all SH bands: there is something in each",
             Self::GrayLight => "three channels: the light has a colour",
             Self::Suns => "rays to suns: the light has one",

@@ -5,6 +5,8 @@
 
 mod asset;
 mod coarse;
+mod color_rows;
+mod gloss;
 mod glow;
 mod incident;
 mod lobe;
@@ -12,6 +14,7 @@ mod materials;
 mod matte;
 mod matte_colors;
 mod met;
+mod moments;
 mod near;
 mod neighbors;
 mod nodes;
@@ -35,16 +38,17 @@ use crate::settings::{Terms, TransferSettings};
 use crate::sh::coefficient_count;
 
 pub(crate) use asset::mean_radiance;
-use asset::rows_of;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
-use glow::find_glow;
-pub(super) use incident::{Incident, Others};
-pub use lobe::Gloss;
-pub use lobe::WIDTHS;
-pub(crate) use lobe::{
+use color_rows::{ColorRows, RowMut, SHORT_FROM, rows_of};
+pub use gloss::Gloss;
+pub(crate) use gloss::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
 };
-use lobe::{find_gloss, mirrored, pooled};
+use gloss::{find_gloss, pooled};
+use glow::find_glow;
+pub(super) use incident::{Incident, Others};
+pub use lobe::WIDTHS;
+use lobe::mirrored;
 pub use matte::{BACK_RANGE, HORIZON, RESIDUAL_FLOOR};
 use matte::{BackLanes, Matte, residual_scale, share_of_back, within_range};
 use matte_colors::MatteColors;
@@ -102,7 +106,7 @@ pub struct DirectionalTransfer {
     /// The least of it in each channel. `[n]`
     darkest: Vec<[f32; 3]>,
     /// Stored colour that the model of the source misses. `[n][K]`
-    pub residual: Vec<[f32; 3]>,
+    residual: ColorRows,
     /// Mean encoded colour that the model of the source has. `[n]`
     pub encoded_mean: Vec<[f32; 3]>,
 }
@@ -125,14 +129,14 @@ fn whitest(asset: &DirectionalAsset, divisor: &[FrontAndBack]) -> f32 {
 
 impl DirectionalAsset {
     /// Splits a surfel's colour: what gloss does not explain of that at the nodes goes into `matte`, `[Q]`, where that is kept, and what the model
-    /// shows goes from `residual`, its stored colour `[K]`. Returns the model's mean encoded colour, and the darkest of the matte one.
+    /// misses of the stored one into `residual`, `[K]`. Returns the model's mean encoded colour, and the darkest of the matte one.
     fn explain(
         &self,
         i: usize,
         (gloss, light, radiance): (&Gloss, &Incident<'_>, &[Radiance]),
         scratch: &mut Scratch,
-        matte: Option<&mut [[f32; 3]]>,
-        residual: &mut [[f32; 3]],
+        matte: Option<RowMut<'_>>,
+        residual: RowMut<'_>,
     ) -> [[f32; 3]; 2] {
         let nodes = &self.nodes;
         let mut colors = self.colors_of(i);
@@ -143,15 +147,20 @@ impl DirectionalAsset {
                 *m = std::array::from_fn(|c| (m[c] - s[c]).max(0.0));
             }
         }
+        // What is kept is what is used.
         if let Some(matte) = matte {
-            matte.copy_from_slice(&colors);
+            matte.store(&mut colors);
         }
         self.store(&colors, [1.0; 3], scratch);
         let mut shown = nodes.function(&nodes.fit, &scratch.stored);
         SurfelFrame::new(self.bake.normals[i]).apply_sh(nodes.degree, &mut shown);
-        for (r, s) in residual.iter_mut().zip(shown) {
-            *r = std::array::from_fn(|c| r[c] - s[c]);
+        for (s, stored) in shown
+            .iter_mut()
+            .zip(&self.sh[i * coefficient_count(nodes.degree)..])
+        {
+            *s = std::array::from_fn(|c| stored[c] - s[c]);
         }
+        residual.store(&mut shown);
         [self.encoded_mean(&scratch.stored), self.darkest(i, &colors)]
     }
 
@@ -287,10 +296,11 @@ impl DirectionalTransfer {
             false => Vec::new(),
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
-        let mut residual = asset.sh.to_vec();
+        let n = asset.bake.len();
+        let mut residual = ColorRows::new(n, k, n >= SHORT_FROM);
         let mut matte = MatteColors::for_those(gloss.iter().map(|g| !g.is_matte()), q);
         let (encoded_mean, darkest) = (matte.rows_mut().into_par_iter())
-            .zip(residual.par_chunks_exact_mut(k))
+            .zip(residual.rows_mut().into_par_iter())
             .enumerate()
             .map_init(Scratch::default, |scratch, (i, (matte, residual))| {
                 let shining = (&gloss[i], &light, &radiance[..]);
@@ -323,7 +333,6 @@ impl DirectionalTransfer {
     /// What some of its surfels are without the others, given what they see then: how they were lit is known from where they were captured,
     /// among the others.
     pub fn part(&self, bake: Arc<DirectionalBake>, surfels: &[usize]) -> Self {
-        let k = coefficient_count(self.asset.nodes.degree);
         let gloss = rows_of(&self.gloss, 1, surfels);
         Self {
             asset: Arc::new(self.asset.part(bake, surfels)),
@@ -337,13 +346,13 @@ impl DirectionalTransfer {
             divisor: rows_of(&self.divisor, 1, surfels),
             matte: self.matte.selected(surfels),
             darkest: rows_of(&self.darkest, 1, surfels),
-            residual: rows_of(&self.residual, k, surfels),
+            residual: self.residual.selected(surfels),
             encoded_mean: rows_of(&self.encoded_mean, 1, surfels),
             ..*self
         }
     }
 
-    /// Divisor and colours in half precision.
+    /// Divisor and colours in half precision, those that are not kept in sixteen bits as it is.
     pub(super) fn rounded_to_half(&self) -> Self {
         let mut rounded = self.clone();
         // What is rounded shall be what is used.
@@ -353,20 +362,26 @@ impl DirectionalTransfer {
         }
         let all = (0..self.asset.bake.len()).map(|_| true);
         rounded.matte = MatteColors::for_those(all, self.asset.nodes.count());
+        let mut read = Vec::new();
         for (i, row) in rounded.matte.rows_mut().into_iter().flatten().enumerate() {
-            row.copy_from_slice(&self.matte_of(i));
+            row.store(self.matte_of(i, &mut read).to_mut());
         }
-        round_to_half(&mut rounded.matte.kept);
-        round_to_half(&mut rounded.residual);
+        rounded.matte.kept.change_whole(round_to_half);
+        rounded.residual.change_whole(round_to_half);
         rounded
     }
 
-    /// Colour of surfel `i` at the nodes that gloss does not explain. `[Q]`
-    pub fn matte_of(&self, i: usize) -> Cow<'_, [[f32; 3]]> {
-        match self.matte.row(i) {
+    /// Colour of surfel `i` at the nodes that gloss does not explain, `[Q]`; by way of `read`, which holds nothing else.
+    pub fn matte_of<'a>(&'a self, i: usize, read: &'a mut Vec<[f32; 3]>) -> Cow<'a, [[f32; 3]]> {
+        match self.matte.row(i, read) {
             Some(row) => Cow::Borrowed(row),
             None => Cow::Owned(self.asset.colors_of(i)),
         }
+    }
+
+    /// Stored colour of surfel `i` that the model of the source misses, `[K]`; by way of `read`.
+    pub fn residual_of<'a>(&'a self, i: usize, read: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]] {
+        self.residual.row(i, read)
     }
 
     /// A target light, taken in.
@@ -556,7 +571,6 @@ impl DirectionalTransfer {
         out: &mut [[f32; 3]],
     ) {
         let asset = &*self.asset;
-        let k = out.len();
         scratch.glossy.clear();
         if part != Part::Diffuse {
             asset.reflect(i, &self.gloss[i], light, radiance, scratch);
@@ -570,13 +584,19 @@ impl DirectionalTransfer {
         let has_two_sides = two_sided > 0.0;
         let is_matte =
             self.gloss[i].is_matte() && scratch.glossy.is_empty() && part != Part::Specular;
-        if is_matte && self.matte(part).multiply(i, (tau, two_sided), out) {
+        if is_matte
+            && self
+                .matte(part)
+                .multiply(i, (tau, two_sided), &mut scratch.read, out)
+        {
             if has_two_sides {
                 scratch.backs.push(i);
             }
             return;
         }
-        asset.store(&self.matte_of(i), matte[0], scratch);
+        let mut read = std::mem::take(&mut scratch.read);
+        asset.store(&self.matte_of(i, &mut read), matte[0], scratch);
+        scratch.read = read;
         let (now, then) = (asset.encoded_mean(&scratch.stored), self.encoded_mean[i]);
         let scale: [f32; 3] = std::array::from_fn(|c| residual_scale(now[c], then[c]));
         let frame = SurfelFrame::new(asset.bake.normals[i]);
@@ -589,7 +609,7 @@ impl DirectionalTransfer {
         if !self.settings.terms.residual || part != Part::Whole {
             return;
         }
-        for (o, r) in out.iter_mut().zip(&self.residual[i * k..]) {
+        for (o, r) in out.iter_mut().zip(self.residual.row(i, &mut scratch.read)) {
             for c in 0..3 {
                 o[c] += r[c] * scale[c];
             }
@@ -655,6 +675,8 @@ struct Scratch {
     values: Vec<f32>,
     glossy: Vec<[f32; 3]>,
     stored: Vec<[f32; 3]>,
+    /// A row as it is read.
+    read: Vec<[f32; 3]>,
     /// Matte surfels that still lack what their backs do.
     backs: Vec<usize>,
     lanes: BackLanes,

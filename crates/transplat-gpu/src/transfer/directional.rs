@@ -392,7 +392,11 @@ impl Chunk {
         let k = coefficient_count(p.asset.nodes.degree);
         let matte: Vec<[f32; 3]> = (first..first + count)
             .into_par_iter()
-            .flat_map_iter(|i| p.matte_of(i).into_owned())
+            .flat_map_iter(|i| p.matte_of(i, &mut Vec::new()).into_owned())
+            .collect();
+        let residual: Vec<[f32; 3]> = (first..first + count)
+            .into_par_iter()
+            .flat_map_iter(|i| p.residual_of(i, &mut Vec::new()).to_vec())
             .collect();
         let (surfels, hits) = surfels_of(p, first, count);
         let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
@@ -409,7 +413,7 @@ impl Chunk {
             surfels: context.upload(&surfels, storage),
             hits: context.upload(&hits, storage),
             matte: context.upload(&matte, storage),
-            residual: context.upload(&p.residual[first * k..][..count * k], storage),
+            residual: context.upload(&residual, storage),
             stored: context.upload(&p.asset.sh[first * k..][..of_two_sides], storage),
             irradiance: context.storage(32 * count),
             tau: context.storage(32 * count),

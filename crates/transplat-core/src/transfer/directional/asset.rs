@@ -5,11 +5,13 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
+use super::color_rows::rows_of;
 use super::met::LastMet;
-use super::neighbors::Neighbors;
+use super::neighbors::{Neighbors, asked_one_in};
 use super::nodes::{Nodes, SurfelFrame, weighted_mean};
 use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
+use crate::bake::trace::places_and_normals;
 use crate::color::Encoding;
 use crate::environment::{Beam, Emitter};
 use crate::settings::skips::{Skip, Skips};
@@ -87,7 +89,7 @@ impl DirectionalAsset {
             .map(|(sh, n)| means_of(&nodes, encoding, sh, *n))
             .collect();
         Self {
-            neighbors: Neighbors::new(&bake.tracer.surfels, &bake.normals),
+            neighbors: neighbors_of(&bake, skips),
             last_met: LastMet::default(),
             nodes,
             encoding,
@@ -139,6 +141,15 @@ impl DirectionalAsset {
     }
 }
 
+fn neighbors_of(bake: &DirectionalBake, skips: &Skips) -> Neighbors {
+    let points = places_and_normals(&bake.tracer.surfels, &bake.normals);
+    let one_in = match skips.has(Skip::SharedGloss) {
+        true => asked_one_in(points.len()),
+        false => 1,
+    };
+    Neighbors::new(&points, one_in, &bake.prominence)
+}
+
 /// Mean linear colour of the front and the back of each surfel, as captured. `[n]`
 pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontAndBack> {
     let nodes = Nodes::new(cloud.sh_degree);
@@ -146,12 +157,6 @@ pub(crate) fn mean_radiance(cloud: &SurfelCloud, normals: &[Vec3]) -> Vec<FrontA
     let each = cloud.sh.par_chunks_exact(k).zip(normals);
     each.map(|(sh, n)| means_of(&nodes, cloud.encoding, sh, *n))
         .collect()
-}
-
-/// Some rows of a table whose rows are that wide.
-pub(super) fn rows_of<T: Copy>(table: &[T], width: usize, taken: &[usize]) -> Vec<T> {
-    let row = |i: &usize| table[i * width..][..width].iter().copied();
-    taken.iter().flat_map(row).collect()
 }
 
 /// Mean linear colour of a surfel's sides, of its stored colour `[K]`.

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use rayon::prelude::*;
 
 use super::asset::{DirectionalAsset, FrontAndBack};
-use super::lobe::Gloss;
+use super::gloss::Gloss;
 use crate::color::{srgb_decode, srgb_encode};
 use crate::numeric::{smoothstep, weighted_quantile};
 use crate::settings::GLOW_ABOVE;

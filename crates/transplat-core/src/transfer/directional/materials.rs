@@ -20,7 +20,7 @@ impl DirectionalTransfer {
     /// As light and pictures tell it, albedos of any size.
     fn material(&self, i: usize) -> Material {
         let asset = &*self.asset;
-        let front = weighted_mean(&asset.nodes.weights, &self.matte_of(i));
+        let front = weighted_mean(&asset.nodes.weights, &self.matte_of(i, &mut Vec::new()));
         let back = if self.settings.terms.two_sided {
             asset.bake.two_sided[i]
         } else {

@@ -3,6 +3,7 @@
 use multiversion::multiversion;
 
 use super::asset::{DirectionalAsset, FrontAndBack};
+use super::color_rows::ColorRows;
 use super::nodes::{Nodes, SurfelFrame};
 use crate::color::Encoding;
 use crate::lanes::{LANES, Lanes, mirror_of};
@@ -25,7 +26,7 @@ pub(super) struct Matte<'a> {
     /// The least colour at the nodes in each channel. `[n]`
     pub darkest: &'a [[f32; 3]],
     /// Stored colour that the model of the source misses. `[n][K]`
-    pub residual: &'a [[f32; 3]],
+    pub residual: &'a ColorRows,
     /// Mean encoded colour that the model has. `[n]`
     pub encoded_mean: &'a [[f32; 3]],
     /// Whether what the model misses is kept, and whether backs have a light of their own.
@@ -53,11 +54,13 @@ impl Matte<'_> {
         }
     }
 
-    /// Relights a surfel where its stored colour is a power of its light, as if its back changed as its front does. Tells whether it did.
+    /// Relights a surfel where its stored colour is a power of its light, as if its back changed as its front does. Tells whether it did. `read`
+    /// is what its residual is read by.
     pub fn multiply(
         &self,
         i: usize,
         (tau, two_sided): (FrontAndBack, f32),
+        read: &mut Vec<[f32; 3]>,
         out: &mut [[f32; 3]],
     ) -> bool {
         let (asset, k) = (self.asset, out.len());
@@ -90,7 +93,7 @@ impl Matte<'_> {
         });
         for (o, (f, r)) in out
             .iter_mut()
-            .zip(stored.iter().zip(&self.residual[i * k..]))
+            .zip(stored.iter().zip(self.residual.row(i, read)))
         {
             *o = std::array::from_fn(|c| front[c] * f[c] + rest[c] * r[c]);
         }

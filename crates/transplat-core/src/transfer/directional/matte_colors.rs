@@ -1,17 +1,17 @@
 //! Colour at the nodes that gloss does not explain: kept of glossy surfels; that of the others is what is stored, and made of it where it is asked for.
 
+use super::color_rows::{ColorRows, RowMut, SHORT_FROM};
+
 /// In the place of a row: the colour is what is stored.
 const AS_STORED: u32 = u32::MAX;
 
 /// What gloss leaves of some surfels' colour at the nodes.
 #[derive(Clone, Debug)]
 pub(super) struct MatteColors {
-    /// Number of nodes Q.
-    nodes: usize,
     /// Which row of `kept` each surfel has. `[n]`
     row_of: Vec<u32>,
     /// `[rows][Q]`
-    pub kept: Vec<[f32; 3]>,
+    pub kept: ColorRows,
 }
 
 impl MatteColors {
@@ -23,22 +23,22 @@ impl MatteColors {
             rows += u32::from(is_kept);
             row
         });
+        let row_of: Vec<u32> = row_of.collect();
         Self {
-            row_of: row_of.collect(),
-            nodes,
-            kept: vec![[0.0; 3]; rows as usize * nodes],
+            kept: ColorRows::new(rows as usize, nodes, row_of.len() >= SHORT_FROM),
+            row_of,
         }
     }
 
-    /// The row of surfel `i`, `[Q]`, if its colour is not what is stored.
-    pub fn row(&self, i: usize) -> Option<&[[f32; 3]]> {
+    /// The row of surfel `i`, `[Q]`, if its colour is not what is stored; by way of `read`, as [`ColorRows::row`] has it.
+    pub fn row<'a>(&'a self, i: usize, read: &'a mut Vec<[f32; 3]>) -> Option<&'a [[f32; 3]]> {
         let row = self.row_of[i];
-        (row != AS_STORED).then(|| &self.kept[row as usize * self.nodes..][..self.nodes])
+        (row != AS_STORED).then(|| self.kept.row(row as usize, read))
     }
 
     /// Those of all surfels, to be set. `[n]`
-    pub fn rows_mut(&mut self) -> Vec<Option<&mut [[f32; 3]]>> {
-        let mut rows = self.kept.chunks_exact_mut(self.nodes);
+    pub fn rows_mut(&mut self) -> Vec<Option<RowMut<'_>>> {
+        let mut rows = self.kept.rows_mut().into_iter();
         let each = self.row_of.iter();
         each.map(|row| (*row != AS_STORED).then(|| rows.next()).flatten())
             .collect()
@@ -46,18 +46,20 @@ impl MatteColors {
 
     /// Those of some surfels.
     pub fn selected(&self, surfels: &[usize]) -> Self {
-        let rows = || surfels.iter().map(|i| self.row(*i));
-        let mut selected = Self::for_those(rows().map(|row| row.is_some()), self.nodes);
-        let kept = rows().flatten();
-        for (new, old) in selected.kept.chunks_exact_mut(self.nodes).zip(kept) {
-            new.copy_from_slice(old);
+        let kept: Vec<usize> = (surfels.iter().map(|i| self.row_of[*i]))
+            .filter(|row| *row != AS_STORED)
+            .map(|row| row as usize)
+            .collect();
+        let are_kept = surfels.iter().map(|i| self.row_of[*i] != AS_STORED);
+        Self {
+            kept: self.kept.selected(&kept),
+            ..Self::for_those(are_kept, 0)
         }
-        selected
     }
 
     /// What it takes.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.row_of[..]) + size_of_val(&self.kept[..])
+        size_of_val(&self.row_of[..]) + self.kept.bytes()
     }
 }
 
@@ -69,10 +71,14 @@ mod tests {
     fn those_that_are_kept_stay_with_their_surfels() {
         let mut colors = MatteColors::for_those([false, true, true, false].into_iter(), 2);
         for (i, row) in colors.rows_mut().into_iter().enumerate() {
-            row.into_iter().for_each(|row| row.fill([i as f32; 3]));
+            let mut values = [[i as f32; 3]; 2];
+            row.into_iter().for_each(|row| row.store(&mut values));
         }
         let rows = |colors: &MatteColors, n: usize| -> Vec<Option<f32>> {
-            (0..n).map(|i| colors.row(i).map(|r| r[1][2])).collect()
+            let mut read = Vec::new();
+            (0..n)
+                .map(|i| colors.row(i, &mut read).map(|r| r[1][2]))
+                .collect()
         };
         assert_eq!(rows(&colors, 4), [None, Some(1.0), Some(2.0), None]);
         let some = colors.selected(&[2, 3, 2, 1]);

@@ -43,6 +43,12 @@ pub struct Nodes {
     pub fit: Vec<f32>,
     /// What the fit of values has at the nodes. `[Q][Q]`, values first
     pub refit: Vec<f32>,
+    /// What values at the nodes come to as the colour's degree shows them: their weighted mean, then K - 1 numbers whose squares add up to their
+    /// variance; and the same of values that rise towards grazing view. `[Q][2][K]`, values first
+    pub moments: Vec<f32>,
+    /// What a weighted deviation at the nodes is multiplied by to be summed with values there, so that this is their covariance with what the
+    /// values are shown as; and with those that rise. `[Q][2][Q]`
+    pub covariance: Vec<f32>,
     /// Factor on a coated surface's lobe, which rises towards grazing view. `[Q]`
     pub rise: Vec<f32>,
     /// The same directions on the back. `[K][Q]`
@@ -97,6 +103,15 @@ impl Nodes {
                     .sum::<f64>();
             }
         }
+        let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
+        let weights: Vec<f64> = (to_camera.iter().zip(&areas))
+            .map(|(v, a)| a * v[2] / total)
+            .collect();
+        let rise: Vec<f64> = (to_camera.iter())
+            .map(|v| 1.0 + (1.0 / f64::from(NORMAL_OVER_GRAZING) - 1.0) * (1.0 - v[2]).powi(5))
+            .collect();
+        let spread = spread(&front, k, &weights, &fit);
+        let risen = |at: usize, kind: usize| if kind == 1 { rise[at] } else { 1.0 };
         let by_height = Self::bands(degree)
             .flat_map(|(m, a, b)| (0..2 * heights).map(move |h| (m, a, b, h)))
             .map(|(m, a, b, h)| {
@@ -107,7 +122,6 @@ impl Nodes {
             })
             .collect();
         let filling = q.next_multiple_of(BLOCK) - q;
-        let total: f64 = to_camera.iter().zip(&areas).map(|(v, a)| a * v[2]).sum();
         let project = |basis: &[f64]| -> Vec<f32> {
             (0..q * k)
                 .map(|i| (areas[i / k] * basis[i]) as f32)
@@ -115,15 +129,16 @@ impl Nodes {
         };
         Self {
             degree,
-            weights: to_camera
-                .iter()
-                .zip(&areas)
-                .map(|(v, a)| (a * v[2] / total) as f32)
+            moments: (0..q * 2 * k)
+                .map(|i| (i / (2 * k), i / k % 2, i % k))
+                .map(|(s, kind, i)| (risen(s, kind) * spread[i * q + s]) as f32)
                 .collect(),
-            rise: to_camera
-                .iter()
-                .map(|v| 1.0 + (1.0 / NORMAL_OVER_GRAZING - 1.0) * (1.0 - v[2] as f32).powi(5))
+            covariance: (0..q * 2 * q)
+                .map(|i| (i / (2 * q), i / q % 2, i % q))
+                .map(|(seen, kind, s)| (risen(s, kind) * refit[seen * q + s]) as f32)
                 .collect(),
+            weights: weights.iter().map(|w| *w as f32).collect(),
+            rise: rise.iter().map(|r| *r as f32).collect(),
             half_mirrored: std::array::from_fn(|axis| {
                 let sign = if axis == 2 { 0.5 } else { -0.5 };
                 let half = to_camera.iter().map(|v| (sign * v[axis]) as f32);
@@ -210,7 +225,7 @@ impl Nodes {
 
 /// `vector [n][3]` times `matrix [n][rows]`: rows are next to each other, so that they are lanes.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2", "aarch64+neon"))]
-fn product(matrix: &[f32], vector: &[[f32; 3]], out: &mut [[f32; 3]]) {
+pub(super) fn product(matrix: &[f32], vector: &[[f32; 3]], out: &mut [[f32; 3]]) {
     const LANES: usize = 16;
     let rows = out.len();
     for start in (0..rows).step_by(LANES) {
@@ -282,6 +297,37 @@ fn least_squares(basis: &[f64], k: usize, weights: &[f64]) -> Vec<f64> {
     }
     (0..k)
         .flat_map(|i| rows[i * width + k..(i + 1) * width].to_vec())
+        .collect()
+}
+
+/// What values at the nodes come to when they are fitted, `[K][Q]`: their weighted mean, and K - 1 rows whose results' squares add up to their
+/// variance, by Cholesky's factor of the basis functions' covariance.
+fn spread(basis: &[f64], k: usize, weights: &[f64], fit: &[f64]) -> Vec<f64> {
+    let q = weights.len();
+    let mean = |i: usize| -> f64 { (0..q).map(|s| weights[s] * basis[s * k + i]).sum() };
+    let means: Vec<f64> = (0..k).map(mean).collect();
+    let covariance = |i: usize, j: usize| -> f64 {
+        let off = |s: usize, i: usize| basis[s * k + i] - means[i];
+        (0..q).map(|s| weights[s] * off(s, i) * off(s, j)).sum()
+    };
+    // The first function is the constant, which has none.
+    let mut factor = vec![0f64; k * k];
+    for j in 1..k {
+        for i in j..k {
+            let known: f64 = (1..j).map(|m| factor[i * k + m] * factor[j * k + m]).sum();
+            let rest = covariance(i, j) - known;
+            factor[i * k + j] = match i == j {
+                true => rest.max(0.0).sqrt(),
+                false => rest / factor[j * k + j].max(1e-12),
+            };
+        }
+    }
+    let of_mean = |s: usize| -> f64 { (0..k).map(|i| means[i] * fit[i * q + s]).sum() };
+    let of_row =
+        |j: usize, s: usize| -> f64 { (j..k).map(|i| factor[i * k + j] * fit[i * q + s]).sum() };
+    (0..k * q)
+        .map(|at| (at / q, at % q))
+        .map(|(j, s)| if j == 0 { of_mean(s) } else { of_row(j, s) })
         .collect()
 }
 
@@ -370,6 +416,52 @@ mod tests {
             for (a, b) in values.iter().zip(&back) {
                 // The ridge draws it a little towards the constant.
                 assert!((a[0] - b[0]).abs() < 0.1, "degree {degree}: {a:?} {b:?}");
+            }
+        }
+    }
+
+    /// Of a few values: mean, variance, and covariance with a colour, of what their fit shows, once as they are and once as they rise.
+    #[test]
+    fn moments_of_values_are_those_of_what_their_fit_shows() {
+        for degree in 1..=4 {
+            let nodes = Nodes::new(degree);
+            let (q, k) = (nodes.count(), coefficient_count(degree));
+            let wave =
+                |s: usize, turn: f32| [(s as f32 * turn).sin(), (s as f32 * turn).cos(), 0.3];
+            let values: Vec<[f32; 3]> = (0..q).map(|s| wave(s, 0.7)).collect();
+            let colors: Vec<[f32; 3]> = (0..q).map(|s| wave(s, 0.4)).collect();
+            let mean = weighted_mean(&nodes.weights, &colors);
+            let weighed = nodes.weights.iter().zip(&colors);
+            let off: Vec<[f32; 3]> = weighed
+                .map(|(w, color)| std::array::from_fn(|c| w * (color[c] - mean[c])))
+                .collect();
+            let (mut of_values, mut toward) = (vec![[0.0; 3]; 2 * k], vec![[0.0; 3]; 2 * q]);
+            product(&nodes.moments, &values, &mut of_values);
+            product(&nodes.covariance, &off, &mut toward);
+            for kind in 0..2 {
+                let rise = |s: usize| if kind == 1 { nodes.rise[s] } else { 1.0 };
+                let lit: Vec<[f32; 3]> = (0..q).map(|s| values[s].map(|v| rise(s) * v)).collect();
+                let seen = nodes.values(&nodes.refit, &lit);
+                let seen_mean = weighted_mean(&nodes.weights, &seen);
+                for c in 0..3 {
+                    let sum = |of: &dyn Fn(usize) -> f32| (0..q).map(of).sum::<f32>();
+                    let variance = sum(&|s| nodes.weights[s] * (seen[s][c] - seen_mean[c]).powi(2));
+                    let covariance = sum(&|s| off[s][c] * (seen[s][c] - seen_mean[c]));
+                    let of = &of_values[kind * k..][..k];
+                    let squares: f32 = of[1..].iter().map(|v| v[c] * v[c]).sum();
+                    let summed = sum(&|s| values[s][c] * toward[kind * q + s][c]);
+                    // Sums of up to fifty numbers about 1, of which rise makes 10.
+                    for (a, b) in [
+                        (of[0][c], seen_mean[c]),
+                        (squares, variance),
+                        (summed, covariance),
+                    ] {
+                        assert!(
+                            (a - b).abs() < 1e-4,
+                            "degree {degree}, {kind}, {c}: {a} {b}"
+                        );
+                    }
+                }
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The directional method as the pipeline asks for it: a relit asset, what was left out, what it takes.
 
-use super::lobe::LEAST_GLOSS;
+use super::gloss::LEAST_GLOSS;
+use super::neighbors::SHARED_GLOSS_ERROR;
 use super::{DirectionalTransfer, LEAST_IRRADIANCE, TURNS};
 use crate::environment::Illumination;
 use crate::error::Result;
@@ -49,6 +50,16 @@ impl Relight for DirectionalTransfer {
                 // Stored colour, its residual, and the result.
                 bytes: 3 * empty_bytes(n, cloud.sh_degree, degree),
                 ..Skipped::exact(Stage::Transfer, what, why)
+            });
+        }
+        let asked = asset.neighbors.asked().len();
+        if asked < n && self.settings.terms.lobe && self.trust >= 1.0 {
+            let told = 100.0 * (n - asked) as f32 / n as f32;
+            let why = format!("{told:.0} % of the surfels are told by their neighbours");
+            out.push(Skipped {
+                skip: Some(Skip::SharedGloss),
+                max_error: Some(SHARED_GLOSS_ERROR),
+                ..Skipped::exact(Stage::Prepare, "what each surfel is made of", why)
             });
         }
         if self.settings.terms.lobe
@@ -116,16 +127,15 @@ impl Relight for DirectionalTransfer {
             + size_of_val(&self.glow[..])
             + size_of_val(&self.divisor[..])
             + self.matte.bytes()
-            + size_of_val(&self.residual[..])
+            + self.residual.bytes()
             + size_of_val(&self.encoded_mean[..])
             + size_of_val(&self.darkest[..])
     }
 
     fn bytes_saved_by_half(&self) -> usize {
-        let rounded = size_of_val(&self.divisor[..])
-            + size_of_val(&self.matte.kept[..])
-            + size_of_val(&self.residual[..]);
-        rounded / 2
+        size_of_val(&self.divisor[..]) / 2
+            + self.matte.kept.bytes_saved_by_half()
+            + self.residual.bytes_saved_by_half()
     }
 
     fn amplification(&self, i: usize) -> f32 {

@@ -2,9 +2,11 @@ use std::f32::consts::PI;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::lobe::LEAST_GLOSS;
+use super::gloss::LEAST_GLOSS;
+use super::neighbors::Neighbors;
 use super::*;
 use crate::bake::directional::DirectionalBake;
+use crate::bake::trace::places_and_normals;
 use crate::color::Encoding;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
@@ -201,6 +203,20 @@ fn a_metal_is_found_and_a_matte_surface_is_not() {
             assert!(mean(|m| m.metallic) > 0.85);
             // The exponent is 16.
             assert!((mean(|m| m.roughness) - 0.5).abs() < 0.05);
+            // One in four tells it of the others as well.
+            let mut asset = asset_of(&cloud);
+            let few = Arc::get_mut(&mut asset).expect("nobody else has it");
+            let bake = &few.bake;
+            let points = places_and_normals(&bake.tracer.surfels, &bake.normals);
+            few.neighbors = Neighbors::new(&points, 4, &bake.prominence);
+            assert!(few.neighbors.asked().len() * 3 < cloud.len());
+            let told = prepared(&asset, &source);
+            let off = |(a, b): (&Gloss, &Gloss)| {
+                assert!(a.rises == b.rises && a.width == b.width, "{a:?} {b:?}");
+                (a.reflectance[1] / b.reflectance[1] - 1.0).abs()
+            };
+            let off: f32 = told.gloss.iter().zip(&transfer.gloss).map(off).sum();
+            assert!(off < 0.02 * cloud.len() as f32, "{off}");
         } else {
             assert_eq!(metals, 0);
             let mean = |of: fn(&Material) -> f32| mean_of(&transfer, of);
