@@ -537,6 +537,7 @@ fn timed<T>(summary: &mut Summary, mut change: impl FnMut() -> Result<T>) -> Res
     };
     let mut changed = time()?;
     for _ in 1..if summary.json { 3 } else { 1 } {
+        drop(changed);
         changed = time()?;
     }
     times.sort_by(f64::total_cmp);

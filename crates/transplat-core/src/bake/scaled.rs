@@ -1,6 +1,7 @@
 //! An asset in units of its own size, as all bakes take it.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::surfels::SurfelCloud;
 
@@ -49,6 +50,7 @@ impl ScaledObject {
         };
         let radius = 1.01 * bounds.radius + OCCLUDER_REACH * median.min(bounds.radius);
         let surfels = (0..cloud.len())
+            .into_par_iter()
             .map(|i| {
                 let casts = cloud.opacities[i] > OCCLUDER_OPACITY;
                 let scale = cloud.scales[i] / radius;

@@ -145,7 +145,7 @@ impl Tracer {
     /// Builds the hierarchy over the surfels that cast shadows.
     pub fn new(cloud: &SurfelCloud, fronts: Fronts) -> Self {
         let object = ScaledObject::new(cloud);
-        let surfels: Vec<RaySurfel> = (object.surfels.iter().enumerate())
+        let surfels: Vec<RaySurfel> = (object.surfels.par_iter().enumerate())
             .map(|(i, s)| RaySurfel {
                 position: s.position,
                 axes: s.axes,
@@ -159,14 +159,14 @@ impl Tracer {
             .filter(|i| surfels[*i as usize].casts())
             .collect();
         let boxes: Vec<_> = casting
-            .iter()
+            .par_iter()
             .map(|i| ellipse_box(surfels[*i as usize].position, surfels[*i as usize].axes))
             .collect();
         let (hierarchy, order) = Hierarchy::new(&boxes);
         Self {
             center: object.center,
             radius: object.radius,
-            discs: (hierarchy.leaves())
+            discs: (hierarchy.leaves().collect::<Vec<_>>().into_par_iter())
                 .map(|leaf| {
                     let discs = order[leaf]
                         .iter()

@@ -390,14 +390,14 @@ struct Chunk {
 impl Chunk {
     fn upload(context: &Context, p: &DirectionalTransfer, first: usize, count: usize) -> Self {
         let k = coefficient_count(p.asset.nodes.degree);
-        let matte: Vec<[f32; 3]> = (first..first + count)
-            .into_par_iter()
-            .flat_map_iter(|i| p.matte_of(i, &mut Vec::new()).into_owned())
-            .collect();
-        let residual: Vec<[f32; 3]> = (first..first + count)
-            .into_par_iter()
-            .flat_map_iter(|i| p.residual_of(i, &mut Vec::new()).to_vec())
-            .collect();
+        let q = p.asset.nodes.count();
+        let (mut matte, mut residual) = (vec![[0f32; 3]; count * q], vec![[0f32; 3]; count * k]);
+        let rows = matte.par_chunks_exact_mut(q);
+        let rows = rows.zip(residual.par_chunks_exact_mut(k)).enumerate();
+        rows.for_each_init(Vec::new, |read, (at, (matte, residual))| {
+            matte.copy_from_slice(&p.matte_of(first + at, read));
+            residual.copy_from_slice(p.residual_of(first + at, read));
+        });
         let (surfels, hits) = surfels_of(p, first, count);
         let has_two_sides = surfels.iter().any(|s| s.two_sided > 0.0);
         let parameters = DirectionalChunk {

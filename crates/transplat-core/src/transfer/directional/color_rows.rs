@@ -40,11 +40,15 @@ impl RowMut<'_> {
             RowMut::Whole(stored) => stored.copy_from_slice(row),
             RowMut::Short(stored, unit) => {
                 let largest = row.iter().flatten().fold(0f32, |a, v| a.max(v.abs()));
-                // What is no number is 0, and what is larger than all the largest there is.
-                *unit = largest.min(f32::MAX) / LARGEST;
-                let over = if *unit > 0.0 { 1.0 / *unit } else { 0.0 };
+                // What is no number is 0, as is what is too faint for a unit, and what has no end nearly the largest there is.
+                *unit = largest.min(0.5 * f32::MAX) / LARGEST;
+                let over = if *unit >= f32::MIN_POSITIVE {
+                    1.0 / *unit
+                } else {
+                    0.0
+                };
                 for (stored, row) in stored.iter_mut().zip(row) {
-                    *stored = row.map(|v| (v * over).round() as i16);
+                    *stored = row.map(|v| (v * over).round().clamp(-LARGEST, LARGEST) as i16);
                     *row = stored.map(|s| f32::from(s) * *unit);
                 }
             }
@@ -146,7 +150,7 @@ mod tests {
             vec![[1.0, -0.5, 0.1], [1e-3, 0.0, -1.0]],
             vec![[1e-30, 3e-31, 0.0], [-1e-30, 0.0, 0.0]],
             vec![[0.0; 3]; 2],
-            vec![[-3e38, 1e38, 2e33], [f32::MIN_POSITIVE, 0.0, 0.0]],
+            vec![[-1e38, 3e37, 2e33], [f32::MIN_POSITIVE, 0.0, 0.0]],
         ];
         for (are_short, most_off, each) in [(false, 0.0, 2 * 12), (true, 1.6e-5, 2 * 6 + 4)] {
             let mut table = ColorRows::new(rows.len(), 2, are_short);
@@ -161,6 +165,19 @@ mod tests {
                 for (a, b) in row.iter().flatten().zip(kept.iter().flatten()) {
                     assert!((a - b).abs() <= most_off * largest, "{a} {b}");
                 }
+            }
+            if are_short {
+                let mut odd = vec![
+                    [f32::NAN, f32::NEG_INFINITY, 1.0],
+                    [0.0, 1e30, f32::INFINITY],
+                ];
+                let mut faint = vec![[1e-40, -1e-40, 0.0]; 2];
+                let mut rows = table.clone();
+                let mut rows = rows.rows_mut().into_iter();
+                rows.next().expect("four").store(&mut odd);
+                rows.next().expect("four").store(&mut faint);
+                assert!(odd.iter().flatten().all(|v| v.is_finite()));
+                assert_eq!((odd[0][0], faint[0]), (0.0, [0.0; 3]));
             }
             let some = table.selected(&[2, 0]);
             assert_eq!(some.row(1, &mut read), kept[0]);

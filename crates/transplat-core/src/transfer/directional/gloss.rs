@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::asset::{DirectionalAsset, Radiance};
 use super::incident::Incident;
 use super::lobe::{WIDTHS, peak};
-use super::moments::{AllMoments, Asked};
+use super::moments::{AllMoments, Held};
 use super::neighbors::Neighbors;
 use super::nodes::SurfelFrame;
 use crate::numeric::smoothstep;
@@ -68,7 +68,7 @@ impl Gloss {
     }
 }
 
-/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel, width and
+/// Finds each surfel's gloss: its colour against what it mirrors of the source light, as the view changes. A regression a surfel that is asked, width and
 /// channel, pooled over its neighbours and drawn to the mean of the channels. It is looked for on the front, and not on leaves.
 ///
 /// `white` is the asset's whitest albedo as it appears: its exposure to the source's is not known otherwise.
@@ -83,7 +83,7 @@ pub(super) fn find_gloss(
     }
     let (moments, variances): (Vec<AllMoments>, Vec<[f32; 3]>) =
         (asset.neighbors.asked().par_iter())
-            .map_init(Asked::default, |scratch, i| {
+            .map_init(Held::default, |scratch, i| {
                 let i = *i as usize;
                 let colors = &asset.colors_of(i)[..];
                 asset.rays_of(i, light, radiance, &mut scratch.rays);
@@ -239,11 +239,16 @@ fn choose(
     moments: &[AllMoments],
     [metal, coated]: [&[Regressed]; 2],
 ) -> Vec<Gloss> {
-    let believed = |r: &Regressed, i: usize| {
+    let believed = |r: &Regressed, most: [f32; 3], i: usize| -> [f32; 3] {
         let trust =
             smoothstep(0.0, TRUSTED_CORRELATION, r.correlation) * (1.0 - asset.bake.two_sided[i]);
-        r.reflectance.map(|k| k * trust)
+        std::array::from_fn(|c| {
+            let k = r.reflectance[c];
+            trust * if k > most[c] { most[c] } else { k }
+        })
     };
+    // Of those that were asked it is bounded as it is.
+    const UNBOUNDED: [f32; 3] = [f32::INFINITY; 3];
     let mean = |v: [f32; 3]| (v[0] + v[1] + v[2]) / 3.0;
     // Reflectance and lobe of the stuff around here, each surfel by the light that it mirrors: what is mirrored, the light, and the lobe's
     // width by its weight. Nobody asks those that were not asked.
@@ -251,7 +256,7 @@ fn choose(
         let Some(at) = asset.neighbors.place_of(i) else {
             return [0.0; 4];
         };
-        let k = mean(believed(metal, i));
+        let k = mean(believed(metal, UNBOUNDED, i));
         let light = mean(moments[at][0][metal.width].mean).max(0.0);
         [k * light, light, k * metal.width as f32, k]
     };
@@ -263,39 +268,42 @@ fn choose(
         .into_par_iter()
         .enumerate()
         .map_init(
-            Asked::default,
-            |scratch, (i, [shown, of, width, weight])| {
-                let metallic = smoothstep(METAL[0], METAL[1], shown / (white * of).max(1e-9));
+            Held::default,
+            |held, (i, [shown, shining, width, weight])| {
+                let metallic = smoothstep(METAL[0], METAL[1], shown / (white * shining).max(1e-9));
                 let is_metal = metallic > 0.0;
-                let regressed = [coated, metal][usize::from(is_metal)][i];
-                let mut k = believed(&regressed, i);
+                let regressed = &[coated, metal][usize::from(is_metal)][i];
                 let width = match is_metal {
                     true => ((width / weight.max(1e-9)).round() as usize).min(WIDTHS.len() - 1),
                     false => regressed.width,
                 };
-                let at = asset.neighbors.place_of(i);
-                if is_metal || (at.is_none() && k != [0.0; 3]) {
-                    let mean = match at {
-                        Some(at) => moments[at][usize::from(!is_metal)][width].mean,
-                        None => {
-                            asset.rays_of(i, light, radiance, &mut scratch.rays);
-                            let frame = SurfelFrame::new(asset.bake.normals[i]);
-                            scratch.mean((&asset.nodes, frame), (width, !is_metal))
-                        }
-                    };
-                    for c in 0..3 {
-                        let most = most_of(asset.means[i][0][c], mean[c]);
-                        if at.is_none() {
-                            k[c] = k[c].min(most);
-                        }
-                        k[c] += (most - k[c]) * metallic;
-                    }
-                }
-                Gloss {
+                let gloss = |k: [f32; 3]| Gloss {
                     reflectance: k.map(|k| k.clamp(0.0, MOST_REFLECTANCE * white)),
                     width: WIDTHS[width],
                     rises: !is_metal,
+                };
+                let at = asset.neighbors.place_of(i);
+                let k = believed(regressed, UNBOUNDED, i);
+                // Bounds only lower it.
+                let is_known = at.is_some() || !gloss(k).is_seen(white);
+                if !is_metal && is_known {
+                    return gloss(k);
                 }
+                let mean = match at {
+                    Some(at) => moments[at][usize::from(!is_metal)][width].mean,
+                    None => {
+                        asset.rays_of(i, light, radiance, &mut held.rays);
+                        let frame = SurfelFrame::new(asset.bake.normals[i]);
+                        held.mean((&asset.nodes, frame), (width, !is_metal))
+                    }
+                };
+                let most: [f32; 3] =
+                    std::array::from_fn(|c| most_of(asset.means[i][0][c], mean[c]));
+                let k = match at {
+                    Some(_) => k,
+                    None => believed(regressed, most, i),
+                };
+                gloss(std::array::from_fn(|c| k[c] + (most[c] - k[c]) * metallic))
             },
         )
         .collect()

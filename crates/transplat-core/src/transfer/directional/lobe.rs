@@ -28,10 +28,11 @@ pub fn mirrored(nodes: &Nodes, frame: SurfelFrame, width: u32, rays: &Rays, out:
     }
 }
 
-/// The same by each of [`WIDTHS`], `[WIDTHS][3][Q]`: one lobe is the square of the one before, and so few nodes at once that their sums stay in
-/// registers.
+/// The same by each of [`WIDTHS`], `[WIDTHS][3][Q]`: one lobe is the square of the one before, three and two at once and few nodes, so that their
+/// sums stay in registers.
 pub(super) fn mirrored_by_all(nodes: &Nodes, frame: SurfelFrame, rays: &Rays, out: &mut [f32]) {
     const FEW: usize = 8;
+    const { assert!(matches!(WIDTHS, [3, 4, 5, 6, 7])) };
     let (first, rest) = out.split_at_mut(3 * 3 * nodes.count());
     for start in (0..nodes.count()).step_by(FEW) {
         sum_lobes::<3, 3, FEW>(nodes, (start, frame), rays, first);

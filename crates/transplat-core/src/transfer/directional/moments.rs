@@ -21,7 +21,7 @@ pub type AllMoments = [[Moments; WIDTHS.len()]; 2];
 
 /// What a surfel's colour is held against its lobes in.
 #[derive(Default)]
-pub struct Asked {
+pub struct Held {
     /// What shines on it.
     pub rays: Rays,
     /// Mirrored by each lobe. `[WIDTHS][3][Q]`
@@ -35,7 +35,7 @@ pub struct Asked {
     toward: Vec<[f32; 3]>,
 }
 
-impl Asked {
+impl Held {
     /// What one lobe shows on the mean, as it is or as it rises; `rays` are set.
     pub fn mean(
         &mut self,
@@ -82,12 +82,10 @@ impl Asked {
             }
             product(&nodes.moments, &self.lit, &mut self.of_lit);
             for (kind, found) in found.iter_mut().enumerate() {
-                let [mean, spread @ ..] = &self.of_lit[kind * k..][..k] else {
-                    continue;
-                };
+                let of_lit = &self.of_lit[kind * k..][..k];
                 let found = &mut found[width];
-                found.mean = *mean;
-                for s in spread {
+                found.mean = of_lit[0];
+                for s in &of_lit[1..] {
                     for c in 0..3 {
                         found.variance[c] += s[c] * s[c];
                     }
@@ -111,4 +109,45 @@ fn color_variance(nodes: &Nodes, colors: &[[f32; 3]], mean: [f32; 3]) -> [f32; 3
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::environment::Beam;
+    use crate::sh::lattice;
+
+    #[test]
+    fn all_lobes_at_once_are_each_of_them_and_so_are_their_means() {
+        for degree in [1, 3, 5] {
+            let nodes = Nodes::new(degree);
+            let q = nodes.count();
+            let frame = SurfelFrame::new(Vec3::new(0.3, -0.5, 0.8).normalize());
+            let mut held = Held::default();
+            for (ray, direction) in lattice(60).into_iter().enumerate() {
+                let energy = [0, 1, 2].map(|c| 1.0 + ((ray * 7 + c) as f32).sin());
+                held.rays.set(ray, &Beam { direction, energy });
+            }
+            let colors: Vec<[f32; 3]> = (0..q).map(|s| [s as f32, 1.0, (s * s) as f32]).collect();
+            let (moments, _) = held.moments((&nodes, frame), &colors, [0.0; 3]);
+            let together = held.mirrored.clone();
+            let mut alone = vec![0f32; 3 * q];
+            for (width, together) in together.chunks_exact(3 * q).enumerate() {
+                mirrored(&nodes, frame, WIDTHS[width], &held.rays, &mut alone);
+                // Sums of sixty, of the same products.
+                for (a, b) in together.iter().zip(&alone) {
+                    assert!((a - b).abs() <= 1e-5 * b.abs(), "degree {degree}: {a} {b}");
+                }
+                for rises in [false, true] {
+                    let mean = held.mean((&nodes, frame), (width, rises));
+                    let found = moments[usize::from(rises)][width].mean;
+                    for (a, b) in mean.iter().zip(&found) {
+                        assert!((a - b).abs() <= 1e-5 * b.abs(), "degree {degree}: {a} {b}");
+                    }
+                }
+            }
+        }
+    }
 }

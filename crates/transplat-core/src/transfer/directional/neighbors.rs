@@ -26,7 +26,7 @@ const FEWEST_ASKED: usize = 4;
 
 /// What that was measured to change of the relit colour of single surfels (relative L2): 2 to 12 % on six objects of 240,000, most of it 4 to 6, of which
 /// the truth gets nearer.
-pub(super) const SHARED_GLOSS_ERROR: f32 = 0.1;
+pub(super) const SHARED_GLOSS_ERROR: f32 = 0.12;
 
 /// The surfels nearest to each in place and normal: probably of the same stuff.
 ///
@@ -34,7 +34,7 @@ pub(super) const SHARED_GLOSS_ERROR: f32 = 0.1;
 /// neighbours as else are then a little farther.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Neighbors {
-    /// Of one group of surfels that share them after the other: those nearest to the group, itself among them.
+    /// Of one group of surfels that share them after the other: those nearest to the group, its own among them.
     all: Vec<u32>,
     /// Where in `all` each group's end.
     ends: Vec<u32>,
@@ -48,7 +48,7 @@ pub(super) struct Neighbors {
 
 /// Of so many surfels one in how many is asked.
 pub(super) fn asked_one_in(surfels: usize) -> usize {
-    surfels.div_ceil(ALL_ASKED).min(FEWEST_ASKED)
+    surfels.div_ceil(ALL_ASKED).clamp(1, FEWEST_ASKED)
 }
 
 /// In the place of a place.
@@ -149,7 +149,7 @@ impl Neighbors {
         &self.all[start as usize..self.ends[group] as usize]
     }
 
-    /// Those of each group, itself among them, in parallel.
+    /// Those of each group, its own among them, in parallel.
     pub fn of_groups(&self) -> impl IndexedParallelIterator<Item = &[u32]> {
         (0..self.ends.len())
             .into_par_iter()

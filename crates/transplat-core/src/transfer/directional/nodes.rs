@@ -47,7 +47,7 @@ pub struct Nodes {
     /// variance; and the same of values that rise towards grazing view. `[Q][2][K]`, values first
     pub moments: Vec<f32>,
     /// What a weighted deviation at the nodes is multiplied by to be summed with values there, so that this is their covariance with what the
-    /// values are shown as; and with those that rise. `[Q][2][Q]`
+    /// values are shown as, less its mean; and with those that rise. `[Q][2][Q]`
     pub covariance: Vec<f32>,
     /// Factor on a coated surface's lobe, which rises towards grazing view. `[Q]`
     pub rise: Vec<f32>,
@@ -135,7 +135,7 @@ impl Nodes {
                 .collect(),
             covariance: (0..q * 2 * q)
                 .map(|i| (i / (2 * q), i / q % 2, i % q))
-                .map(|(seen, kind, s)| (risen(s, kind) * refit[seen * q + s]) as f32)
+                .map(|(seen, kind, s)| (risen(s, kind) * (refit[seen * q + s] - spread[s])) as f32)
                 .collect(),
             weights: weights.iter().map(|w| *w as f32).collect(),
             rise: rise.iter().map(|r| *r as f32).collect(),
@@ -423,7 +423,7 @@ mod tests {
     /// Of a few values: mean, variance, and covariance with a colour, of what their fit shows, once as they are and once as they rise.
     #[test]
     fn moments_of_values_are_those_of_what_their_fit_shows() {
-        for degree in 1..=4 {
+        for degree in [1, 2, 3, 4, 8] {
             let nodes = Nodes::new(degree);
             let (q, k) = (nodes.count(), coefficient_count(degree));
             let wave =

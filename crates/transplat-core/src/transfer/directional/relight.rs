@@ -14,11 +14,13 @@ use crate::transfer::relit::{Part, Relight, Relit, empty_bytes, switched_off};
 impl Relight for DirectionalTransfer {
     fn relight_after(
         &self,
-        _: Option<Relit>,
+        last: Option<Relit>,
         target: &Illumination,
         part: Part,
         unseen: &[bool],
     ) -> Result<Relit> {
+        // Two at once would be twice the memory.
+        drop(last);
         Ok(self.relight(self.light(target)?, part, unseen))
     }
 
@@ -53,7 +55,7 @@ impl Relight for DirectionalTransfer {
             });
         }
         let asked = asset.neighbors.asked().len();
-        if asked < n && self.settings.terms.lobe && self.trust >= 1.0 {
+        if asked < n {
             let told = 100.0 * (n - asked) as f32 / n as f32;
             let why = format!("{told:.0} % of the surfels are told by their neighbours");
             out.push(Skipped {

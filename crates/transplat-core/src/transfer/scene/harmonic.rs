@@ -164,11 +164,13 @@ impl Relight for HarmonicScene {
 
     fn relight_after(
         &self,
-        _: Option<Relit>,
+        last: Option<Relit>,
         target: &Illumination,
         part: Part,
         _: &[bool],
     ) -> Result<Relit> {
+        // Two at once would be twice the memory.
+        drop(last);
         let each = self.relight_placed(target, part)?;
         let degree = each.iter().map(|r| r.degree).max().unwrap_or_default();
         let each = each.into_iter().map(|r| r.of_degree(degree));
