@@ -39,7 +39,8 @@ use crate::sh::coefficient_count;
 
 pub(crate) use asset::mean_radiance;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
-use color_rows::{ColorRows, RowMut, SHORT_FROM, rows_of};
+pub(super) use color_rows::SHORT_FROM;
+use color_rows::{ColorRows, RowMut, rows_of};
 pub use gloss::Gloss;
 pub(crate) use gloss::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
@@ -297,7 +298,7 @@ impl DirectionalTransfer {
         };
         let (q, k) = (asset.nodes.count(), coefficient_count(asset.nodes.degree));
         let n = asset.bake.len();
-        let mut residual = ColorRows::new(n, k, n >= SHORT_FROM);
+        let mut residual = ColorRows::new(n, k, n);
         let mut matte = MatteColors::for_those(gloss.iter().map(|g| !g.is_matte()), q);
         let (encoded_mean, darkest) = (matte.rows_mut().into_par_iter())
             .zip(residual.rows_mut().into_par_iter())

@@ -4,7 +4,7 @@
 const LARGEST: f32 = i16::MAX as f32;
 
 /// From so many surfels on rows are short: a million, of degree 3, take 160 MB less.
-pub(super) const SHORT_FROM: usize = 1 << 17;
+pub(crate) const SHORT_FROM: usize = 1 << 17;
 
 /// Rows of colours.
 #[derive(Clone, Debug)]
@@ -57,9 +57,9 @@ impl RowMut<'_> {
 }
 
 impl ColorRows {
-    /// So many rows of that width, all zero; short ones or not.
-    pub fn new(rows: usize, width: usize, are_short: bool) -> Self {
-        let rows = match are_short {
+    /// So many rows of that width, all zero, for an asset of so many surfels.
+    pub fn new(rows: usize, width: usize, surfels: usize) -> Self {
+        let rows = match surfels >= SHORT_FROM {
             true => Rows::Short {
                 values: vec![[0; 3]; rows * width],
                 units: vec![0.0; rows],
@@ -153,7 +153,7 @@ mod tests {
             vec![[-1e38, 3e37, 2e33], [f32::MIN_POSITIVE, 0.0, 0.0]],
         ];
         for (are_short, most_off, each) in [(false, 0.0, 2 * 12), (true, 1.6e-5, 2 * 6 + 4)] {
-            let mut table = ColorRows::new(rows.len(), 2, are_short);
+            let mut table = ColorRows::new(rows.len(), 2, if are_short { SHORT_FROM } else { 0 });
             let mut kept = rows.clone();
             for (row, kept) in table.rows_mut().into_iter().zip(&mut kept) {
                 row.store(kept);

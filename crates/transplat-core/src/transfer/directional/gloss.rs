@@ -83,12 +83,12 @@ pub(super) fn find_gloss(
     }
     let (moments, variances): (Vec<AllMoments>, Vec<[f32; 3]>) =
         (asset.neighbors.asked().par_iter())
-            .map_init(Held::default, |scratch, i| {
+            .map_init(Held::default, |held, i| {
                 let i = *i as usize;
                 let colors = &asset.colors_of(i)[..];
-                asset.rays_of(i, light, radiance, &mut scratch.rays);
+                asset.rays_of(i, light, radiance, &mut held.rays);
                 let frame = SurfelFrame::new(asset.bake.normals[i]);
-                scratch.moments((&asset.nodes, frame), colors, asset.means[i][0])
+                held.moments((&asset.nodes, frame), colors, asset.means[i][0])
             })
             .unzip();
     let metal = regress(asset, (&moments, &variances), 0);
@@ -143,25 +143,25 @@ fn regress(
 ) -> Vec<Regressed> {
     let prominence = &asset.bake.prominence;
     let of_group = |around: &[u32]| -> [Sums; WIDTHS.len()] {
-        let each = || around.iter().map(|j| *j as usize);
-        let total: f32 = each().map(|j| prominence[j]).sum();
+        // Only those that are asked are anyone's neighbours.
+        let each = || {
+            let surfels = around.iter().map(|j| *j as usize);
+            surfels.filter_map(|j| Some((j, asset.neighbors.place_of(j)?)))
+        };
+        let total: f32 = each().map(|(j, _)| prominence[j]).sum();
         let mut sums = [Sums::default(); WIDTHS.len()];
-        for j in each() {
+        for (j, at) in each() {
             let share = share_of(prominence[j], total, around.len());
             let brightness: f32 = asset.means[j][0].iter().map(|c| c * c).sum();
             let unit = share / brightness.max(1e-6);
-            let asked = asset.neighbors.place_of(j);
-            let Some((moments, variances)) = asked.map(|at| (&moments[at], &variances[at])) else {
-                continue;
-            };
-            for (sums, m) in sums.iter_mut().zip(&moments[kind]) {
+            for (sums, m) in sums.iter_mut().zip(&moments[at][kind]) {
                 for c in 0..3 {
                     sums.num[c] += share * m.covariance[c];
                     sums.den[c] += share * m.variance[c];
-                    sums.var[c] += share * variances[c];
+                    sums.var[c] += share * variances[at][c];
                     sums.relative[0] += unit * m.covariance[c];
                     sums.relative[1] += unit * m.variance[c];
-                    sums.relative[2] += unit * variances[c];
+                    sums.relative[2] += unit * variances[at][c];
                 }
             }
         }

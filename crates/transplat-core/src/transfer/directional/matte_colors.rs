@@ -1,6 +1,6 @@
 //! Colour at the nodes that gloss does not explain: kept of glossy surfels; that of the others is what is stored, and made of it where it is asked for.
 
-use super::color_rows::{ColorRows, RowMut, SHORT_FROM};
+use super::color_rows::{ColorRows, RowMut};
 
 /// In the place of a row: the colour is what is stored.
 const AS_STORED: u32 = u32::MAX;
@@ -17,15 +17,9 @@ pub(super) struct MatteColors {
 impl MatteColors {
     /// With rows for some of the surfels, `[n]`, black until they are set.
     pub fn for_those(is_kept: impl Iterator<Item = bool>, nodes: usize) -> Self {
-        let mut rows = 0;
-        let row_of = is_kept.map(|is_kept| {
-            let row = if is_kept { rows } else { AS_STORED };
-            rows += u32::from(is_kept);
-            row
-        });
-        let row_of: Vec<u32> = row_of.collect();
+        let (row_of, rows) = numbered(is_kept);
         Self {
-            kept: ColorRows::new(rows as usize, nodes, row_of.len() >= SHORT_FROM),
+            kept: ColorRows::new(rows, nodes, row_of.len()),
             row_of,
         }
     }
@@ -53,7 +47,7 @@ impl MatteColors {
         let are_kept = surfels.iter().map(|i| self.row_of[*i] != AS_STORED);
         Self {
             kept: self.kept.selected(&kept),
-            ..Self::for_those(are_kept, 0)
+            row_of: numbered(are_kept).0,
         }
     }
 
@@ -61,6 +55,17 @@ impl MatteColors {
     pub fn bytes(&self) -> usize {
         size_of_val(&self.row_of[..]) + self.kept.bytes()
     }
+}
+
+/// Which row each has, if it has one, and how many rows there are.
+fn numbered(is_kept: impl Iterator<Item = bool>) -> (Vec<u32>, usize) {
+    let mut rows = 0;
+    let row_of = is_kept.map(|is_kept| {
+        let row = if is_kept { rows } else { AS_STORED };
+        rows += u32::from(is_kept);
+        row
+    });
+    (row_of.collect(), rows as usize)
 }
 
 #[cfg(test)]
