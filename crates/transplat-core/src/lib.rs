@@ -36,6 +36,7 @@
 pub mod bake;
 pub mod camera;
 pub mod color;
+pub mod color_rows;
 pub mod crop;
 pub mod derived;
 pub mod environment;

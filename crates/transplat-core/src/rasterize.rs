@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use blend::{Splat, TILE, Tile};
 pub use project::{LEAST_COMPENSATION, LOW_PASS_VARIANCE, MARGIN, MAX_ALPHA};
 use project::{ProjectedSurfel, project_surfel};
-pub use shade::{ColorSpace, Shading, shade};
+pub use shade::{ColorSpace, Functions, Shading, shade};
 pub use tiles::Placed;
 use tiles::Tiles;
 

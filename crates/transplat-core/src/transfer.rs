@@ -12,6 +12,7 @@ pub mod scene;
 use std::sync::Arc;
 
 use crate::bake::Bake;
+use crate::color_rows::SHORT_FROM;
 use crate::environment::Illumination;
 use crate::error::{Error, Result, ensure};
 use crate::memory;
@@ -23,7 +24,7 @@ use crate::surfels::SurfelCloud;
 
 use directional::{DirectionalAsset, DirectionalTransfer};
 use harmonic::{HarmonicAsset, HarmonicTransfer};
-pub use relit::{Part, Relight, Relit};
+pub use relit::{Part, Relight, Relit, RelitRows};
 use scene::SceneTransfer;
 use scene::harmonic::HarmonicScene;
 
@@ -142,7 +143,7 @@ pub fn ensure_room(cloud: &SurfelCloud, method: Method) -> Result<()> {
     let (geometry, colors) = match method {
         Method::Directional => {
             let kept = k + directional::Nodes::count_of(degree);
-            let is_short = cloud.len() >= directional::SHORT_FROM;
+            let is_short = cloud.len() >= SHORT_FROM;
             (400, k + if is_short { kept.div_ceil(2) } else { kept })
         }
         Method::Harmonic => (200, 2 * k),

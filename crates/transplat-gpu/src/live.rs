@@ -17,7 +17,7 @@ use transplat_core::derived::Derived;
 use transplat_core::environment::Illumination;
 use transplat_core::present::View;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, Relit};
+use transplat_core::transfer::{Part, RelitRows};
 
 use cpu::CpuCanvas;
 pub use frame::{Frame, Passes, Placement};
@@ -223,7 +223,7 @@ impl Live {
     }
 
     /// Shows what was relit on the CPU by the adapter's own transfer, which stays.
-    pub fn take_relit(&mut self, object: usize, made: &Relit, part: Part) {
+    pub fn take_relit(&mut self, object: usize, made: &RelitRows, part: Part) {
         let Some(LiveObject { relit, .. }) = self.object_mut(object) else {
             return;
         };

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer, Relight, Relit, RelitRows};
 
 use crate::context::{Context, GpuError, Result};
 use crate::rasterize::{ResidentPaint, ResidentSh, ResidentVectors};
@@ -97,8 +97,7 @@ impl GpuTransfer {
             }
             // Their rays differ from surfel to surfel: the CPU traces them.
             By::Directional(transfer, _) if !target.emitters.is_empty() => {
-                let light = transfer.prepared.light(target)?;
-                transfer.write(&transfer.prepared.relight(light, part, unseen));
+                transfer.write(&transfer.prepared.relight_rows(target, part, unseen)?);
             }
             By::Directional(transfer, _) => {
                 let light = transfer.prepared.light(target)?;
@@ -111,7 +110,7 @@ impl GpuTransfer {
     }
 
     /// Takes what was relit elsewhere, by the directional method; `part` is what it has.
-    pub fn take(&mut self, relit: &Relit, part: Part) {
+    pub fn take(&mut self, relit: &RelitRows, part: Part) {
         if let By::Directional(transfer, _) = &self.by {
             transfer.write(relit);
             self.part = part;

@@ -22,6 +22,7 @@ mod light_handles;
 mod light_map;
 mod matching;
 mod measuring;
+mod memory;
 mod menus;
 mod navigation;
 mod object;
@@ -78,6 +79,7 @@ pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
 /// # Errors
 /// There is no display, or no adapter that can draw.
 pub fn open(startup: Startup, software_only: bool) -> Result<()> {
+    memory::keep_few_arenas();
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")

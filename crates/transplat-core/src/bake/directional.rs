@@ -328,6 +328,7 @@ impl DirectionalBake {
             hits[from..].sort_unstable_by_key(|h: &Hit| h.patch());
             starts.push(hits.len() as u32);
         }
+        hits.shrink_to_fit();
         Self {
             flipped: (tracer.fronts.of.iter()).filter(|f| f.is_turned()).count(),
             buried: sharing.count(|row| open[row].1 < 0.02),

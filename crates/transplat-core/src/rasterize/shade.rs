@@ -7,6 +7,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use crate::color::{Display, Encoding, STORED_OFFSET};
+use crate::color_rows::{ColorRows, weighted_sum};
 use crate::lanes::{LANES, Lanes};
 use crate::sh::{MAX_COEFFICIENTS, coefficient_count, evaluate_basis};
 
@@ -33,7 +34,7 @@ pub fn shade(
 ) -> Vec<[f32; 3]> {
     let shading = Shading {
         positions,
-        sh,
+        sh: Functions::Flat(sh),
         degree,
         encoding,
         gains: None,
@@ -51,13 +52,22 @@ pub fn shade(
     colors
 }
 
+/// Functions of the view, one a surfel.
+#[derive(Clone, Copy, Debug)]
+pub enum Functions<'a> {
+    /// One after the other, `[n][K][3]`.
+    Flat(&'a [[f32; 3]]),
+    /// `[n][K]`
+    Rows(&'a ColorRows),
+}
+
 /// SH colour as it is seen from somewhere.
 #[derive(Clone, Debug)]
 pub struct Shading<'a> {
     /// Of the surfels, `[n]`.
     pub positions: &'a [Vec3],
-    /// `[n][K][3]`.
-    pub sh: &'a [[f32; 3]],
+    /// Their colour.
+    pub sh: Functions<'a>,
     /// Of `sh`.
     pub degree: usize,
     /// What `sh` stands for.
@@ -131,14 +141,15 @@ fn evaluate(shading: &Shading<'_>, surfels: &[usize], out: &mut [[f32; 3]]) {
             degree => evaluate_basis(direction, degree, &mut basis),
         }
         for (lane, (surfel, out)) in surfels.iter().zip(out).enumerate() {
-            let function = &shading.sh[surfel * k..][..k];
-            let mut sum = [0f32; 3];
             let part = shading.coefficients.clone();
-            for (c, basis) in function[part.clone()].iter().zip(&basis[part]) {
-                let y = basis.0[lane];
-                sum = [sum[0] + c[0] * y, sum[1] + c[1] * y, sum[2] + c[2] * y];
-            }
-            *out = sum;
+            *out = match shading.sh {
+                Functions::Flat(sh) => {
+                    let function = &sh[surfel * k..][part.clone()];
+                    let basis = basis[part].iter().map(|basis| basis.0[lane]);
+                    weighted_sum(function.iter().copied().zip(basis))
+                }
+                Functions::Rows(rows) => rows.weighted(*surfel, part, |q| basis[q].0[lane]),
+            };
         }
     }
 }
@@ -147,7 +158,48 @@ fn evaluate(shading: &Shading<'_>, surfels: &[usize], out: &mut [[f32; 3]]) {
 mod tests {
     use super::*;
     use crate::color::{ToneMap, radiance};
+    use crate::color_rows::SHORT_FROM;
     use crate::synthetic;
+
+    #[test]
+    fn rows_are_shaded_as_what_they_hold() {
+        let cloud = synthetic::glossy_sphere_over_plate(40, 3);
+        let (n, k) = (cloud.len(), coefficient_count(3));
+        let copy = |_: &mut (), first: usize, out: &mut [[f32; 3]]| {
+            out.copy_from_slice(&cloud.sh[first * k..][..out.len()]);
+        };
+        for surfels in [n, SHORT_FROM] {
+            let mut rows = ColorRows::new(n, k, surfels);
+            rows.fill(7, || (), copy);
+            let held = rows.values();
+            let of_rows = Shading {
+                positions: &cloud.positions,
+                sh: Functions::Rows(&rows),
+                degree: 3,
+                encoding: cloud.encoding,
+                gains: None,
+                // Some of the bands, too.
+                coefficients: 0..9,
+                eye: Vec3::new(2.0, 1.0, 0.5),
+                space: ColorSpace::Linear,
+            };
+            let as_held = Shading {
+                sh: Functions::Flat(&held),
+                ..of_rows.clone()
+            };
+            let all: Vec<usize> = (0..n).rev().collect();
+            let colors = |shading: &Shading<'_>| {
+                let mut colors = vec![[0.0; 3]; n];
+                shading.colors(&all, &mut colors);
+                colors
+            };
+            let (got, expected) = (colors(&of_rows), colors(&as_held));
+            for (a, b) in got.iter().flatten().zip(expected.iter().flatten()) {
+                // The unit is multiplied by before the sum or behind it.
+                assert!((a - b).abs() < 1e-6 * (1.0 + b), "{a} {b}");
+            }
+        }
+    }
 
     #[test]
     fn many_are_shaded_as_one() {

@@ -5,7 +5,6 @@
 
 mod asset;
 mod coarse;
-mod color_rows;
 mod gloss;
 mod glow;
 mod incident;
@@ -27,8 +26,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::materials::WHITEST;
-use super::relit::{Part, Relit, round_to_half};
+use super::relit::{Part, round_to_half};
 use crate::bake::directional::DirectionalBake;
+use crate::color_rows::{ColorRows, RowMut, rows_of};
 use crate::environment::{Beams, Illumination, IncidentRadiance};
 use crate::error::Result;
 use crate::numeric::weighted_quantile;
@@ -39,8 +39,6 @@ use crate::sh::coefficient_count;
 
 pub(crate) use asset::mean_radiance;
 pub use asset::{DirectionalAsset, DirectionalLight, FrontAndBack, Radiance};
-pub(super) use color_rows::SHORT_FROM;
-use color_rows::{ColorRows, RowMut, rows_of};
 pub use gloss::Gloss;
 pub(crate) use gloss::{
     METAL, METAL_TURNS, MOST_GLOSS, MOST_REFLECTANCE, RIDGE, TRUSTED_CORRELATION,
@@ -58,9 +56,6 @@ pub use nodes::Nodes;
 use nodes::SurfelFrame;
 pub(crate) use nodes::{FIT_FLOOR, FIT_RIDGE, NORMAL_OVER_GRAZING};
 use rays::Rays;
-
-/// Surfels that are relit one after the other.
-const PIECE: usize = 512;
 
 /// Turns of the fixed point by which light bounces.
 pub const TURNS: usize = 3;
@@ -406,52 +401,6 @@ impl DirectionalTransfer {
     pub fn ratio(&self, light: DirectionalLight) -> Vec<[f32; 3]> {
         let light = self.asset.incident(light, &self.settings, None);
         self.bounce(&light).into_iter().map(|t| t[0]).collect()
-    }
-
-    /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
-    /// to the others.
-    pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
-        let asset = &*self.asset;
-        let light = asset.incident(light, &self.settings, None);
-        let tau = self.bounce(&light);
-        let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
-        self.shown((&light, part), tau, &radiance, unseen)
-    }
-
-    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`.
-    pub(super) fn shown(
-        &self,
-        (light, part): (&Incident<'_>, Part),
-        tau: Vec<FrontAndBack>,
-        radiance: &[Radiance],
-        unseen: &[bool],
-    ) -> Relit {
-        let asset = &*self.asset;
-        let k = coefficient_count(asset.nodes.degree);
-        let mut sh = vec![[0f32; 3]; asset.bake.len() * k];
-        sh.par_chunks_mut(PIECE * k).enumerate().for_each_init(
-            Scratch::default,
-            |scratch, (piece, out)| {
-                let first = piece * PIECE;
-                scratch.backs.clear();
-                for (at, out) in out.chunks_exact_mut(k).enumerate() {
-                    let i = first + at;
-                    if unseen.get(i).is_some_and(|u| *u) {
-                        out.copy_from_slice(&asset.sh[i * k..][..k]);
-                    } else {
-                        self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
-                    }
-                }
-                let matte = self.matte(part);
-                matte.add_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
-            },
-        );
-        Relit {
-            sh,
-            degree: asset.nodes.degree,
-            encoding: asset.encoding,
-            tau: tau.into_iter().map(|t| t[0]).collect(),
-        }
     }
 
     fn epsilon_shares(&self, i: usize) -> [f32; 3] {

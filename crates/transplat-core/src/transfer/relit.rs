@@ -5,6 +5,7 @@ use half::f16;
 
 use super::materials::Materials;
 use crate::color::{Encoding, decode_sh, encode_sh};
+use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::settings::skips::{Skipped, Stage};
@@ -33,6 +34,19 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         part: Part,
         unseen: &[bool],
     ) -> Result<Relit>;
+
+    /// The same to be kept and drawn, the colour of very many surfels in sixteen bits a number.
+    ///
+    /// # Errors
+    /// The light was not read for the method.
+    fn relight_rows(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<RelitRows> {
+        Ok(self.relight_seen(target, part, unseen)?.into())
+    }
 
     /// The same for each object of a scene, in its own coordinates; a single one is a scene of one.
     ///
@@ -134,6 +148,43 @@ pub struct Relit {
     pub encoding: Encoding,
     /// By how much what is not gloss has changed (paper eq. 5). `[n]`
     pub tau: Vec<[f32; 3]>,
+}
+
+/// A relit asset as it is kept to be drawn.
+#[derive(Clone, Debug)]
+pub struct RelitRows {
+    /// Colour. `[n][K]`
+    pub sh: ColorRows,
+    /// As that of [`Relit`].
+    pub degree: usize,
+    /// How that is to be read.
+    pub encoding: Encoding,
+    /// As that of [`Relit`]. `[n]`
+    pub tau: Vec<[f32; 3]>,
+}
+
+impl From<Relit> for RelitRows {
+    fn from(relit: Relit) -> Self {
+        let k = coefficient_count(relit.degree);
+        let surfels = relit.tau.len();
+        Self {
+            sh: ColorRows::of(relit.sh, k, surfels),
+            degree: relit.degree,
+            encoding: relit.encoding,
+            tau: relit.tau,
+        }
+    }
+}
+
+impl From<RelitRows> for Relit {
+    fn from(kept: RelitRows) -> Self {
+        Self {
+            sh: kept.sh.into_values(),
+            degree: kept.degree,
+            encoding: kept.encoding,
+            tau: kept.tau,
+        }
+    }
 }
 
 impl Relit {

@@ -7,10 +7,10 @@ use transplat_core::camera::Camera;
 use transplat_core::color::Display;
 use transplat_core::derived::Derived;
 use transplat_core::present::{PLAIN, View};
-use transplat_core::rasterize::{ColorSpace, Shading};
+use transplat_core::rasterize::{ColorSpace, Functions, Shading};
 use transplat_core::sh::{coefficient_count, with_degree};
 use transplat_core::surfels::{Bounds, SurfelCloud};
-use transplat_core::transfer::{Part, Relit};
+use transplat_core::transfer::{Part, RelitRows};
 
 use super::frame::{Frame, Placement};
 use super::paint::{Color, Paint};
@@ -92,18 +92,18 @@ pub enum LiveSh {
     /// Uploaded.
     Gpu(ResidentSh),
     /// As it is.
-    Cpu(Arc<Relit>),
+    Cpu(Arc<RelitRows>),
     /// What was captured, its light multiplied by that, `[n]`: drawn by the CPU alone.
     Coarse(Arc<Vec<[f32; 3]>>),
 }
 
 impl LiveSh {
     /// Brings it there.
-    pub fn new(context: &Context, relit: &Arc<Relit>, drawing: Drawing) -> Self {
+    pub fn new(context: &Context, relit: &Arc<RelitRows>, drawing: Drawing) -> Self {
         match drawing {
             Drawing::Gpu => Self::Gpu(ResidentSh::upload(
                 context,
-                &relit.sh,
+                &relit.sh.values(),
                 relit.degree,
                 relit.encoding,
             )),
@@ -357,7 +357,7 @@ impl LiveObject {
     /// What colours the surfels on the CPU.
     pub fn paint<'a>(&'a self, camera: &Camera, key: &ShadeKey) -> Paint<'a> {
         let cloud = &*self.asset.cloud;
-        let shading = |sh: &'a [[f32; 3]], [degree, filled]: [usize; 2], encoding| Shading {
+        let shading = |sh: Functions<'a>, [degree, filled]: [usize; 2], encoding| Shading {
             positions: &cloud.positions,
             sh,
             degree,
@@ -369,12 +369,13 @@ impl LiveObject {
         };
         let stored = || {
             let degrees = [cloud.sh_degree, self.asset.degree];
-            shading(&cloud.sh, degrees, cloud.encoding)
+            shading(Functions::Flat(&cloud.sh), degrees, cloud.encoding)
         };
         let shading = match (key.paint, &self.relit.value, &self.pinned.value) {
             (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Cpu(relit), _)), _)
             | (SidePaint::Pinned, _, Some((LiveSh::Cpu(relit), _))) => {
-                Some(shading(&relit.sh, [relit.degree; 2], relit.encoding))
+                let functions = Functions::Rows(&relit.sh);
+                Some(shading(functions, [relit.degree; 2], relit.encoding))
             }
             (SidePaint::Relit(_), Some(Shown::Made(LiveSh::Coarse(gains), _)), _) => {
                 Some(Shading {

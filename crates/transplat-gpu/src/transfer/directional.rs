@@ -8,7 +8,7 @@ use transplat_core::environment::MAX_SUNS;
 use transplat_core::settings::skips::Skip;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
-use transplat_core::transfer::{Part, Relit};
+use transplat_core::transfer::{Part, Relit, RelitRows};
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
@@ -261,12 +261,13 @@ impl GpuDirectional {
     }
 
     /// Takes a result that was made elsewhere.
-    pub fn write(&self, relit: &Relit) {
+    pub fn write(&self, relit: &RelitRows) {
         let k = coefficient_count(self.prepared.asset.nodes.degree);
+        let values = relit.sh.values();
         let (queue, mut first) = (&self.context.queue, 0);
         for chunk in &self.chunks {
             let own = first..first + chunk.count;
-            let sh = &relit.sh[own.start * k..own.end * k];
+            let sh = &values[own.start * k..own.end * k];
             queue.write_buffer(&chunk.relit, 0, bytemuck::cast_slice(sh));
             // What shows the ratio asks the front.
             let sides = |tau: &[f32; 3]| [[tau[0], tau[1], tau[2], 0.0]; 2];

@@ -1,7 +1,7 @@
 //! What is told of the surfel that is inspected.
 
 use transplat_core::color::{Encoding, decode_sh};
-use transplat_core::sh::{coefficient_count, with_degree};
+use transplat_core::sh::with_degree;
 use transplat_core::transfer::PreparedTransfer;
 
 use super::session::{Session, TARGET};
@@ -17,8 +17,9 @@ impl Session {
                 // None while a newer one is on its way.
                 let state = self.state();
                 let relit = state.readout.of(&state.relit.made_from()?.shown())?;
-                let k = coefficient_count(relit.degree);
-                let sh = relit.sh.get(i * k..(i + 1) * k)?;
+                let mut read = Vec::new();
+                let known = (i < relit.sh.len()).then_some(i)?;
+                let sh = relit.sh.row(known, &mut read);
                 let linear = match relit.encoding {
                     Encoding::Linear => sh.to_vec(),
                     encoding => decode_sh(sh, relit.degree, encoding),

@@ -9,6 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::language::tr;
+use super::memory;
 use anyhow::{Result, anyhow};
 use eframe::egui;
 use thread_priority::{ThreadPriority, set_current_thread_priority};
@@ -185,6 +186,12 @@ impl<E> Handle<E> {
         self.signals.cancelled.load(Ordering::Relaxed)
     }
 
+    /// How long ago its turn was.
+    fn has_run_for(&self) -> Duration {
+        let begun = self.signals.begun.get();
+        begun.map_or(Duration::ZERO, Instant::elapsed)
+    }
+
     /// Yields something before the end.
     pub fn send(&self, event: E) {
         self.post(Some(event), false);
@@ -223,6 +230,9 @@ fn beside_the_rest<T: Send>(is_long: bool, work: impl FnOnce() -> T + Send) -> T
         Err(_) => work(),
     }
 }
+
+/// What takes longer leaves much memory behind, and giving that back takes little beside it.
+const LEAVES_MUCH: Duration = Duration::from_millis(250);
 
 /// All jobs, and what they yield.
 pub struct Jobs<E> {
@@ -286,6 +296,9 @@ impl<E: Send + 'static> Jobs<E> {
             let internal = |_| Err(anyhow!(tr("an internal error; the scene is as it was")));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
+            if handle.has_run_for() > LEAVES_MUCH {
+                memory::give_back();
+            }
             // Not before: the next one could be told as done first.
             queue.iter().for_each(|queue| queue.leave(id));
         });

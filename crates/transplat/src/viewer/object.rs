@@ -20,7 +20,7 @@ use transplat_core::scene::{EnvironmentLight, Light, Transform};
 use transplat_core::settings::skips::{Skipped, Skips};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{Hide, UpAxis};
-use transplat_core::transfer::{Part, PreparedTransfer, Relit, TransferAsset};
+use transplat_core::transfer::{Part, PreparedTransfer, RelitRows, TransferAsset};
 
 use super::asset::Asset;
 use super::environments::{Environment, Resolved};
@@ -76,7 +76,7 @@ pub struct ObjectState {
     pub(super) unseen: Unseen,
     pub doubts: Derived<ShownKey, Doubts>,
     /// What was relit last for a readout.
-    pub(super) readout: Derived<ShownKey, Arc<Relit>>,
+    pub(super) readout: Derived<ShownKey, Arc<RelitRows>>,
     /// What the channel that was made last was made of.
     pub(super) channel: Derived<ChannelKey, ()>,
     pub measured: Measured,

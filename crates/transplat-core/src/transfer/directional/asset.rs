@@ -5,7 +5,6 @@ use std::sync::Arc;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
-use super::color_rows::rows_of;
 use super::met::LastMet;
 use super::neighbors::{Neighbors, asked_one_in};
 use super::nodes::{Nodes, SurfelFrame, weighted_mean};
@@ -13,6 +12,7 @@ use crate::bake::directional::DirectionalBake;
 use crate::bake::patches::directions;
 use crate::bake::trace::places_and_normals;
 use crate::color::Encoding;
+use crate::color_rows::rows_of;
 use crate::environment::{Beam, Emitter};
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::{SharedSh, coefficient_count, with_degree};

@@ -3,9 +3,9 @@
 use multiversion::multiversion;
 
 use super::asset::{DirectionalAsset, FrontAndBack};
-use super::color_rows::ColorRows;
 use super::nodes::{Nodes, SurfelFrame};
 use crate::color::Encoding;
+use crate::color_rows::ColorRows;
 use crate::lanes::{LANES, Lanes, mirror_of};
 use crate::numeric::smoothstep;
 use crate::sh::{SQRT_4PI, band, coefficient_count};

@@ -1,6 +1,6 @@
 //! Colour at the nodes that gloss does not explain: kept of glossy surfels; that of the others is what is stored, and made of it where it is asked for.
 
-use super::color_rows::{ColorRows, RowMut};
+use crate::color_rows::{ColorRows, RowMut};
 
 /// In the place of a row: the colour is what is stored.
 const AS_STORED: u32 = u32::MAX;

@@ -1,15 +1,104 @@
 //! The directional method as the pipeline asks for it: a relit asset, what was left out, what it takes.
 
+use rayon::prelude::*;
+
 use super::gloss::LEAST_GLOSS;
 use super::neighbors::SHARED_GLOSS_ERROR;
-use super::{DirectionalTransfer, LEAST_IRRADIANCE, TURNS};
+use super::{
+    DirectionalLight, DirectionalTransfer, FrontAndBack, Incident, LEAST_IRRADIANCE, Radiance,
+    Scratch, TURNS,
+};
+use crate::color_rows::ColorRows;
 use crate::environment::Illumination;
 use crate::error::Result;
 use crate::settings::Terms;
 use crate::settings::skips::{Skip, Skipped, Stage};
+use crate::sh::coefficient_count;
 use crate::surfels::SurfelCloud;
 use crate::transfer::materials::Materials;
-use crate::transfer::relit::{Part, Relight, Relit, empty_bytes, switched_off};
+use crate::transfer::relit::{Part, Relight, Relit, RelitRows, empty_bytes, switched_off};
+
+/// Surfels that are relit one after the other.
+const PIECE: usize = 512;
+
+impl DirectionalTransfer {
+    /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
+    /// to the others.
+    pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
+        self.relight_in(self.whole_rows(), light, part, unseen)
+            .into()
+    }
+
+    /// The same, its colour put into rows that are there.
+    fn relight_in(
+        &self,
+        sh: ColorRows,
+        light: DirectionalLight,
+        part: Part,
+        unseen: &[bool],
+    ) -> RelitRows {
+        let asset = &*self.asset;
+        let mut light = asset.incident(light, &self.settings, None);
+        let tau = self.bounce(&light);
+        // Nothing asks it any more.
+        light.irradiance = Vec::new();
+        let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
+        self.shown_in(sh, (&light, part), tau, &radiance, unseen)
+    }
+
+    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`.
+    pub(in crate::transfer) fn shown(
+        &self,
+        light: (&Incident<'_>, Part),
+        tau: Vec<FrontAndBack>,
+        radiance: &[Radiance],
+        unseen: &[bool],
+    ) -> Relit {
+        self.shown_in(self.whole_rows(), light, tau, radiance, unseen)
+            .into()
+    }
+
+    /// The same, its colour put into rows that are there.
+    fn shown_in(
+        &self,
+        mut sh: ColorRows,
+        (light, part): (&Incident<'_>, Part),
+        tau: Vec<FrontAndBack>,
+        radiance: &[Radiance],
+        unseen: &[bool],
+    ) -> RelitRows {
+        let asset = &*self.asset;
+        let k = coefficient_count(asset.nodes.degree);
+        sh.fill(PIECE, Scratch::default, |scratch, first, out| {
+            scratch.backs.clear();
+            for (at, out) in out.chunks_exact_mut(k).enumerate() {
+                let i = first + at;
+                if unseen.get(i).is_some_and(|u| *u) {
+                    out.copy_from_slice(&asset.sh[i * k..][..k]);
+                } else {
+                    self.relight_surfel(i, (light, part), tau[i], radiance, scratch, out);
+                }
+            }
+            let matte = self.matte(part);
+            matte.add_backs(first, &tau, &scratch.backs, &mut scratch.lanes, out);
+        });
+        let mut fronts: Vec<[f32; 3]> = tau.into_iter().map(|t| t[0]).collect();
+        // They are where both sides were.
+        fronts.shrink_to_fit();
+        RelitRows {
+            sh,
+            degree: asset.nodes.degree,
+            encoding: asset.encoding,
+            tau: fronts,
+        }
+    }
+
+    /// Black ones, for colour as exact as it is computed.
+    fn whole_rows(&self) -> ColorRows {
+        let k = coefficient_count(self.asset.nodes.degree);
+        ColorRows::whole(vec![[0.0; 3]; self.asset.bake.len() * k], k)
+    }
+}
 
 impl Relight for DirectionalTransfer {
     fn relight_after(
@@ -22,6 +111,20 @@ impl Relight for DirectionalTransfer {
         // Two at once would be twice the memory.
         drop(last);
         Ok(self.relight(self.light(target)?, part, unseen))
+    }
+
+    fn relight_rows(
+        &self,
+        target: &Illumination,
+        part: Part,
+        unseen: &[bool],
+    ) -> Result<RelitRows> {
+        let (n, k) = (
+            self.asset.bake.len(),
+            coefficient_count(self.asset.nodes.degree),
+        );
+        let rows = ColorRows::new(n, k, n);
+        Ok(self.relight_in(rows, self.light(target)?, part, unseen))
     }
 
     fn tau(&self, target: &Illumination) -> Result<Vec<[f32; 3]>> {

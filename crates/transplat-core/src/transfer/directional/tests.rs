@@ -14,6 +14,7 @@ use crate::settings::GLOW_ABOVE;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
+use crate::transfer::Relit;
 use crate::transfer::materials::Material;
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {

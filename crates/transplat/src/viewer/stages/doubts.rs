@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use transplat_core::present::{self, Doubt, View};
-use transplat_core::transfer::{Part, Relit};
+use transplat_core::transfer::{Part, RelitRows};
 
 use crate::viewer::jobs::{Kind, Work};
 use crate::viewer::language::tr;
@@ -59,7 +59,7 @@ impl Session {
             let (tau, readout) = if let Some(relit) = known {
                 (relit.tau.clone(), None)
             } else if wants_readout {
-                let relit = prepared.relight(&target, Part::Whole)?;
+                let relit = prepared.relight_rows(&target, Part::Whole, &[])?;
                 (relit.tau.clone(), Some(Arc::new(relit)))
             } else {
                 (prepared.tau(&target)?, None)
@@ -83,7 +83,7 @@ impl Session {
         &mut self,
         id: u64,
         key: ShownKey,
-        (doubts, readout): (Doubts, Option<Arc<Relit>>),
+        (doubts, readout): (Doubts, Option<Arc<RelitRows>>),
     ) {
         let Some(at) = self.at(id) else {
             return;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use transplat_core::present;
 use transplat_core::settings::skips::Skip;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
 use crate::viewer::jobs::{Kind, Work};
@@ -126,6 +126,8 @@ impl Session {
         let state = &mut self.states[at];
         state.coarse_since = Some(Instant::now());
         if state.relit.accept(key, relighting) {
+            // Of a light that is gone: the next exact one gets its room.
+            state.readout.clear();
             let colors = present::tau_colors(&tau);
             (self.live()).set_relit(at, LiveSh::Coarse(Arc::new(tau)), colors);
         }
@@ -157,7 +159,7 @@ impl Session {
         let (id, wanted) = (state.id, key.clone());
         let work = move |_: &_| {
             let start = Instant::now();
-            let relit = prepared.relight_seen(&wanted.target.light, wanted.part, &unseen)?;
+            let relit = prepared.relight_rows(&wanted.target.light, wanted.part, &unseen)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let relit = Arc::new(relit);
             let upload = || LiveSh::new(&context, &relit, Drawing::fastest(&context));
@@ -173,7 +175,7 @@ impl Session {
         &mut self,
         id: u64,
         key: RelitKey,
-        (there, relit, ms): (Option<LiveSh>, Arc<Relit>, f64),
+        (there, relit, ms): (Option<LiveSh>, Arc<RelitRows>, f64),
     ) {
         // One of the last preparation is not shown any more.
         let is_of = |at: &usize| self.states[*at].prepared.version() == key.prepared;

@@ -11,7 +11,7 @@ use transplat_core::present;
 use transplat_core::scene::Transform;
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::SceneTransfer;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
 use crate::viewer::jobs::{Handle, Kind};
@@ -225,8 +225,9 @@ impl Session {
         let work = move |_: &_| {
             let start = Instant::now();
             let light = target.light.rotated(turn);
+            let kept = |relit: Relit| Arc::new(RelitRows::from(relit));
             let shown = scene.relight_objects(&light, part, &[])?;
-            let shown: Vec<Arc<Relit>> = shown.into_iter().map(Arc::new).collect();
+            let shown: Vec<_> = shown.into_iter().map(kept).collect();
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let uploaded = shown.iter().map(|relit| {
                 let there = LiveSh::new(&context, relit, Drawing::fastest(&context));
@@ -237,7 +238,7 @@ impl Session {
                 shown
             } else if wants_whole {
                 let whole = scene.relight_objects(&light, Part::Whole, &[])?;
-                whole.into_iter().map(Arc::new).collect()
+                whole.into_iter().map(kept).collect()
             } else {
                 Vec::new()
             };
@@ -285,7 +286,7 @@ impl Session {
         &mut self,
         (id, key): (u64, RelitKey),
         (there, tau): (LiveSh, Vec<[f32; 3]>),
-        whole: Option<Arc<Relit>>,
+        whole: Option<Arc<RelitRows>>,
         ms: f64,
     ) {
         let Some(at) = self.at(id) else {
