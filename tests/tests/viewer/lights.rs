@@ -122,6 +122,8 @@ fn a_light_is_added_placed_and_undone() {
             .iter()
             .any(|m| m.text.contains("nothing of the objects"))
     );
+    // They lie over the picture for a while.
+    d.after(|v| v.session.messages.clear());
     assert_eq!(place(&mut d), second);
     drag(&mut d, &[at + egui::vec2(20.0, -12.0)]);
     assert!(place(&mut d).distance(second) < 1e-9);
