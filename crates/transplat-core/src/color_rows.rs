@@ -155,12 +155,26 @@ impl ColorRows {
         weight: impl Fn(usize) -> f32,
     ) -> [f32; 3] {
         let own = at * self.width..(at + 1) * self.width;
-        let weights = some.clone().map(weight);
+        let first = some.start;
         match &self.rows {
-            Rows::Whole(values) => weighted_sum(values[own][some].iter().copied().zip(weights)),
+            Rows::Whole(values) => {
+                let weights = some.clone().map(weight);
+                weighted_sum(values[own][some].iter().copied().zip(weights))
+            }
             Rows::Short { values, units } => {
-                let row = values[own][some].iter().map(|stored| stored.map(f32::from));
-                weighted_sum(row.zip(weights)).map(|v| v * units[at])
+                let mut sum = [0.0; 3];
+                for (chunk, stored) in values[own][some].chunks(AT_ONCE).enumerate() {
+                    // In a loop of its own this is many numbers an instruction.
+                    let mut colors = [[0f32; 3]; AT_ONCE];
+                    let each = colors.as_flattened_mut().iter_mut();
+                    each.zip(stored.as_flattened())
+                        .for_each(|(v, stored)| *v = f32::from(*stored));
+                    let weights = (first + chunk * AT_ONCE..).map(&weight);
+                    let some = colors[..stored.len()].iter().copied().zip(weights);
+                    let more = weighted_sum(some);
+                    sum = std::array::from_fn(|c| sum[c] + more[c]);
+                }
+                sum.map(|v| v * units[at])
             }
         }
     }
@@ -245,6 +259,9 @@ impl ColorRows {
         }
     }
 }
+
+/// Colours of a row that are read at once: all of degree 3.
+const AT_ONCE: usize = 16;
 
 /// Rows that are stored one after the other.
 const PIECE: usize = 512;

@@ -95,11 +95,6 @@ pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'sta
         required_features: adapter.features()
             & (wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::PIPELINE_CACHE),
         required_limits: adapter.limits(),
-        // There the program draws, and little is asked of the adapter.
-        memory_hints: match adapter.get_info().device_type {
-            wgpu::DeviceType::Cpu => wgpu::MemoryHints::MemoryUsage,
-            _ => wgpu::MemoryHints::Performance,
-        },
         ..Default::default()
     }
 }

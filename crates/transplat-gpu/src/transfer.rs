@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
-use transplat_core::transfer::{Part, PreparedTransfer, Relight, Relit, RelitRows};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 
 use crate::context::{Context, GpuError, Result};
 use crate::rasterize::{ResidentPaint, ResidentSh, ResidentVectors};
@@ -97,7 +97,10 @@ impl GpuTransfer {
             }
             // Their rays differ from surfel to surfel: the CPU traces them.
             By::Directional(transfer, _) if !target.emitters.is_empty() => {
-                transfer.write(&transfer.prepared.relight_rows(target, part, unseen)?);
+                let light = transfer.prepared.light(target)?;
+                // What is read back is exported: as exact as it is computed.
+                let relit = transfer.prepared.relight(light, part, unseen);
+                transfer.write(&relit.sh, &relit.tau);
             }
             By::Directional(transfer, _) => {
                 let light = transfer.prepared.light(target)?;
@@ -112,7 +115,7 @@ impl GpuTransfer {
     /// Takes what was relit elsewhere, by the directional method; `part` is what it has.
     pub fn take(&mut self, relit: &RelitRows, part: Part) {
         if let By::Directional(transfer, _) = &self.by {
-            transfer.write(relit);
+            transfer.write(&relit.sh.values(), &relit.tau);
             self.part = part;
         }
     }

@@ -8,7 +8,7 @@ use transplat_core::environment::MAX_SUNS;
 use transplat_core::settings::skips::Skip;
 use transplat_core::sh::coefficient_count;
 use transplat_core::transfer::directional::{DirectionalLight, DirectionalTransfer, TURNS, WIDTHS};
-use transplat_core::transfer::{Part, Relit, RelitRows};
+use transplat_core::transfer::{Part, Relit};
 use wgpu::BufferUsages;
 
 use crate::context::{ComputePass, Context, Result};
@@ -260,18 +260,17 @@ impl GpuDirectional {
         }
     }
 
-    /// Takes a result that was made elsewhere.
-    pub fn write(&self, relit: &RelitRows) {
+    /// Takes a result that was made elsewhere: colour `[n][K]` and tau `[n]`.
+    pub fn write(&self, colors: &[[f32; 3]], taus: &[[f32; 3]]) {
         let k = coefficient_count(self.prepared.asset.nodes.degree);
-        let values = relit.sh.values();
         let (queue, mut first) = (&self.context.queue, 0);
         for chunk in &self.chunks {
             let own = first..first + chunk.count;
-            let sh = &values[own.start * k..own.end * k];
+            let sh = &colors[own.start * k..own.end * k];
             queue.write_buffer(&chunk.relit, 0, bytemuck::cast_slice(sh));
             // What shows the ratio asks the front.
             let sides = |tau: &[f32; 3]| [[tau[0], tau[1], tau[2], 0.0]; 2];
-            let tau: Vec<[[f32; 4]; 2]> = relit.tau[own.clone()].iter().map(sides).collect();
+            let tau: Vec<[[f32; 4]; 2]> = taus[own.clone()].iter().map(sides).collect();
             queue.write_buffer(&chunk.tau, 0, bytemuck::cast_slice(&tau));
             first = own.end;
         }
