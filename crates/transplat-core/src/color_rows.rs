@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// What the largest number of a short row is stored as.
 const LARGEST: f32 = i16::MAX as f32;
 
-/// From so many surfels on rows are short: what is kept to relight a million, of degree 3, takes 160 MB less, and each relight of it 96 MB.
+/// From so many surfels on rows are short: what is kept to relight a million, of degree 3, takes 160 MB less, and what is shown relit of it 92 MB.
 pub(crate) const SHORT_FROM: usize = 1 << 17;
 
 /// Rows of colours.
@@ -179,8 +179,8 @@ impl ColorRows {
         }
     }
 
-    /// Sets all rows, so many after each other and those pieces side by side: `fill` gets what a thread keeps, a piece's first row, and black
-    /// rows to be set.
+    /// Sets all rows, so many after each other and those pieces side by side: `fill` gets what a thread keeps, a piece's first row, and rows
+    /// to be set, whatever they hold.
     pub fn fill<S>(
         &mut self,
         piece: usize,

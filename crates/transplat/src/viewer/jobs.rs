@@ -231,7 +231,7 @@ fn beside_the_rest<T: Send>(is_long: bool, work: impl FnOnce() -> T + Send) -> T
     }
 }
 
-/// What takes longer leaves much memory behind, and giving that back takes little beside it.
+/// What takes longer may leave much memory behind, and giving that back takes little beside it.
 const LEAVES_MUCH: Duration = Duration::from_millis(250);
 
 /// All jobs, and what they yield.
@@ -296,11 +296,11 @@ impl<E: Send + 'static> Jobs<E> {
             let internal = |_| Err(anyhow!(tr("an internal error; the scene is as it was")));
             let result = result.unwrap_or_else(internal);
             handle.post(Some(finish(result)), true);
+            // Not before: the next one could be told as done first.
+            queue.iter().for_each(|queue| queue.leave(id));
             if handle.has_run_for() > LEAVES_MUCH {
                 memory::give_back();
             }
-            // Not before: the next one could be told as done first.
-            queue.iter().for_each(|queue| queue.leave(id));
         });
     }
 

@@ -5,7 +5,7 @@
 pub(super) fn keep_few_arenas() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     if let Ok(cores) = std::thread::available_parallelism().map(|n| n.get().min(1 << 10)) {
-        // SAFETY: it takes two numbers, and refuses those that are none of its own.
+        // SAFETY: called before the window's and the pools' threads are there, as it asks.
         unsafe { libc::mallopt(libc::M_ARENA_MAX, cores as libc::c_int) };
     }
 }
