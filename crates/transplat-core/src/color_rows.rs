@@ -33,10 +33,8 @@ enum Rows {
 }
 
 /// A row to be set.
-pub enum RowMut<'a> {
-    /// As it is.
+pub(crate) enum RowMut<'a> {
     Whole(&'a mut [[f32; 3]]),
-    /// In a unit of its own.
     Short(&'a mut [[i16; 3]], &'a mut f32),
 }
 
@@ -82,19 +80,17 @@ impl ColorRows {
         Self { width, rows }
     }
 
-    /// The rows of an asset of so many surfels, one each.
-    pub fn of(values: Vec<[f32; 3]>, width: usize, surfels: usize) -> Self {
-        if surfels < SHORT_FROM {
+    /// The same, of very many in sixteen bits: one a surfel.
+    pub fn of(values: Vec<[f32; 3]>, width: usize) -> Self {
+        let rows = values.len() / width;
+        if rows < SHORT_FROM {
             return Self::whole(values, width);
         }
-        let mut short = Self::new(surfels, width, surfels);
-        short.fill(
-            PIECE,
-            || (),
-            |(), first, out| {
-                out.copy_from_slice(&values[first * width..][..out.len()]);
-            },
-        );
+        let mut short = Self::new(rows, width, rows);
+        let copy = |_: &mut (), first: usize, out: &mut [[f32; 3]]| {
+            out.copy_from_slice(&values[first * width..][..out.len()]);
+        };
+        short.fill(|| (), copy);
         short
     }
 
@@ -117,9 +113,15 @@ impl ColorRows {
         match &self.rows {
             Rows::Whole(values) => values.into(),
             Rows::Short { values, units } => {
-                let rows = values.par_chunks_exact(self.width).zip(units);
-                let rows = rows.flat_map_iter(|(row, unit)| row.iter().map(of_unit(*unit)));
-                rows.collect::<Vec<_>>().into()
+                let mut all = vec![[0.0; 3]; values.len()];
+                let rows = all.par_chunks_exact_mut(self.width);
+                let stored = values.par_chunks_exact(self.width).zip(units);
+                rows.zip(stored).for_each(|(row, (stored, unit))| {
+                    for (v, stored) in row.iter_mut().zip(stored) {
+                        *v = of_unit(*unit)(stored);
+                    }
+                });
+                all.into()
             }
         }
     }
@@ -179,28 +181,27 @@ impl ColorRows {
         }
     }
 
-    /// Sets all rows, so many after each other and those pieces side by side: `fill` gets what a thread keeps, a piece's first row, and rows
-    /// to be set, whatever they hold.
+    /// Sets all rows, some after each other and those pieces side by side: `fill` gets what a thread keeps, a piece's first row, and rows to be
+    /// set, whatever they hold.
     pub fn fill<S>(
         &mut self,
-        piece: usize,
         init: impl Fn() -> S + Send + Sync,
         fill: impl Fn(&mut S, usize, &mut [[f32; 3]]) + Send + Sync,
     ) {
         let width = self.width;
         match &mut self.rows {
             Rows::Whole(values) => {
-                let pieces = values.par_chunks_mut(piece * width).enumerate();
-                pieces.for_each_init(init, |kept, (at, out)| fill(kept, at * piece, out));
+                let pieces = values.par_chunks_mut(PIECE * width).enumerate();
+                pieces.for_each_init(init, |kept, (at, out)| fill(kept, at * PIECE, out));
             }
             Rows::Short { values, units } => {
-                let pieces = values.par_chunks_mut(piece * width);
-                let pieces = pieces.zip(units.par_chunks_mut(piece)).enumerate();
+                let pieces = values.par_chunks_mut(PIECE * width);
+                let pieces = pieces.zip(units.par_chunks_mut(PIECE)).enumerate();
                 let init = || (init(), Vec::new());
                 pieces.for_each_init(init, |(kept, out), (at, (values, units))| {
                     out.clear();
                     out.resize(values.len(), [0.0; 3]);
-                    fill(kept, at * piece, out);
+                    fill(kept, at * PIECE, out);
                     let rows = values.chunks_exact_mut(width).zip(units);
                     for ((values, unit), row) in rows.zip(out.chunks_exact_mut(width)) {
                         RowMut::Short(values, unit).store(row);
@@ -211,7 +212,7 @@ impl ColorRows {
     }
 
     /// All rows, to be set. `[rows]`
-    pub fn rows_mut(&mut self) -> Vec<RowMut<'_>> {
+    pub(crate) fn rows_mut(&mut self) -> Vec<RowMut<'_>> {
         match &mut self.rows {
             Rows::Whole(values) => {
                 let rows = values.chunks_exact_mut(self.width);
@@ -263,7 +264,7 @@ impl ColorRows {
 /// Colours of a row that are read at once: all of degree 3.
 const AT_ONCE: usize = 16;
 
-/// Rows that are stored one after the other.
+/// Rows that are set one after the other.
 const PIECE: usize = 512;
 
 /// What is stored in a unit.
@@ -333,7 +334,6 @@ mod tests {
             }
             let mut filled = ColorRows::new(rows.len(), 2, if are_short { SHORT_FROM } else { 0 });
             filled.fill(
-                3,
                 || (),
                 |(), first, out| {
                     out.copy_from_slice(&rows.concat()[2 * first..][..out.len()]);
@@ -343,6 +343,40 @@ mod tests {
             let some = table.selected(&[2, 0]);
             assert_eq!(some.row(1, &mut read), kept[0]);
             assert_eq!(some.bytes(), 2 * each);
+        }
+    }
+
+    #[test]
+    fn rows_are_short_from_so_many_on_and_all_of_them_are_filled() {
+        for n in [SHORT_FROM - 1, SHORT_FROM] {
+            let values: Vec<[f32; 3]> = (0..n).map(|i| [i as f32, 1.0, -0.5 * i as f32]).collect();
+            let rows = ColorRows::of(values.clone(), 1);
+            let is_short = rows.bytes() < 12 * n;
+            assert_eq!((rows.len(), is_short), (n, n == SHORT_FROM));
+            for (a, b) in values.iter().zip(&*rows.values()) {
+                let largest = a[0].max(1.0);
+                let most = if is_short { 1.6e-5 * largest } else { 0.0 };
+                assert!((0..3).all(|c| (a[c] - b[c]).abs() <= most), "{a:?} {b:?}");
+            }
+        }
+    }
+
+    /// Of a degree whose row is longer than what is read at once, from the middle on.
+    #[test]
+    fn a_part_of_a_long_row_is_summed() {
+        let row: Vec<[f32; 3]> = (0..25).map(|q| [q as f32, 1.0, 3.0 - q as f32]).collect();
+        let weight = |q: usize| 1.0 / (1 + q) as f32;
+        for surfels in [1, SHORT_FROM] {
+            let mut rows = ColorRows::new(1, 25, surfels);
+            rows.fill(|| (), |(), _, out| out.copy_from_slice(&row));
+            let held = rows.values();
+            let sum = rows.weighted(0, 3..25, weight);
+            for (c, sum) in sum.into_iter().enumerate() {
+                let each = (3..25).map(|q| f64::from(held[q][c]) * f64::from(weight(q)));
+                // A rounding of each of 22 products, which come to 22 at most.
+                let expected: f64 = each.sum();
+                assert!((f64::from(sum) - expected).abs() < 3e-5, "{sum} {expected}");
+            }
         }
     }
 }

@@ -25,7 +25,7 @@ use transplat_core::rasterize::{ColorSpace, depth_order, rasterize, shade};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::{Bounds, SurfelCloud};
-use transplat_core::transfer::{Part, PreparedTransfer, RelitRows};
+use transplat_core::transfer::{Part, PreparedTransfer};
 use transplat_gpu::Context;
 use transplat_gpu::bake::directional::GpuTracer;
 use transplat_gpu::live::{Drawing, Frame, Live, LiveAsset, LiveSh, Placement};
@@ -390,7 +390,7 @@ impl Subject<'_> {
         let asset = LiveAsset::new(context, cloud, drawing).expect("it fits");
         live.set_asset(0, asset).expect("it fits");
         let relit = prepared.relight(&self.lights[1], Part::Whole);
-        let relit = Arc::new(RelitRows::from(relit.expect("read for it")));
+        let relit = Arc::new(drawing.kept(relit.expect("read for it")));
         let tau = tau_colors(&relit.tau);
         live.set_relit(0, LiveSh::new(context, &relit, drawing), tau);
         for &size in self.sizes {

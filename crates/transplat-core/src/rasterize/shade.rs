@@ -170,7 +170,7 @@ mod tests {
         };
         for surfels in [n, SHORT_FROM] {
             let mut rows = ColorRows::new(n, k, surfels);
-            rows.fill(7, || (), copy);
+            rows.fill(|| (), copy);
             let held = rows.values();
             let of_rows = Shading {
                 positions: &cloud.positions,

@@ -45,7 +45,7 @@ pub trait Relight: std::fmt::Debug + Send + Sync {
         part: Part,
         unseen: &[bool],
     ) -> Result<RelitRows> {
-        Ok(self.relight_seen(target, part, unseen)?.into())
+        self.relight_seen(target, part, unseen).map(RelitRows::of)
     }
 
     /// The same for each object of a scene, in its own coordinates; a single one is a scene of one.
@@ -150,7 +150,7 @@ pub struct Relit {
     pub tau: Vec<[f32; 3]>,
 }
 
-/// A relit asset as it is kept to be drawn.
+/// A relit asset as it is kept to be drawn, never to be exported: the colour of very many surfels is in sixteen bits.
 #[derive(Clone, Debug)]
 pub struct RelitRows {
     /// Colour. `[n][K]`
@@ -163,26 +163,33 @@ pub struct RelitRows {
     pub tau: Vec<[f32; 3]>,
 }
 
-impl From<Relit> for RelitRows {
-    fn from(relit: Relit) -> Self {
-        let k = coefficient_count(relit.degree);
-        let surfels = relit.tau.len();
+impl RelitRows {
+    /// All of a result as it is.
+    pub fn whole(relit: Relit) -> Self {
+        Self::with(ColorRows::whole, relit)
+    }
+
+    /// As the trait's [`Relight::relight_rows`] has it.
+    pub fn of(relit: Relit) -> Self {
+        Self::with(ColorRows::of, relit)
+    }
+
+    fn with(rows: fn(Vec<[f32; 3]>, usize) -> ColorRows, relit: Relit) -> Self {
         Self {
-            sh: ColorRows::of(relit.sh, k, surfels),
+            sh: rows(relit.sh, coefficient_count(relit.degree)),
             degree: relit.degree,
             encoding: relit.encoding,
             tau: relit.tau,
         }
     }
-}
 
-impl From<RelitRows> for Relit {
-    fn from(kept: RelitRows) -> Self {
-        Self {
-            sh: kept.sh.into_values(),
-            degree: kept.degree,
-            encoding: kept.encoding,
-            tau: kept.tau,
+    /// What was relit into whole rows.
+    pub(super) fn into_whole(self) -> Relit {
+        Relit {
+            sh: self.sh.into_values(),
+            degree: self.degree,
+            encoding: self.encoding,
+            tau: self.tau,
         }
     }
 }

@@ -191,7 +191,9 @@ impl Relight for SceneTransfer {
             .map(|(i, tau)| {
                 let unseen = unseen.get(self.bake.surfels_of(i)).unwrap_or_default();
                 let light = (&bounced.lights[i], part);
-                self.objects[i].shown(light, tau, &bounced.radiance, unseen)
+                let (object, radiance) = (&self.objects[i], &bounced.radiance);
+                let relit = object.shown(object.whole_rows(), light, tau, radiance, unseen);
+                relit.into_whole()
             })
             .collect())
     }

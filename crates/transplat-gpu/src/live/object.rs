@@ -10,7 +10,7 @@ use transplat_core::present::{PLAIN, View};
 use transplat_core::rasterize::{ColorSpace, Functions, Shading};
 use transplat_core::sh::{coefficient_count, with_degree};
 use transplat_core::surfels::{Bounds, SurfelCloud};
-use transplat_core::transfer::{Part, RelitRows};
+use transplat_core::transfer::{Part, Relit, RelitRows};
 
 use super::frame::{Frame, Placement};
 use super::paint::{Color, Paint};
@@ -34,6 +34,14 @@ impl Drawing {
             Self::Cpu
         } else {
             Self::Gpu
+        }
+    }
+
+    /// A result as it is kept where this draws: the adapter takes it whole.
+    pub fn kept(self, relit: Relit) -> RelitRows {
+        match self {
+            Self::Gpu => RelitRows::whole(relit),
+            Self::Cpu => RelitRows::of(relit),
         }
     }
 }

@@ -17,9 +17,11 @@ impl Session {
                 // None while a newer one is on its way.
                 let state = self.state();
                 let relit = state.readout.of(&state.relit.made_from()?.shown())?;
+                if i >= relit.sh.len() {
+                    return None;
+                }
                 let mut read = Vec::new();
-                let known = (i < relit.sh.len()).then_some(i)?;
-                let sh = relit.sh.row(known, &mut read);
+                let sh = relit.sh.row(i, &mut read);
                 let linear = match relit.encoding {
                     Encoding::Linear => sh.to_vec(),
                     encoding => decode_sh(sh, relit.degree, encoding),

@@ -69,6 +69,13 @@ struct Signals {
     begun: OnceLock<Instant>,
 }
 
+impl Signals {
+    /// How long ago its turn came, if it did.
+    fn worked(&self) -> Option<Duration> {
+        self.begun.get().map(Instant::elapsed)
+    }
+}
+
 impl Kind {
     /// Whether those of the kind are done one after the other.
     fn is_queued(self) -> bool {
@@ -133,7 +140,7 @@ impl Job {
 
     /// How long it still takes, if the rest goes as what is done; none before that can be said.
     pub fn time_left(&self) -> Option<Duration> {
-        let worked = self.signals.begun.get()?.elapsed();
+        let worked = self.signals.worked()?;
         let done = self.progress();
         let is_known = done >= 0.05 && worked >= Duration::from_secs(3);
         is_known.then(|| worked.mul_f32((1.0 / done - 1.0).max(0.0)))
@@ -184,12 +191,6 @@ impl<E> Handle<E> {
 
     pub fn is_cancelled(&self) -> bool {
         self.signals.cancelled.load(Ordering::Relaxed)
-    }
-
-    /// How long ago its turn was.
-    fn has_run_for(&self) -> Duration {
-        let begun = self.signals.begun.get();
-        begun.map_or(Duration::ZERO, Instant::elapsed)
     }
 
     /// Yields something before the end.
@@ -298,7 +299,7 @@ impl<E: Send + 'static> Jobs<E> {
             handle.post(Some(finish(result)), true);
             // Not before: the next one could be told as done first.
             queue.iter().for_each(|queue| queue.leave(id));
-            if handle.has_run_for() > LEAVES_MUCH {
+            if handle.signals.worked() > Some(LEAVES_MUCH) {
                 memory::give_back();
             }
         });

@@ -129,7 +129,7 @@ impl Session {
 
     fn pin_relit(&self, at: usize, relit: Relit, display: Display) {
         let drawing = Drawing::fastest(&self.context);
-        let sh = LiveSh::new(&self.context, &Arc::new(relit.into()), drawing);
+        let sh = LiveSh::new(&self.context, &Arc::new(drawing.kept(relit)), drawing);
         self.live().pin_relit(at, sh, display);
     }
 

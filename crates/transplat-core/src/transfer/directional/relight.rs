@@ -18,19 +18,16 @@ use crate::surfels::SurfelCloud;
 use crate::transfer::materials::Materials;
 use crate::transfer::relit::{Part, Relight, Relit, RelitRows, empty_bytes, switched_off};
 
-/// Surfels that are relit one after the other.
-const PIECE: usize = 512;
-
 impl DirectionalTransfer {
     /// Relights; `part` says what of the colour is wanted. Surfels that are not seen (`[n]` or empty) stay as captured: they still give light
     /// to the others.
     pub fn relight(&self, light: DirectionalLight, part: Part, unseen: &[bool]) -> Relit {
         self.relight_in(self.whole_rows(), light, part, unseen)
-            .into()
+            .into_whole()
     }
 
     /// The same, its colour put into rows that are there.
-    fn relight_in(
+    pub(super) fn relight_in(
         &self,
         sh: ColorRows,
         light: DirectionalLight,
@@ -43,23 +40,12 @@ impl DirectionalTransfer {
         // Nothing asks it any more.
         light.irradiance = Vec::new();
         let radiance: Vec<Radiance> = asset.radiance(&tau).collect();
-        self.shown_in(sh, (&light, part), tau, &radiance, unseen)
+        self.shown(sh, (&light, part), tau, &radiance, unseen)
     }
 
-    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`.
+    /// What is seen of the surfels in a light, each matte side changed by tau and all of them radiating `radiance`, its colour put into rows
+    /// that are there.
     pub(in crate::transfer) fn shown(
-        &self,
-        light: (&Incident<'_>, Part),
-        tau: Vec<FrontAndBack>,
-        radiance: &[Radiance],
-        unseen: &[bool],
-    ) -> Relit {
-        self.shown_in(self.whole_rows(), light, tau, radiance, unseen)
-            .into()
-    }
-
-    /// The same, its colour put into rows that are there.
-    fn shown_in(
         &self,
         mut sh: ColorRows,
         (light, part): (&Incident<'_>, Part),
@@ -69,7 +55,7 @@ impl DirectionalTransfer {
     ) -> RelitRows {
         let asset = &*self.asset;
         let k = coefficient_count(asset.nodes.degree);
-        sh.fill(PIECE, Scratch::default, |scratch, first, out| {
+        sh.fill(Scratch::default, |scratch, first, out| {
             scratch.backs.clear();
             for (at, out) in out.chunks_exact_mut(k).enumerate() {
                 let i = first + at;
@@ -93,8 +79,8 @@ impl DirectionalTransfer {
         }
     }
 
-    /// Black ones, for colour as exact as it is computed.
-    fn whole_rows(&self) -> ColorRows {
+    /// Those for colour as exact as it is computed.
+    pub(in crate::transfer) fn whole_rows(&self) -> ColorRows {
         let k = coefficient_count(self.asset.nodes.degree);
         ColorRows::whole(vec![[0.0; 3]; self.asset.bake.len() * k], k)
     }

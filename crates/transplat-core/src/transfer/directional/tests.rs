@@ -8,14 +8,15 @@ use super::*;
 use crate::bake::directional::DirectionalBake;
 use crate::bake::trace::places_and_normals;
 use crate::color::Encoding;
+use crate::color_rows::SHORT_FROM;
 use crate::environment::{EnvironmentMap, Illumination};
 use crate::progress::no_progress;
 use crate::settings::GLOW_ABOVE;
 use crate::settings::skips::Skips;
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
-use crate::transfer::Relit;
 use crate::transfer::materials::Material;
+use crate::transfer::{Relight, Relit};
 
 fn asset_of(cloud: &SurfelCloud) -> Arc<DirectionalAsset> {
     let bake = Arc::new(DirectionalBake::all_rays(cloud));
@@ -30,6 +31,34 @@ impl DirectionalTransfer {
     fn relight_by(&self, target: &Illumination) -> Relit {
         let light = self.light(target).expect("with beams");
         self.relight(light, Part::Whole, &[])
+    }
+}
+
+/// What the window shows is what is exported, but for sixteen bits: every part, and surfels that nobody sees.
+#[test]
+fn rows_hold_what_is_relit() {
+    let asset = asset_of(&glossy());
+    let transfer = prepared(&asset, &sky(DVec3::new(0.4, 0.2, 0.9), [1.0; 3]));
+    let target = sky(DVec3::new(-0.6, 0.5, 0.6), [1.2, 1.0, 0.7]);
+    let light = transfer.light(&target).expect("with beams");
+    let (n, k) = (asset.bake.len(), coefficient_count(asset.nodes.degree));
+    let unseen: Vec<bool> = (0..n).map(|i| i % 7 == 0).collect();
+    for part in [Part::Whole, Part::Diffuse, Part::Specular] {
+        let whole = transfer.relight(light.clone(), part, &unseen);
+        let rows = (transfer.relight_rows(&target, part, &unseen)).expect("with beams");
+        // So few are as they are.
+        assert_eq!((&*rows.sh.values(), &rows.tau), (&whole.sh[..], &whole.tau));
+        let short = ColorRows::new(n, k, SHORT_FROM);
+        let short = transfer.relight_in(short, light.clone(), part, &unseen);
+        assert_eq!(short.tau, whole.tau);
+        let held = short.sh.values();
+        for (a, b) in whole.sh.chunks(k).zip(held.chunks(k)) {
+            let largest = a.iter().flatten().fold(0f32, |l, v| l.max(v.abs()));
+            for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
+                // Half of a unit, of which the largest has 32,767.
+                assert!((a - b).abs() <= 1.6e-5 * largest, "{part:?}: {a} {b}");
+            }
+        }
     }
 }
 

@@ -89,7 +89,9 @@ impl Session {
             return;
         };
         let state = &mut self.states[at];
-        if let Some(relit) = readout.filter(|_| state.doubts.is_asked(&key)) {
+        let shown = state.relit.made_from();
+        let is_shown = shown.is_some_and(|shown| !shown.coarse && shown.shown() == key);
+        if let Some(relit) = readout.filter(|_| is_shown) {
             state.readout.set(key.clone(), relit);
         }
         let marks = doubts.of.iter().map(|d| match d {

@@ -159,10 +159,15 @@ impl Session {
         let (id, wanted) = (state.id, key.clone());
         let work = move |_: &_| {
             let start = Instant::now();
-            let relit = prepared.relight_rows(&wanted.target.light, wanted.part, &unseen)?;
+            let drawing = Drawing::fastest(&context);
+            let (light, part) = (&wanted.target.light, wanted.part);
+            let relit = match drawing {
+                Drawing::Cpu => prepared.relight_rows(light, part, &unseen)?,
+                Drawing::Gpu => drawing.kept(prepared.relight_seen(light, part, &unseen)?),
+            };
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let relit = Arc::new(relit);
-            let upload = || LiveSh::new(&context, &relit, Drawing::fastest(&context));
+            let upload = || LiveSh::new(&context, &relit, drawing);
             let there = (!on_gpu).then(upload);
             Ok((there, relit, ms))
         };

@@ -225,12 +225,13 @@ impl Session {
         let work = move |_: &_| {
             let start = Instant::now();
             let light = target.light.rotated(turn);
-            let kept = |relit: Relit| Arc::new(RelitRows::from(relit));
+            let drawing = Drawing::fastest(&context);
+            let kept = |relit: Relit| Arc::new(drawing.kept(relit));
             let shown = scene.relight_objects(&light, part, &[])?;
             let shown: Vec<_> = shown.into_iter().map(kept).collect();
             let ms = start.elapsed().as_secs_f64() * 1e3;
             let uploaded = shown.iter().map(|relit| {
-                let there = LiveSh::new(&context, relit, Drawing::fastest(&context));
+                let there = LiveSh::new(&context, relit, drawing);
                 (there, present::tau_colors(&relit.tau))
             });
             let uploaded = uploaded.collect::<Vec<_>>();
