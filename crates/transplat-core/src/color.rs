@@ -88,9 +88,12 @@ pub fn srgb_decode_all(values: &mut [f32]) {
     }
 }
 
+/// Weights of linear Rec. 709 red, green and blue in luminance.
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
 /// Luminance of linear Rec. 709 colour.
 pub fn luminance(rgb: [f32; 3]) -> f32 {
-    0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+    LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
 /// What of a spectrum is seen: linear Rec. 709, its luminance the integral of the spectrum and the observer of CIE 1931 over the wavelength in

@@ -3,7 +3,6 @@
 mod beams;
 mod emitter;
 mod illumination;
-mod layout;
 mod map;
 mod panorama;
 mod radiance;
@@ -12,10 +11,10 @@ mod sky;
 mod tests;
 mod unfold;
 
+pub use crate::images::{ImageReading, Layout};
 pub use beams::{Beam, Beams, MAX_SUNS, Mosaic, SUN_RADIUS, SUN_SHARE};
 pub use emitter::{Emitter, FEW, MOST_LIGHTS, MOST_PARTS, Shape};
 pub use illumination::Illumination;
-pub use layout::Layout;
-pub use map::{EnvironmentMap, azimuth};
+pub use map::{EnvironmentMap, INFINITE_RADIANCE, azimuth};
 pub use radiance::{IncidentRadiance, project_environment, row_weights};
 pub use sky::{Date, PlaceAndTime, Sky, Sun, TURBIDITIES, YEARS};

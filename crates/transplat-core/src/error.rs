@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read or write.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {}", refusal(reason), path.display())]
     Io {
         /// The file that was read or written.
         path: PathBuf,
@@ -15,7 +15,7 @@ pub enum Error {
         reason: std::io::Error,
     },
     /// The file was read, and what it holds is not what its kind of file must hold.
-    #[error("{}: {message}", path.display())]
+    #[error("{message}: {}", path.display())]
     Invalid {
         /// The file.
         path: PathBuf,
@@ -32,6 +32,32 @@ pub enum Error {
 
 /// `Result` with the core's [`enum@Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What the system's refusal means, and what to do, without its numbers.
+pub fn refusal(reason: &std::io::Error) -> String {
+    use std::io::ErrorKind;
+    match reason.kind() {
+        ErrorKind::NotFound => "there is no such file or folder".into(),
+        ErrorKind::PermissionDenied => {
+            "not allowed to read or write this; change its permissions, or choose another place"
+                .into()
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            "no room is left on the disk; make room, or choose another place".into()
+        }
+        ErrorKind::FileTooLarge => "larger than this disk or user may have a file".into(),
+        ErrorKind::ReadOnlyFilesystem => "on a disk that is only read; choose another place".into(),
+        ErrorKind::NotADirectory => "a part of this path is a file, not a folder".into(),
+        ErrorKind::IsADirectory => "is a directory where a file is expected".into(),
+        ErrorKind::UnexpectedEof => "the file ends too early: it is truncated".into(),
+        ErrorKind::InvalidFilename => "no file can be called like this".into(),
+        _ => {
+            let said = reason.to_string();
+            let number = said.find(" (os error").unwrap_or(said.len());
+            format!("the system refuses: {}", said[..number].to_lowercase())
+        }
+    }
+}
 
 /// That something is as it has to be: an [`Error::Mismatch`] where it is not.
 pub(crate) fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {

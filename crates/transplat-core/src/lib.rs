@@ -45,6 +45,7 @@ pub mod estimate;
 pub mod extremes;
 pub mod files;
 pub mod ground;
+pub mod images;
 mod lanes;
 pub mod lut;
 mod memory;
@@ -65,4 +66,4 @@ pub mod synthetic;
 pub mod transfer;
 pub mod upright;
 
-pub use error::{Error, Result};
+pub use error::{Error, Result, refusal};

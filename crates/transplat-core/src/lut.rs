@@ -20,6 +20,8 @@ pub struct Lut {
     pub curves: Option<Table>,
     /// All three together.
     pub cube: Option<Table>,
+    /// What of its file was assumed or skipped, for the user.
+    pub warnings: Vec<String>,
 }
 
 impl Lut {
@@ -102,6 +104,7 @@ mod tests {
     fn a_linear_table_is_its_formula() {
         let formula = |[r, g, b]: [f32; 3]| [0.1 + 0.5 * g, 0.2 * r + 0.3 * b, 1.0 - b];
         let lut = Lut {
+            warnings: Vec::new(),
             curves: None,
             cube: Some(cube(5, formula)),
         };
@@ -125,6 +128,7 @@ mod tests {
     fn greys_stay_grey() {
         let squared = |[r, g, b]: [f32; 3]| [r * r, g * g, b * b];
         let lut = Lut {
+            warnings: Vec::new(),
             curves: None,
             cube: Some(cube(4, squared)),
         };
@@ -143,6 +147,7 @@ mod tests {
             entries: vec![[0.0, 1.0, 0.2], [0.5, 0.5, 0.2], [1.0, 0.0, 1.0]],
         };
         let mut lut = Lut {
+            warnings: Vec::new(),
             curves: Some(curves),
             cube: None,
         };

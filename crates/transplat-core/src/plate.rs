@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::color::srgb_encode;
-use crate::environment::EnvironmentMap;
+use crate::images::Image;
 use crate::rasterize::ColorSpace;
 
 /// A photograph.
@@ -20,12 +20,20 @@ pub struct Plate {
 }
 
 impl Plate {
-    /// A picture as it was read.
-    pub fn of(map: &EnvironmentMap) -> Self {
+    /// An image; what is no number or below black in it is black.
+    pub fn of(mut image: Image) -> Self {
+        let shown = |v: &mut f32| {
+            *v = if v.is_nan() {
+                0.0
+            } else {
+                v.clamp(0.0, f32::MAX)
+            }
+        };
+        image.pixels.iter_mut().flatten().for_each(shown);
         Self {
-            width: map.width(),
-            height: map.height(),
-            pixels: map.pixels().to_vec(),
+            width: image.width,
+            height: image.height,
+            pixels: image.pixels,
         }
     }
 

@@ -8,12 +8,12 @@ mod rig;
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use crate::camera::CameraPose;
 use crate::color::Display;
-use crate::environment::{EnvironmentMap, Illumination, Layout};
+use crate::environment::{EnvironmentMap, Illumination, ImageReading};
 use crate::error::{Error, Result, ensure};
 use crate::present::{Background, View};
 use crate::settings::TransferSettings;
@@ -199,10 +199,49 @@ impl Scene {
         sources.chain([&mut self.environment])
     }
 
-    /// How the picture of a light is laid out, where one that takes it tells: one file is read one way.
-    pub fn layout_of(&self, file: &Path) -> Option<Layout> {
-        let mut lights = self.environment_lights();
-        lights.find_map(|l| l.layout.filter(|_| l.file.as_deref() == Some(file)))
+    /// How the file of a light is read, where one that takes it tells: one file is read one way.
+    pub fn reading_of(&self, file: &Path) -> ImageReading {
+        let of_it = || {
+            self.environment_lights()
+                .filter(|l| l.file.as_deref() == Some(file))
+        };
+        ImageReading {
+            layout: of_it().find_map(|l| l.layout),
+            layer: of_it().find_map(|l| l.layer.clone()),
+        }
+    }
+
+    /// Takes over the origin of an object's splat as it was read: what the scene says in the splat's coordinates is relative to that from then
+    /// on. The scene's own are those of the first object.
+    pub fn take_origin(&mut self, at: usize, origin: DVec3) {
+        let moved = origin - self.objects[at].origin;
+        if moved == DVec3::ZERO {
+            return;
+        }
+        self.objects[at].take_origin(origin);
+        if at == 0 {
+            self.move_by(-self.objects[0].transform.moved(moved));
+        }
+    }
+
+    /// Moves all that stands in the scene.
+    fn move_by(&mut self, by: DVec3) {
+        let place = |place: &mut Vec3| *place = (place.as_dvec3() + by).as_vec3();
+        for object in &mut self.objects {
+            place(&mut object.transform.translation);
+        }
+        let cameras = self.bookmarks.iter_mut().map(|b| &mut b.camera);
+        for camera in cameras.chain(&mut self.camera) {
+            place(&mut camera.pivot);
+        }
+        let up = self.objects[0].up.unwrap_or_default();
+        let by_in_world = up.asset_from_world().transpose() * by;
+        for light in &mut self.lights {
+            light.source.move_by(by_in_world);
+        }
+        for variant in &mut self.variants {
+            variant.look.move_by(by);
+        }
     }
 
     /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use glam::{Affine3A, DMat3, Vec2, Vec3};
+use glam::{Affine3A, DMat3, DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::color::{Encoding, decode_sh};
 use crate::error::{Result, ensure};
+use crate::numeric::{quantile, weighted_quantile};
 use crate::settings::skips::{Skip, Skips};
 use crate::sh::{SharedSh, band, coefficient_count, rotate_functions, with_degree};
 
@@ -84,6 +85,9 @@ pub struct SurfelCloud {
     pub up: UpAxis,
     /// Places that see the outside of it, where somebody told: what they see of a surfel is its front.
     pub outside_from: Vec<Vec3>,
+    /// What is added to positions in the coordinates of the file: none, but of a splat far from their origin (georeferenced, UTM) a point in it,
+    /// so that 32 bits of float do for the positions.
+    pub origin: DVec3,
 }
 
 impl SurfelCloud {
@@ -140,7 +144,55 @@ impl SurfelCloud {
             encoding: self.encoding,
             up: self.up,
             outside_from: self.outside_from.iter().map(place).collect(),
+            origin: self.origin,
         }
+    }
+
+    /// The cloud under any linear map and a move: a Gaussian stays one. Its colour is turned, and mirrored, by the orthogonal part of the map.
+    ///
+    /// Nothing where the map flattens space.
+    pub fn mapped(&self, there_from_here: Affine3A) -> Option<Self> {
+        let linear = Mat3::from(there_from_here.matrix3).as_dmat3();
+        let turn = orthogonal_part(linear)?;
+        let is_mirrored = turn.determinant() < 0.0;
+        let mut sh: Vec<[f32; 3]> = self.sh.to_vec();
+        if is_mirrored {
+            // A point reflection, of which odd bands change their sign, and a rotation.
+            let k = coefficient_count(self.sh_degree);
+            for l in (1..=self.sh_degree).step_by(2) {
+                for f in sh.chunks_exact_mut(k).flat_map(|row| &mut row[band(l)]) {
+                    *f = f.map(|v| -v);
+                }
+            }
+        }
+        let rotation = if is_mirrored { -turn } else { turn };
+        let place = |p: &Vec3| there_from_here.transform_point3(*p);
+        let each = (0..self.len()).into_par_iter().map(|i| {
+            let ([u, v], scale) = (self.tangents[i], self.scales[i]);
+            let thickness = self.thicknesses[i];
+            let axes = [(u, scale.x), (v, scale.y), (u.cross(v), thickness.sigma())];
+            let shape = DMat3::from_cols_array_2d(
+                &axes.map(|(axis, sigma)| (linear * (axis * sigma).as_dvec3()).to_array()),
+            );
+            // Its principal axes; that of a surfel that is flat is last, since nothing is shorter.
+            let [(u, a), (v, b), (_, c)] = principal_axes(shape);
+            let thickness = match thickness.is_flat() {
+                true => thickness,
+                false => Thickness::of_gaussian(c, thickness.is_antialiased()),
+            };
+            ([u, v], Vec2::new(a, b), thickness)
+        });
+        let each: Vec<([Vec3; 2], Vec2, Thickness)> = each.collect();
+        Some(Self {
+            positions: self.positions.iter().map(place).collect(),
+            tangents: each.iter().map(|(tangents, ..)| *tangents).collect(),
+            scales: each.iter().map(|(_, scale, _)| *scale).collect(),
+            thicknesses: each.iter().map(|(.., thickness)| *thickness).collect(),
+            opacities: self.opacities.clone(),
+            sh: rotate_functions(rotation, self.sh_degree, &sh).into(),
+            outside_from: self.outside_from.iter().map(place).collect(),
+            ..*self
+        })
     }
 
     /// Objects where they stand as one cloud, in the coordinates that they are placed in and with the up axis of the first. Colour is stored
@@ -217,6 +269,7 @@ impl SurfelCloud {
             encoding: self.encoding,
             up: self.up,
             outside_from: self.outside_from.clone(),
+            origin: self.origin,
         }
     }
 
@@ -252,17 +305,69 @@ impl SurfelCloud {
         (1..=self.sh_degree).rev().find(holds).unwrap_or(0)
     }
 
-    /// Where the object is, robust against floaters far away; surfels that are never drawn do not count.
-    pub fn bounds(&self) -> Bounds {
-        let seen: Vec<Vec3> = self
-            .positions
-            .iter()
-            .zip(&self.opacities)
-            .filter(|(_, opacity)| **opacity > 0.0)
-            .map(|(position, _)| *position)
-            .collect();
-        Bounds::of(&seen)
+    /// Median of the surfels' larger standard deviations; none of none.
+    pub fn median_size(&self) -> Option<f32> {
+        let sizes = self.scales.iter().map(|s| s.max_element());
+        quantile(sizes.collect(), 0.5)
     }
+
+    /// Where the object is, robust against floaters far away; surfels that are never drawn do not count.
+    ///
+    /// Most are counted as one each. Where that leaves it more than half larger than what is seen of it, by opacity and area, the latter
+    /// counts: a few faint surfels may lie anywhere.
+    pub fn bounds(&self) -> Bounds {
+        let drawn = || (0..self.len()).filter(|i| self.opacities[*i] > 0.0);
+        let seen: Vec<Vec3> = drawn().map(|i| self.positions[i]).collect();
+        let counted = Bounds::of(&seen);
+        let largest = MOST_SEEN * self.median_size().unwrap_or(0.0);
+        let weight = |i: usize| {
+            let area = self.scales[i].min(Vec2::splat(largest)).element_product();
+            f64::from(self.opacities[i] * area)
+        };
+        let visible = Bounds::of_visible(&seen, &drawn().map(weight).collect::<Vec<_>>());
+        match visible {
+            Some(visible) if counted.radius > 1.5 * visible.radius => visible,
+            _ => counted,
+        }
+    }
+}
+
+/// A surfel counts as so many times as large as the median at most.
+const MOST_SEEN: f32 = 8.0;
+
+/// The orthogonal matrix that is nearest to a linear map, by Newton's iteration (Higham 1986); none of a map that flattens space.
+fn orthogonal_part(map: DMat3) -> Option<DMat3> {
+    let size = map.x_axis.length() * map.y_axis.length() * map.z_axis.length();
+    if !(map.is_finite() && map.determinant().abs() > 1e-9 * size && size > 0.0) {
+        return None;
+    }
+    let mut turn = map;
+    for _ in 0..100 {
+        let next = 0.5 * (turn + turn.inverse().transpose());
+        let is_done = (next - turn)
+            .to_cols_array()
+            .iter()
+            .all(|v| v.abs() < 1e-14);
+        turn = next;
+        if is_done {
+            break;
+        }
+    }
+    turn.is_finite().then_some(turn)
+}
+
+/// The principal axes of a Gaussian that is a unit one under a linear map, with its standard deviations, the largest first; right-handed.
+fn principal_axes(shape: DMat3) -> [(Vec3, f32); 3] {
+    let columns = shape.to_cols_array();
+    let decomposed = nalgebra::Matrix3::from_column_slice(&columns).svd_unordered(true, false);
+    let axes = decomposed.u.unwrap_or_else(nalgebra::Matrix3::identity);
+    let mut order = [0, 1, 2];
+    let sigma = decomposed.singular_values;
+    order.sort_by(|a, b| sigma[*b].total_cmp(&sigma[*a]));
+    let axis = |i: usize| DVec3::new(axes[(0, i)], axes[(1, i)], axes[(2, i)]);
+    let (u, v) = (axis(order[0]), axis(order[1]));
+    let each = [u, v, u.cross(v)];
+    std::array::from_fn(|i| (each[i].as_vec3(), sigma[order[i]] as f32))
 }
 
 /// Whether a surfel of that opacity is too faint to be drawn.
@@ -380,6 +485,28 @@ impl Bounds {
         }
     }
 
+    /// Around the points that carry all but a hundredth of the weight, and others within one and a half times as far; none where there is no
+    /// weight.
+    fn of_visible(points: &[Vec3], weights: &[f64]) -> Option<Self> {
+        let quantile = |values: &mut dyn Iterator<Item = f32>, share: f64| {
+            let pairs = values.zip(weights).map(|(v, w)| (f64::from(v), *w));
+            weighted_quantile(pairs.collect(), share).map(|v| v as f32)
+        };
+        if !weights.iter().any(|w| *w > 0.0) {
+            return None;
+        }
+        let along = |axis: usize| {
+            let low = quantile(&mut points.iter().map(|p| p[axis]), 0.005)?;
+            let high = quantile(&mut points.iter().map(|p| p[axis]), 0.995)?;
+            Some(low / 2.0 + high / 2.0)
+        };
+        let center = Vec3::new(along(0)?, along(1)?, along(2)?);
+        let distances = || points.iter().map(|p| p.distance(center));
+        let most = quantile(&mut distances(), 0.99)?;
+        let radius = distances().filter(|d| *d <= 1.5 * most).fold(0.0, f32::max);
+        (radius > 0.0).then_some(Self { center, radius })
+    }
+
     /// Middle of the box that leaves out 0.5 % of the points at either end of each axis, and the radius that holds
     /// 99.5 % of the points around it; all of them, unless the rest is far away.
     pub(crate) fn of(points: &[Vec3]) -> Self {
@@ -474,7 +601,7 @@ impl UpAxis {
         if up.z < -0.5 {
             return DMat3::from_rotation_x(std::f64::consts::PI);
         }
-        DMat3::from_quat(glam::DQuat::from_rotation_arc(glam::DVec3::Z, up))
+        DMat3::from_quat(glam::DQuat::from_rotation_arc(DVec3::Z, up))
     }
 }
 
@@ -493,10 +620,57 @@ mod tests {
     }
 
     #[test]
+    fn faint_floaters_do_not_grow_the_bounds_however_many() {
+        let mut cloud = crate::synthetic::sphere(1000);
+        let clean = cloud.bounds();
+        for (i, p) in crate::sh::lattice(40).into_iter().enumerate() {
+            cloud.positions[i * 25] = (30.0 + 20.0 * i as f32) * p;
+            cloud.opacities[i * 25] = 0.05;
+        }
+        let found = cloud.bounds();
+        assert!(
+            (found.radius / clean.radius - 1.0).abs() < 0.05,
+            "{found:?}"
+        );
+        assert!(found.center.length() < 0.05, "{found:?}");
+    }
+
+    /// Densities of a mapped Gaussian are those of the Gaussian at the places that the map takes there.
+    #[test]
+    fn a_gaussian_under_a_linear_map_is_one() {
+        let mut cloud = crate::synthetic::sphere(20);
+        cloud.thicknesses.fill(Thickness::of_gaussian(0.02, false));
+        let shear = Mat3::from_cols(Vec3::new(-1.3, 0.2, 0.0), Vec3::new(0.4, 0.9, 0.0), Vec3::Z);
+        let map = Affine3A::from_mat3_translation(shear, Vec3::new(1.0, 2.0, 3.0));
+        let mapped = cloud.mapped(map).expect("no flat map");
+        let squared = |c: &SurfelCloud, i: usize, at: Vec3| {
+            let ([u, v], d) = (c.tangents[i], at - c.positions[i]);
+            let along = Vec3::new(d.dot(u), d.dot(v), d.dot(u.cross(v)));
+            let sigma = c.scales[i].extend(c.thicknesses[i].sigma());
+            (along / sigma).length_squared()
+        };
+        for i in 0..cloud.len() {
+            for off in [Vec3::X, Vec3::Y, Vec3::new(0.3, -0.2, 0.9)] {
+                let at = cloud.positions[i] + 0.01 * off;
+                let (here, there) = (
+                    squared(&cloud, i, at),
+                    squared(&mapped, i, map.transform_point3(at)),
+                );
+                assert!((here - there).abs() < 1e-2 * (1.0 + here), "{here} {there}");
+            }
+        }
+        assert!(
+            cloud
+                .mapped(Affine3A::from_scale(Vec3::new(1.0, 0.0, 1.0)))
+                .is_none()
+        );
+    }
+
+    #[test]
     fn up_goes_up() {
         for (name, axis) in UpAxis::ALL {
             let turn = axis.asset_from_world();
-            let up = (turn * glam::DVec3::Z).as_vec3();
+            let up = (turn * DVec3::Z).as_vec3();
             assert!(up.distance(axis.direction()) < 1e-6, "{name}");
             assert!((turn.determinant() - 1.0).abs() < 1e-12);
             assert_eq!(axis.name(), name);

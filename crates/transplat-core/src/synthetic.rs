@@ -26,6 +26,7 @@ pub fn from_points(points: &[Vec3], normals: &[Vec3], scale: f32) -> SurfelCloud
         encoding: Encoding::Linear,
         up: UpAxis::PlusZ,
         outside_from: Vec::new(),
+        origin: glam::DVec3::ZERO,
     }
 }
 

@@ -125,7 +125,7 @@ pub struct AssetOptions {
     pub linear: bool,
     /// A place that sees the outside of the asset, in its coordinates; several of them add up. For thin sheets whose front is a guess
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
-    pub outside_from: Vec<[f32; 3]>,
+    pub outside_from: Vec<[f64; 3]>,
     /// Visibility directions of preset paper [default: 128]
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,
@@ -150,10 +150,14 @@ pub struct CaptureArgs {
     /// The light the asset was captured under: .hdr, .exr, a picture; where nobody knows it "estimate" (from the asset) or "even"
     #[arg(long, value_name = "ENV|estimate|even")]
     pub source: Option<PathBuf>,
-    /// How the picture of that light is laid out: equirectangular, cube-cross, angular-map or mirror-ball [default: as its shape and its empty
+    /// How the picture of that light is laid out: equirectangular, cube-cross, cube-column, angular-map or mirror-ball [default: as its shape and its empty
     /// corners tell]
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub source_layout: Option<Layout>,
+    /// Of an OpenEXR light with several layers or parts, the one that is read [default: the unnamed one, or the one that is called as the whole
+    /// image usually is]
+    #[arg(long, value_name = "NAME")]
+    pub layer: Option<String>,
     /// Turn the source light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,
@@ -308,17 +312,17 @@ pub struct RenderArgs {
 #[derive(Clone, Debug, Args)]
 pub struct CameraArgs {
     /// Cameras of a transforms.json, or of a COLMAP model by its folder
-    #[arg(long, value_name = "TRANSFORMS.json|DIR", conflicts_with_all = ["turntable", "eye"])]
+    #[arg(long, value_name = "CAMERAS|DIR", conflicts_with_all = ["turntable", "eye"])]
     pub cameras: Option<PathBuf>,
     /// N views around the object
     #[arg(long, value_name = "N", conflicts_with = "eye", value_parser = parse_views)]
     pub turntable: Option<u32>,
     /// One camera here, in the asset's coordinates
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
-    pub eye: Option<[f32; 3]>,
+    pub eye: Option<[f64; 3]>,
     /// What that camera looks at; default: the object's centre
     #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = parse_point, allow_hyphen_values = true)]
-    pub look_at: Option<[f32; 3]>,
+    pub look_at: Option<[f64; 3]>,
     /// Radius of the lens as a share of the distance to what is looked at, which stays sharp: what is nearer or farther is blurred
     #[arg(long, value_name = "0..0.2", value_parser = parse_aperture)]
     pub aperture: Option<f64>,
@@ -549,11 +553,14 @@ impl ReportArgs {
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// A splat, environment, bake, look, rig or table of colours
+    /// A splat, environment, bake, look, rig, file of cameras or table of colours
     pub file: PathBuf,
     /// Of a splat, what it tells of the light it was captured under (takes as long as a bake)
     #[arg(long)]
     pub estimate_light: bool,
+    /// Of an OpenEXR image with several layers or parts, the one that is read
+    #[arg(long, value_name = "NAME")]
+    pub layer: Option<String>,
     #[command(flatten)]
     pub out: OutputArgs,
 }

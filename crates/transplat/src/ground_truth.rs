@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
+use transplat_core::files::load_json;
 
 use crate::bundled::{BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT};
 
@@ -63,9 +64,7 @@ impl TruthObject {
     pub fn all_in(folder: &Path) -> Result<Vec<Self>> {
         let path = folder.join("MANIFEST.json");
         let name = || path.display().to_string();
-        let text = std::fs::read_to_string(&path).with_context(name)?;
-        let manifest: Manifest = serde_json::from_str(&text)
-            .with_context(|| format!("{}: not a manifest of path-traced truth", name()))?;
+        let manifest: Manifest = load_json(&path, "manifest of path-traced truth")?;
         let mut all = Vec::new();
         for (set, objects) in &manifest.sets {
             for (name, object) in &objects.objects {

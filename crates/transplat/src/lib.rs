@@ -67,7 +67,7 @@ pub fn main() -> ExitCode {
             if let Some(usage) = error.downcast_ref::<Usage>() {
                 usage.exit();
             }
-            eprintln!("transplat: {error:#}");
+            eprintln!("transplat: {}", words::of_error(&error));
             ExitCode::FAILURE
         }
     }

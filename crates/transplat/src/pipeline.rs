@@ -14,11 +14,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use glam::{DVec3, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::{InsertionBake, Standing};
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::Placed;
-use transplat_core::environment::{EnvironmentMap, Illumination, Layout};
+use transplat_core::environment::{EnvironmentMap, Illumination, ImageReading};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::{inspect_bake, load_environment_as};
 use transplat_core::ground::Ground;
@@ -38,7 +39,7 @@ use crate::device::{Device, Transfer};
 use crate::summary::Summary;
 use estimate::{estimate_in_words, why_not};
 use object::LoadedObject;
-use settings::{asset_of, assets_of, targets_of};
+use settings::{asset_of, assets_of, not_environments, targets_of};
 use warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
 };
@@ -69,14 +70,16 @@ impl Pipeline {
         let mut load = |asset: &Path, object: &Object| {
             LoadedObject::load_part(asset, object.clone(), &mut wholes, summary)
         };
-        let objects = shown
+        let mut objects = shown
             .zip(&assets)
             .map(|(object, asset)| load(asset, object))
-            .collect::<Result<_>>()?;
+            .collect::<Result<Vec<_>>>()?;
         let first = &scene.objects[0];
         let unshown_first = (!first.shown)
             .then(|| load(&asset_of(args, &scene, 0)?, first))
             .transpose()?;
+        let mut scene = scene;
+        take_origins(&mut scene, &mut objects, unshown_first.as_ref());
         let device = summary.time("open device", || Device::open(args.options.device))?;
         let pipeline = Self::of(objects, unshown_first, scene, device);
         summary.set("asset", assets[0].display().to_string());
@@ -116,6 +119,11 @@ impl Pipeline {
     /// The first object, in whose coordinates the scene is.
     pub fn first(&self) -> &LoadedObject {
         self.unshown_first.as_ref().unwrap_or(&self.objects[0])
+    }
+
+    /// A place that is given in the coordinates of the first object's file.
+    pub fn place(&self, at: [f64; 3]) -> Vec3 {
+        (DVec3::from_array(at) - self.first().cloud.origin).as_vec3()
     }
 
     /// Whether there is more than one object as it was captured.
@@ -266,15 +274,31 @@ impl Pipeline {
         let first = self.unshown_first.as_ref();
         let first = first.and_then(|o| Some((o, o.settings.source.file.clone()?)));
         let first = first.map(|(o, file)| light(o, &file)).transpose()?;
-        let mut targets = Vec::new();
+        let (mut targets, mut failed) = (Vec::new(), Vec::new());
         for (name, path) in targets_of(args, &self.scene)? {
-            let light = light(self.first(), &path)?;
-            targets.push(Target { name, path, light });
+            match light(self.first(), &path) {
+                Ok(light) => targets.push(Target { name, path, light }),
+                // One of a folder is not to keep the others from being made.
+                Err(why) if is_of_folder(args, &path) => failed.push(format!("{why:#}")),
+                Err(why) => return Err(why),
+            }
+        }
+        if let (true, Some(why)) = (targets.is_empty(), failed.first()) {
+            bail!("no light in the folder can be read; the first: {why}");
         }
         let each = self.objects.iter().zip(known);
         let sources = each.map(|(o, known)| known.map_or_else(|| light(o, &source_of(o)?), Ok));
+        let sources = sources.collect::<Result<_>>()?;
+        for why in failed {
+            summary.fail(format!("a light is skipped: {why}"));
+        }
+        for folder in args.target.iter().filter(|t| t.is_dir()) {
+            if let Some(skipped) = not_environments(folder) {
+                summary.note(skipped);
+            }
+        }
         Ok(Lights {
-            sources: sources.collect::<Result<_>>()?,
+            sources,
             first,
             targets,
         })
@@ -428,13 +452,14 @@ impl Pipeline {
         summary.time("project", || self.device.light(&map, method))
     }
 
-    /// How a light's picture is laid out, where that is told.
-    fn layout_of(&self, path: &Path) -> Option<Layout> {
+    /// How a light's file is read, where that is set.
+    fn reading_of(&self, path: &Path) -> ImageReading {
         let mut lights = self.scene.environment_lights();
         // One of several targets is named by the command line alone.
-        let is_named = lights.any(|l| l.file.as_deref() == Some(path));
-        let of_targets = self.scene.environment.layout.filter(|_| !is_named);
-        self.scene.layout_of(path).or(of_targets)
+        match lights.any(|l| l.file.as_deref() == Some(path)) {
+            true => self.scene.reading_of(path),
+            false => self.scene.environment.reading(),
+        }
     }
 
     /// A light's map; none for even light, and where an object's estimate cannot tell. `saved` is a bake for the method that is set.
@@ -467,9 +492,9 @@ impl Pipeline {
             summary.note(estimate_in_words(estimate, object.cloud.up));
             return Ok(Some(estimate.light.map(object.cloud.up)));
         }
-        let told = self.layout_of(path);
-        let map = summary.time("load", || load_environment_as(path, told))?;
-        for warning in map_warnings(path, &map, told) {
+        let reading = self.reading_of(path);
+        let map = summary.time("load", || load_environment_as(path, &reading))?;
+        for warning in map_warnings(path, &map, &reading) {
             summary.warn(warning);
         }
         Ok(Some(map))
@@ -523,6 +548,31 @@ impl Pipeline {
             .at_one_place(self.cloud.bounds().center)
             .mean_irradiance();
         summary.target(name, (mean * prepared.light_gain()).log2());
+    }
+}
+
+/// Whether a target is one of a folder that was named.
+fn is_of_folder(args: &LightArgs, path: &Path) -> bool {
+    let mut folders = args.target.iter().filter(|t| t.is_dir());
+    folders.any(|folder| path.starts_with(folder))
+}
+
+/// Takes over the origins of splats that lie far from that of their file's coordinates.
+fn take_origins(
+    scene: &mut Scene,
+    objects: &mut [LoadedObject],
+    unshown_first: Option<&LoadedObject>,
+) {
+    if let Some(first) = unshown_first {
+        scene.take_origin(0, first.cloud.origin);
+    }
+    let shown = (0..scene.objects.len()).filter(|at| scene.objects[*at].shown);
+    let shown: Vec<usize> = shown.collect();
+    for (at, object) in shown.iter().zip(&*objects) {
+        scene.take_origin(*at, object.cloud.origin);
+    }
+    for (at, object) in shown.iter().zip(objects) {
+        object.settings.transform = scene.objects[*at].transform;
     }
 }
 

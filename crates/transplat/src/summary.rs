@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::time::Instant;
 
+use anyhow::bail;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 
@@ -30,6 +31,8 @@ pub struct Summary {
     /// The same as it was measured, for programs.
     saved: Vec<Value>,
     warnings: Vec<String>,
+    /// What could not be done beside all else that was.
+    failed: Vec<String>,
 }
 
 impl Summary {
@@ -145,8 +148,26 @@ impl Summary {
         self.warnings.push(text);
     }
 
+    /// Warns of what could not be done where all else is done all the same: the command ends with an error.
+    pub fn fail(&mut self, why: String) {
+        self.warn(why.clone());
+        self.failed.push(why);
+    }
+
     /// Prints the JSON object, or the lines for people. A reader that has left is no error.
-    pub fn finish(self, summary: &str) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// Something could not be done ([`Summary::fail`]), or standard output cannot be written.
+    pub fn finish(mut self, summary: &str) -> anyhow::Result<()> {
+        let failed = std::mem::take(&mut self.failed);
+        self.print_all(summary)?;
+        match &failed[..] {
+            [] => Ok(()),
+            some => bail!("all but {} done: {}", some.len(), some.join("; ")),
+        }
+    }
+
+    fn print_all(self, summary: &str) -> anyhow::Result<()> {
         match self.print(&mut std::io::stdout().lock(), summary) {
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
                 Err(anyhow::Error::new(error).context("standard output"))

@@ -20,3 +20,14 @@ pub fn milliseconds(ms: f64) -> String {
         format!("{ms:.1} ms")
     }
 }
+
+/// What went wrong and why, outermost first; a refusal of the system in plain words, and before the file that it is of.
+pub fn of_error(error: &anyhow::Error) -> String {
+    let mut said: Vec<String> = error.chain().map(ToString::to_string).collect();
+    if let Some(reason) = error.root_cause().downcast_ref::<std::io::Error>() {
+        said.pop();
+        said.insert(0, transplat_core::refusal(reason));
+    }
+    said.dedup();
+    said.join(": ")
+}

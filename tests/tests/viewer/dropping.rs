@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui;
 use egui_kittest::kittest::Queryable;
-use transplat_core::environment::Layout;
+use transplat_core::environment::{ImageReading, Layout};
 use transplat_core::surfels::UpAxis;
 use transplat_tests::driver::Driver;
 use transplat_tests::{asset, level_cameras, psnr, small_splat};
@@ -197,6 +197,13 @@ impl egui::DroppedFile for Dropped {
     }
 }
 
+fn as_layout(layout: Layout) -> ImageReading {
+    ImageReading {
+        layout: Some(layout),
+        layer: None,
+    }
+}
+
 /// A layout that the picture has not is told once, and the light stays as it was read; one that it has holds wherever the light goes.
 #[test]
 fn a_light_is_read_as_its_layout_is_told() {
@@ -216,7 +223,11 @@ fn a_light_is_read_as_its_layout_is_told() {
     let read_as = |d: &mut Driver| {
         let session = &d.viewer().session;
         let layout = session.scene.environment.layout;
-        assert_eq!(session.light(1).told, layout, "what is set is what is read");
+        assert_eq!(
+            session.light(1).reading.layout,
+            layout,
+            "what is set is what is read"
+        );
         (layout, session.light(1).id)
     };
     let (layout, by_shape) = read_as(&mut d);
@@ -226,11 +237,11 @@ fn a_light_is_read_as_its_layout_is_told() {
         messages.iter().filter(|m| m.text.contains(what)).count()
     };
     assert_eq!(told(&mut d, "angular map"), 1);
-    d.after(|v| v.session.set_layout(1, Some(Layout::CubeCross)));
+    d.after(|v| v.session.set_reading(1, &as_layout(Layout::CubeCross)));
     assert_eq!(told(&mut d, "a cube cross has"), 1);
     assert_eq!(read_as(&mut d), (None, by_shape));
     assert!(d.viewer().shelf().iter().any(|p| p.ends_with("probe.png")));
-    d.after(|v| v.session.set_layout(1, Some(Layout::MirrorBall)));
+    d.after(|v| v.session.set_reading(1, &as_layout(Layout::MirrorBall)));
     d.harness.run_steps(12);
     let (layout, as_ball) = read_as(&mut d);
     assert_eq!(layout, Some(Layout::MirrorBall));

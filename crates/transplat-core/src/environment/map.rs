@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::layout::Layout;
 use crate::color::luminance;
+use crate::images::{Image, Layout, Provenance};
 
 /// An equirectangular map of linear RGB radiance, Z up; row 0 is the zenith, the image centre looks at +X, +Y is a quarter from the left.
 #[derive(Clone, Debug)]
@@ -15,45 +15,64 @@ pub struct EnvironmentMap {
     pub(super) height: usize,
     pub(super) pixels: Vec<[f32; 3]>,
     repaired: usize,
+    infinite: usize,
     clipped: bool,
     layout: Layout,
     picture_size: [usize; 2],
+    provenance: Provenance,
 }
+
+/// What a pixel is read as that is infinitely bright: the largest number of 16 bits, since suns are written by overflowing those.
+pub const INFINITE_RADIANCE: f32 = 65504.0;
 
 impl EnvironmentMap {
     /// No light is brighter; sums of pixels stay finite.
     pub(super) const BRIGHTEST: f32 = 1e15;
 
-    /// A map from its pixels, row by row. Values that are no numbers, negative or beyond any light are replaced by the nearest possible and counted.
+    /// A map from its pixels, row by row. Values that are no numbers, negative or beyond any light are replaced by the nearest possible and
+    /// counted; infinite ones by [`INFINITE_RADIANCE`].
     ///
     /// # Panics
     /// If the number of pixels is not `width * height`, or is zero.
     pub fn new(width: usize, height: usize, mut pixels: Vec<[f32; 3]>) -> Self {
         assert!(width * height == pixels.len() && !pixels.is_empty());
-        let repaired = pixels
-            .par_iter_mut()
-            .filter_map(|pixel| {
-                let bad = pixel.iter().any(|v| !(0.0..=Self::BRIGHTEST).contains(v));
-                if bad {
-                    *pixel = pixel.map(|v| {
-                        if v.is_finite() {
-                            v.clamp(0.0, Self::BRIGHTEST)
-                        } else {
-                            0.0
-                        }
-                    });
-                }
-                bad.then_some(())
-            })
-            .count();
+        // Pixels that were replaced, and those of them that were infinite alone.
+        let count = |pixel: &mut [f32; 3]| {
+            if pixel.iter().all(|v| (0.0..=Self::BRIGHTEST).contains(v)) {
+                return [0, 0];
+            }
+            let is_infinite = pixel.iter().all(|v| *v >= 0.0) && pixel.contains(&f32::INFINITY);
+            *pixel = pixel.map(|v| match v {
+                f32::INFINITY => INFINITE_RADIANCE,
+                _ if v.is_finite() => v.clamp(0.0, Self::BRIGHTEST),
+                _ => 0.0,
+            });
+            [usize::from(!is_infinite), usize::from(is_infinite)]
+        };
+        let sum = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        let [repaired, infinite] = pixels.par_iter_mut().map(count).reduce(|| [0; 2], sum);
         Self {
             width,
             height,
             pixels,
             repaired,
+            infinite,
             clipped: false,
             layout: Layout::default(),
             picture_size: [width, height],
+            provenance: Provenance::default(),
+        }
+    }
+
+    /// A map of an image, whatever its layout is.
+    ///
+    /// # Panics
+    /// As [`EnvironmentMap::new`].
+    pub fn of_image(image: Image) -> Self {
+        Self {
+            clipped: image.is_clipped,
+            provenance: image.provenance,
+            ..Self::new(image.width, image.height, image.pixels)
         }
     }
 
@@ -68,9 +87,11 @@ impl EnvironmentMap {
         let pixels = pixels.map(|i| pixel(i % width, i / width)).collect();
         Self {
             repaired: self.repaired,
+            infinite: self.infinite,
             clipped: self.clipped,
             layout,
             picture_size: [self.width, self.height],
+            provenance: self.provenance.clone(),
             ..Self::new(width, height, pixels)
         }
     }
@@ -85,10 +106,9 @@ impl EnvironmentMap {
         self.picture_size
     }
 
-    /// Marks a map that came from a low-dynamic-range picture, whose highlights are clipped.
-    pub(crate) fn with_clipped_highlights(mut self) -> Self {
-        self.clipped = true;
-        self
+    /// Which part of its file it is, and what reading it assumed.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
     }
 
     /// A map of what comes from each pixel's direction.
@@ -135,6 +155,11 @@ impl EnvironmentMap {
     /// How many pixels were no numbers, negative or beyond any light, and were replaced.
     pub fn repaired(&self) -> usize {
         self.repaired
+    }
+
+    /// How many pixels were infinitely bright, and are read as [`INFINITE_RADIANCE`].
+    pub fn infinite(&self) -> usize {
+        self.infinite
     }
 
     /// Whether the highlights are clipped because the file was a low-dynamic-range picture.

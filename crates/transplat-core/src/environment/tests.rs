@@ -108,7 +108,8 @@ fn bad_pixels_are_counted_and_black() {
             [1.0; 3],
         ],
     );
-    assert_eq!(map.repaired(), 3);
+    assert_eq!((map.repaired(), map.infinite()), (2, 1));
+    assert_eq!(map.pixels()[2], [INFINITE_RADIANCE; 3]);
     assert_eq!(map.pixels()[0], [0.0, 1.0, 1.0]);
     assert_eq!(map.pixels()[1], [0.0, 2.0, 0.0]);
     let light = project_environment(&map, 8);

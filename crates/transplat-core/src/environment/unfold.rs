@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::layout::Layout;
 use super::map::{EnvironmentMap, bilinear, direction};
 use crate::color::luminance;
 use crate::error::{Error, Result};
+use crate::images::Layout;
 use crate::numeric::quantile;
 
 /// How much pixels may differ in what is taken for empty, of a brightness that is neither that of the empty parts, half of a cross and a fifth
@@ -53,6 +53,10 @@ impl EnvironmentMap {
                     .ok_or_else(|| needs("a cube cross has 4 x 3 or 3 x 4 squares"))?;
                 self.unfolded(layout, 2 * cross.edge, |d| cross.place(d))
             }
+            Layout::CubeColumn if height != 6 * width => {
+                return Err(needs("a cube column has six squares below each other"));
+            }
+            Layout::CubeColumn => self.unfolded(layout, 2 * width, |d| cube_column(d, width)),
             Layout::AngularMap | Layout::MirrorBall if !is_square => {
                 return Err(needs("an angular map and a mirror ball fill a square"));
             }
@@ -112,6 +116,38 @@ fn angular_map(d: DVec3) -> [f64; 2] {
 fn mirror_ball(d: DVec3) -> [f64; 2] {
     let n = (d + DVec3::X).normalize_or(DVec3::Y);
     [n.y, n.z]
+}
+
+/// The place of a direction in six faces of a cube below each other, +X, -X, +Y, -Y, +Z, -Z, in pixels from the upper left corner: the
+/// `envmap` attribute of OpenEXR (ImfEnvmap.h), in whose axes +Y is up and its panoramas have +Z in the middle and +X a quarter from the left.
+fn cube_column(d: DVec3, edge: usize) -> [f64; 2] {
+    let [x, y, z] = [d.y, d.z, d.x];
+    let last = (edge - 1) as f64;
+    let on = |v: f64, of: f64| 0.5 * (v / of + 1.0) * last;
+    let [ax, ay, az] = [x.abs(), y.abs(), z.abs()];
+    let (face, column, row) = if ax >= ay && ax >= az {
+        let (across, down) = (on(z, ax), last - on(y, ax));
+        if x > 0.0 {
+            (0, across, down)
+        } else {
+            (1, last - across, down)
+        }
+    } else if ay >= az {
+        let (across, down) = (on(x, ay), on(z, ay));
+        if y > 0.0 {
+            (2, across, last - down)
+        } else {
+            (3, across, down)
+        }
+    } else {
+        let (across, down) = (on(x, az), last - on(y, az));
+        if z > 0.0 {
+            (4, last - across, down)
+        } else {
+            (5, across, down)
+        }
+    };
+    [column + 0.5, (face * edge) as f64 + row + 0.5]
 }
 
 fn in_disc(picture: &EnvironmentMap, [right, up]: [f64; 2]) -> [f64; 2] {

@@ -70,6 +70,7 @@ fn cloud() -> impl Strategy<Value = SurfelCloud> {
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,
             outside_from: Vec::new(),
+            origin: DVec3::ZERO,
         })
     })
 }

@@ -1,7 +1,6 @@
 //! Splats in and out, whatever their format.
 
 use std::fs::Metadata;
-use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -107,10 +106,9 @@ fn stamp(metadata: &Metadata) -> Stamp {
 pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
     let path = &*file_of(path);
     let kind = file_kind(path);
-    let file = read::open(path)?;
-    let metadata = file.metadata().map_err(Error::io(path))?;
-    let length = metadata.len();
-    let mut reader = BufReader::with_capacity(1 << 20, file);
+    let mut reader = read::open(path)?;
+    let length = reader.len();
+    let metadata = std::fs::metadata(path).map_err(Error::io(path))?;
     let mut format = match kind {
         Ok(FileKind::Splat(format)) => format,
         Err(error @ Error::Io { .. }) => return Err(error),
@@ -153,7 +151,15 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
 /// What of an asset is lost in a file of that name, which is not of the asset's own format.
 pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
     let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
-    let losses = format.losses(cloud);
+    let mut losses = format.losses(cloud);
+    let splat = Written::new(cloud, &cloud.sh, asset.order());
+    let rounding = format::rounding(format, &splat).filter(format::Rounding::is_seen);
+    losses.extend(rounding.map(|r| {
+        format!(
+            "positions in steps of {:.4}, of splats that are {:.4} large",
+            r.step, r.size
+        )
+    }));
     (!losses.is_empty()).then(|| format!("{} holds {}", format.name(), losses.join("; ")))
 }
 
@@ -165,9 +171,7 @@ fn instead_of_a_splat(kind: Result<FileKind>, length: u64) -> String {
             "a look, where one splat is expected; render, relight and the window open looks"
         }
         Ok(FileKind::Rig) => "a rig of lights, where a splat is expected (--rig takes it)",
-        Ok(FileKind::Bake) => "a bake, where a splat is expected",
-        Ok(FileKind::Lut) => "a table of colours, where a splat is expected (--lut takes it)",
-        Ok(_) => "a picture, where a splat is expected",
+        Ok(other) => return format!("{}, where a splat is expected", other.called()),
         Err(Error::Invalid { message, .. }) => return format!("no splat: {message}"),
         Err(_) => "no splat",
     }
@@ -187,7 +191,22 @@ pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Res
         is_linear: false,
         ..Written::new(cloud, stored, order)
     };
-    write_atomically(path, |out| format::write(format, &splat, out))
+    write_checked(format, &splat, path)
+}
+
+/// Writes a splat in a format that holds where its Gaussians are.
+fn write_checked(format: SplatFormat, splat: &Written<'_>, path: &Path) -> Result<()> {
+    let rounding = format::rounding(format, splat).filter(format::Rounding::is_too_coarse);
+    if let Some(format::Rounding { step, size }) = rounding {
+        return Err(Error::invalid(
+            path,
+            format!(
+                "{} would hold positions in steps of {step:.3} here, and the splats are {size:.3} large: write it as .ply or .glb, or move the object nearer to the origin",
+                format.name()
+            ),
+        ));
+    }
+    write_atomically(path, |out| format::write(format, splat, out))
 }
 
 /// Writes the asset again with other colour, in the format that the name tells, or else in its own: in that and for a PLY, nothing else that it
@@ -204,8 +223,8 @@ pub fn write_relit(
     stored: &[[f32; 3]],
     path: &Path,
 ) -> Result<()> {
-    let source = read::open(&asset.path)?;
-    if stamp(&source.metadata().map_err(Error::io(&asset.path))?) != asset.stamp {
+    let metadata = std::fs::metadata(&asset.path).map_err(Error::io(&asset.path))?;
+    if stamp(&metadata) != asset.stamp {
         return Err(Error::invalid(
             &asset.path,
             "has changed since it was loaded; load it again",
@@ -213,7 +232,7 @@ pub fn write_relit(
     }
     let format = asset.written_format(path);
     if let (SplatFormat::Ply, Some(header)) = (format, &asset.header) {
-        let mut reader = BufReader::with_capacity(1 << 18, source);
+        let mut reader = read::open(&asset.path)?;
         let columns = ply::ColorColumns::new(header, &asset.report, &asset.surfel_of_row, stored)?;
         return write_atomically(path, |out| columns.write(&mut reader, out));
     }
@@ -252,20 +271,23 @@ fn write_anew(
             materials: materials.map(|m| &m.each[..]),
             ..Written::new(cloud, stored, asset.order())
         };
-        return write_atomically(path, |out| format::write(format, &splat, out));
+        return write_checked(format, &splat, path);
     };
     let colored = SurfelCloud {
         sh: stored.to_vec().into(),
         up,
         ..cloud.clone()
     };
-    let turned = colored.transformed(Affine3A::from_quat(turn));
+    let turned = SurfelCloud {
+        origin: turn.as_dquat().normalize() * cloud.origin,
+        ..colored.transformed(Affine3A::from_quat(turn))
+    };
     let materials = materials.map(|m| m.clone().turned(turn));
     let splat = Written {
         materials: materials.as_ref().map(|m| &m.each[..]),
         ..Written::new(&turned, &turned.sh, asset.order())
     };
-    write_atomically(path, |out| format::write(format, &splat, out))
+    write_checked(format, &splat, path)
 }
 
 /// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.

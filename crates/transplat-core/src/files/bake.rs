@@ -205,7 +205,7 @@ pub fn save_bake(path: &Path, cloud: &SurfelCloud, baked: &Bake) -> Result<()> {
 /// The file cannot be read or is no whole bake.
 pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
     let mut file = super::read::open(path)?;
-    let length = file.metadata().map_err(Error::io(path))?.len();
+    let length = file.len();
     read_header(path, &mut file, length)
 }
 
@@ -215,7 +215,7 @@ pub fn inspect_bake(path: &Path) -> Result<BakeHeader> {
 /// The file cannot be read, is no whole bake, or belongs to another asset.
 pub fn load_bake(path: &Path, cloud: &SurfelCloud) -> Result<Bake> {
     let mut file = super::read::open(path)?;
-    let length = file.metadata().map_err(Error::io(path))?.len();
+    let length = file.len();
     let header = read_header(path, &mut file, length)?;
     if header.surfels != cloud.len() as u64 || header.geometry_key != geometry_key(cloud) {
         return Err(Error::invalid(

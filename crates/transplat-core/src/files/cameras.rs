@@ -1,176 +1,97 @@
-//! Camera files: `transforms.json` as NeRF-synthetic and nerfstudio write it, and COLMAP's models.
+//! Camera files: `transforms.json` as NeRF-synthetic and nerfstudio write it, `cameras.json` of the reference trainer, and COLMAP's models.
 
 mod colmap;
 mod frame;
+mod transforms;
 
-use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use glam::{DMat4, DVec4};
-use serde::Deserialize;
-
+use super::read::read_all;
 use super::write::folder_of;
 use crate::error::{Error, Result};
-use frame::{Offsets, UNSEEN};
 
 pub use frame::{CameraFile, CameraFrame};
 
-#[derive(Deserialize)]
-struct File {
-    #[serde(flatten)]
-    lens: Lens,
-    frames: Vec<FrameEntry>,
-}
+/// The most bytes of a file in JSON.
+const MOST_BYTES: u64 = 1 << 28;
 
-#[derive(Deserialize)]
-struct FrameEntry {
-    #[serde(flatten)]
-    lens: Lens,
-    #[serde(default)]
-    file_path: Option<String>,
-    transform_matrix: [[f64; 4]; 4],
-}
+/// Folders of a capture that hold a COLMAP model.
+const MODELS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
-/// The frame's own, or that of all; focal length and principal point are in pixels.
-#[derive(Clone, Copy, Default, Deserialize)]
-struct Lens {
-    camera_angle_x: Option<f64>,
-    fl_x: Option<f64>,
-    w: Option<f64>,
-    h: Option<f64>,
-    cx: Option<f64>,
-    cy: Option<f64>,
-    fl_y: Option<f64>,
-    k1: Option<f64>,
-    k2: Option<f64>,
-    k3: Option<f64>,
-    k4: Option<f64>,
-    p1: Option<f64>,
-    p2: Option<f64>,
-}
+/// Files of cameras that lie in a folder of a capture or of a training.
+const FILES: [&str; 3] = ["transforms.json", "transforms_train.json", REFERENCE];
 
-impl Lens {
-    fn or(self, all: Self) -> Self {
-        Self {
-            camera_angle_x: self.camera_angle_x.or(all.camera_angle_x),
-            fl_x: self.fl_x.or(all.fl_x),
-            w: self.w.or(all.w),
-            h: self.h.or(all.h),
-            cx: self.cx.or(all.cx),
-            cy: self.cy.or(all.cy),
-            fl_y: self.fl_y.or(all.fl_y),
-            k1: self.k1.or(all.k1),
-            k2: self.k2.or(all.k2),
-            k3: self.k3.or(all.k3),
-            k4: self.k4.or(all.k4),
-            p1: self.p1.or(all.p1),
-            p2: self.p2.or(all.p2),
-        }
-    }
+/// The file of cameras that the reference trainer writes beside its results (Kerbl et al. 2023).
+const REFERENCE: &str = "cameras.json";
 
-    fn size(self) -> std::result::Result<Option<[usize; 2]>, &'static str> {
-        match (self.w, self.h) {
-            (Some(w), Some(h)) if (1.0..65536.0).contains(&w) && (1.0..65536.0).contains(&h) => {
-                Ok(Some([w as usize, h as usize]))
-            }
-            (None, None) => Ok(None),
-            _ => Err("w and h are not a picture size"),
-        }
-    }
-
-    fn is_distorted(self) -> bool {
-        let terms = [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2];
-        terms.into_iter().flatten().any(|k| k.abs() > UNSEEN)
-    }
-
-    fn is_stretched(self) -> bool {
-        let by_focal = self.fl_x.zip(self.fl_y);
-        by_focal.is_some_and(|(x, y)| (y / x - 1.0).abs() > UNSEEN)
-    }
-
-    fn fov_x(self) -> std::result::Result<f64, &'static str> {
-        let by_focal = || Some(2.0 * (0.5 * self.w? / self.fl_x?).atan());
-        let fov = self.camera_angle_x.or_else(by_focal);
-        let fov = fov.ok_or("camera_angle_x is missing, or fl_x with w and h")?;
-        if fov > 1e-4 && fov < 3.1 {
-            Ok(fov)
-        } else {
-            Err("camera_angle_x is not an angle in radians below pi")
-        }
-    }
-}
-
-/// Loads a camera file: a `transforms.json`, or a COLMAP model by its folder or its `images.txt` or `images.bin`.
+/// Loads a camera file: a `transforms.json`, a `cameras.json`, a COLMAP model by its `images.txt` or `images.bin`, or a folder with one of them.
 ///
 /// # Errors
 /// It cannot be read, is no such file, has no frame, or a pose that cannot be inverted.
 pub fn load_cameras(path: &Path) -> Result<CameraFile> {
-    let name = path.file_name().unwrap_or_default();
     if path.is_dir() {
-        return colmap::load(path);
+        return match file_in(path) {
+            Some(found) if is_colmap(&found) => colmap::load(folder_of(&found)),
+            Some(found) => load_cameras(&found),
+            None => Err(Error::invalid(
+                path,
+                format!(
+                    "no cameras are in this folder; a COLMAP model (images.bin or images.txt, here or in sparse/0), {} is expected",
+                    FILES.join(" or ")
+                ),
+            )),
+        };
     }
-    if colmap::IMAGES.iter().any(|images| name == *images) {
+    if is_colmap(path) {
         return colmap::load(folder_of(path));
     }
-    let bytes = super::read::read_all(path, 1 << 28)?;
-    let file: File = serde_json::from_slice(&bytes).map_err(|e| {
-        Error::invalid(
-            path,
-            format!(
-                "not a transforms.json camera file (camera_angle_x, frames[].transform_matrix): {e}"
-            ),
-        )
-    })?;
+    let text = read_all(path, MOST_BYTES)?;
+    let file = match begins_as_list(&text) {
+        true => transforms::of_reference(path, &text),
+        false => transforms::parse(path, &text),
+    }?;
     if file.frames.is_empty() {
         return Err(Error::invalid(path, "holds no frames"));
     }
-    let mut off = Offsets::default();
-    let mut frames = Vec::new();
-    for (i, frame) in file.frames.into_iter().enumerate() {
-        let lens = frame.lens.or(file.lens);
-        let invalid = |why: &str| Error::invalid(path, format!("frame {i}: {why}"));
-        let size = lens.size().map_err(invalid)?;
-        if let (Some(size), Some(cx), Some(cy)) = (size, lens.cx, lens.cy) {
-            off.center(size, [cx, cy]);
-        }
-        off.distorted |= lens.is_distorted();
-        off.stretched |= lens.is_stretched();
-        frames.push(CameraFrame {
-            picture: frame.file_path,
-            world_from_camera: pose(&frame.transform_matrix)
-                .ok_or_else(|| invalid("the transform_matrix is not a camera pose"))?,
-            fov_x: lens.fov_x().map_err(invalid)?,
-            size,
-        });
-    }
-    Ok(CameraFile {
-        frames,
-        warnings: off.warnings(path),
-    })
+    Ok(file)
 }
 
-/// Whether a file or folder is meant to be one of cameras, good or not.
-pub fn is_camera_file(path: &Path) -> bool {
+/// The camera file in a folder of a capture, if there is one.
+pub(super) fn file_in(folder: &Path) -> Option<PathBuf> {
+    let models = MODELS.iter().map(|model| folder.join(model));
+    let models = models.flat_map(|model| colmap::IMAGES.map(|images| model.join(images)));
+    let files = FILES.iter().map(|file| folder.join(file));
+    models.chain(files).find(|file| file.is_file())
+}
+
+/// The cameras that the reference trainer wrote for a splat: beside it, or above the folders of its iteration.
+pub fn cameras_of_training(splat: &Path) -> Option<PathBuf> {
+    let folders = splat.parent()?.ancestors().take(3);
+    let mut files = folders.map(|folder| folder.join(REFERENCE));
+    let found = files.find(|file| file.is_file())?;
+    read_all(&found, MOST_BYTES)
+        .ok()
+        .filter(|text| begins_as_list(text))?;
+    Some(found)
+}
+
+/// Whether a path is called as a file of a COLMAP model is.
+pub(super) fn is_colmap(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
-    if path.is_dir() {
-        return colmap::IMAGES
-            .iter()
-            .any(|images| path.join(images).is_file());
-    }
-    if colmap::IMAGES.iter().any(|images| name == *images) {
-        return true;
-    }
-    let mut beginning = Vec::new();
-    let file = std::fs::File::open(path);
-    let read = file.and_then(|f| f.take(1 << 16).read_to_end(&mut beginning));
-    let key = b"\"transform_matrix\"";
-    read.is_ok() && beginning.windows(key.len()).any(|w| w == key)
+    colmap::IMAGES.iter().any(|images| name == *images) && path.is_file()
 }
 
-fn pose(rows: &[[f64; 4]; 4]) -> Option<DMat4> {
-    let m = DMat4::from_cols_array_2d(rows).transpose();
-    let affine = m.row(3).abs_diff_eq(DVec4::W, 1e-6);
-    (m.is_finite() && affine && m.determinant().abs() > 1e-12).then_some(m)
+/// Whether a text begins as a list of objects in JSON does, as `cameras.json` is one.
+pub(super) fn begins_as_list(text: &[u8]) -> bool {
+    let text = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text);
+    let list = text.trim_ascii_start().strip_prefix(b"[");
+    list.is_some_and(|first| first.trim_ascii_start().starts_with(b"{"))
+}
+
+/// Whether a text names poses as `transforms.json` does.
+pub(super) fn has_poses(text: &[u8]) -> bool {
+    let key = b"\"transform_matrix\"";
+    text.windows(key.len()).take(1 << 16).any(|w| w == key)
 }
 
 #[cfg(test)]
@@ -183,6 +104,78 @@ mod tests {
         let file = tempfile::NamedTempFile::new().expect("a temporary file");
         std::fs::write(file.path(), text).expect("room for it");
         load_cameras(file.path())
+    }
+
+    /// A frame's own lens counts, in whatever words; files as Python writes them are read.
+    #[test]
+    fn what_a_frame_says_of_its_lens_counts() {
+        let of = |all: &str, own: &str| {
+            let rows = ROWS.replace(",[0,0,0,1]]", "]");
+            let text = format!(
+                "\u{feff}{{{all}, \"w\": 200, \"h\": 100, \"frames\": [{{{own}, \"sharpness\": NaN, \"transform_matrix\": {rows}}}]}}"
+            );
+            load(&text).expect(&text).frames[0].fov_x
+        };
+        let quarter = std::f64::consts::FRAC_PI_2;
+        for (all, own) in [
+            ("\"camera_angle_x\": 0.3", "\"fl_x\": 100"),
+            ("\"camera_angle_x\": 0.3", "\"fl_y\": 100"),
+            ("\"fl_x\": 33", "\"camera_angle_x\": 1.5707963267948966"),
+            ("\"fl_y\": 100", "\"fl_z\": 1"),
+            (
+                "\"camera_angle_y\": 0.9272952180016122",
+                "\"sharp\": Infinity",
+            ),
+        ] {
+            let fov = of(all, own);
+            assert!((fov - quarter).abs() < 1e-9, "{all} {own}: {fov}");
+        }
+    }
+
+    #[test]
+    fn cameras_of_the_reference_trainer_look_where_they_did() {
+        let text = r#"[{"id": 0, "img_name": "a", "width": 200, "height": 100, "position": [1, 2, -3],
+            "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 100, "fy": 100}]"#;
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("cameras.json"), text).expect("room for it");
+        let file = load_cameras(folder.path()).expect("a good file");
+        let camera = file.frames[0].camera([200, 100], 0.1);
+        // Four ahead along z, one to the right, and one down.
+        let ([x, y], depth) = camera.project(glam::Vec3::new(2.0, 3.0, 1.0));
+        assert!(
+            (depth - 4.0).abs() < 1e-6 && (x - 124.5).abs() < 1e-3,
+            "{x} {depth}"
+        );
+        assert!((y - 74.5).abs() < 1e-3, "{y}");
+        let splat = folder
+            .path()
+            .join("point_cloud/iteration_7000/point_cloud.ply");
+        assert!(cameras_of_training(&splat).is_some_and(|f| f.ends_with("cameras.json")));
+    }
+
+    #[test]
+    fn cameras_that_see_nothing_are_told_and_looked_for_where_the_splat_is() {
+        let cloud = crate::synthetic::sphere(200);
+        let folder = tempfile::tempdir().expect("a folder");
+        // From four away on +z; or from there, all of it twice as large and moved aside by 100.
+        let path = folder.path().join("transforms.json");
+        let load = |x: f64, z: f64| {
+            let rows = format!("[[1,0,0,{x}],[0,1,0,0],[0,0,1,{z}],[0,0,0,1]]");
+            let text =
+                format!(r#"{{"camera_angle_x": 0.7, "frames": [{{"transform_matrix": {rows}}}]}}"#);
+            std::fs::write(&path, text).expect("room for it");
+            load_cameras(&path).expect("a good file").placed_for(&cloud)
+        };
+        assert!(load(0.0, 4.0).warnings.is_empty());
+        let lost = load(100.0, 8.0).warnings;
+        assert!(lost[0].contains("see nothing"), "{lost:?}");
+        let parser = r#"{"transform": [[1,0,0,-100],[0,1,0,0],[0,0,1,0]], "scale": 0.5}"#;
+        std::fs::write(folder.path().join("dataparser_transforms.json"), parser).expect("room");
+        let placed = load(100.0, 8.0);
+        let said = &placed.warnings[0];
+        assert!(said.contains("dataparser_transforms.json"), "{said}");
+        let at = placed.frames[0].world_from_camera.w_axis;
+        assert!(at.x.abs() < 1e-9 && (at.z - 4.0).abs() < 1e-9, "{at}");
     }
 
     #[test]
@@ -200,7 +193,11 @@ mod tests {
         assert!(file.warnings.is_empty(), "{:?}", file.warnings);
         let off = load(&text.replace("\"cx\": 100", "\"cx\": 90")).expect("a good file");
         assert_eq!(off.warnings.len(), 1);
-        for bent in ["\"k1\": 0.1", "\"k1\": 0, \"fl_y\": 110"] {
+        for bent in [
+            "\"k1\": 0.1",
+            "\"k1\": 0, \"fl_y\": 110",
+            "\"k1\": 0, \"camera_model\": \"OPENCV_FISHEYE\"",
+        ] {
             let off = load(&text.replace("\"k1\": 0", bent)).expect("a good file");
             assert_eq!(off.warnings.len(), 1, "{bent}: {:?}", off.warnings);
         }
@@ -208,6 +205,8 @@ mod tests {
             text.replace("\"fl_x\": 100,", ""),
             text.replace("\"h\": 100,", ""),
             text.replace("[0,0,0,1]]", "[0,0,0,2]]"),
+            text.replace("[0,0,1,3]", "[0,0,NaN,3]"),
+            text.replace(",[0,0,0,1]]", ",[0,0,0,1],[0,0,0,1]]"),
             r#"{"camera_angle_x": 1, "frames": []}"#.into(),
         ] {
             assert!(load(&wrong).is_err(), "{wrong}");

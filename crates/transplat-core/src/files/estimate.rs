@@ -54,7 +54,7 @@ fn asset_key(cloud: &SurfelCloud) -> String {
 /// The file cannot be read, is no estimate of this version, or belongs to another asset.
 pub fn load_estimate(path: &Path, cloud: &SurfelCloud) -> Result<Estimate> {
     let text = super::read::read_all(path, 1 << 24)?;
-    let file: EstimateFile = serde_json::from_slice(&text)
+    let file: EstimateFile = super::decode::json(&text)
         .map_err(|e| Error::invalid(path, format!("no estimate of a light: {e}")))?;
     if file.version != VERSION || file.asset_key != asset_key(cloud) {
         let message = "the estimate of a light is of another asset or version";

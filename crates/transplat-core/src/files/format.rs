@@ -3,12 +3,14 @@
 use std::io::{Seek, Write};
 use std::path::Path;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::written::Written;
 use super::{gltf, ply, sog, splat, spz};
 use crate::color::Encoding;
 use crate::error::{Error, Result};
+use crate::numeric::quantile;
 use crate::sh::MAX_DEGREE;
 use crate::surfels::{SurfelCloud, Thickness, UpAxis};
 
@@ -146,6 +148,76 @@ impl SplatFormat {
             Self::Ply | Self::Ksplat | Self::Gltf => None,
         }
     }
+}
+
+/// How coarse a format holds where the splats of a file are.
+pub(super) struct Rounding {
+    /// Median of what their positions are rounded to, at most half of which they are off.
+    pub step: f64,
+    /// Median of the splats' larger standard deviations.
+    pub size: f64,
+}
+
+/// A step of this share of the splats' size is seen.
+const SEEN_STEP: f64 = 0.5;
+
+impl Rounding {
+    /// Whether half of the splats may be off by half of their own size and more.
+    pub fn is_too_coarse(&self) -> bool {
+        self.step > self.size
+    }
+
+    /// Whether that is seen.
+    pub fn is_seen(&self) -> bool {
+        self.step > SEEN_STEP * self.size
+    }
+}
+
+/// How coarse a format holds the positions of a splat.
+pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Rounding> {
+    let cloud = splat.cloud;
+    let place = |i: u32| cloud.origin + cloud.positions[i as usize].as_dvec3();
+    let in_floats = |p: DVec3| 2.0 * (p - p.as_vec3().as_dvec3()).abs().max_element();
+    let size = f64::from(cloud.median_size()?);
+    let each = |step: &dyn Fn(u32) -> f64| {
+        let steps = splat.order.iter().map(|i| step(*i) as f32);
+        quantile(steps.collect(), 0.5).map(f64::from)
+    };
+    let step = match format {
+        // They have 64 bits where 32 do not do.
+        SplatFormat::Ply | SplatFormat::Gltf | SplatFormat::Ksplat => return None,
+        SplatFormat::Splat => each(&|i| in_floats(place(i)))?,
+        SplatFormat::Spz => spz::position_step(splat),
+        SplatFormat::Sog => {
+            let log = |v: f64| v.signum() * v.abs().ln_1p();
+            let logs = |i: u32| DVec3::from_array(place(i).to_array().map(log));
+            let (mut least, mut most) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            for i in &splat.order {
+                (least, most) = (least.min(logs(*i)), most.max(logs(*i)));
+            }
+            let span = (most - least) / f64::from(u16::MAX);
+            each(&|i| (span * (place(i).abs() + 1.0)).max_element())?
+        }
+        SplatFormat::CompressedPly => {
+            let chunks = splat.order.chunks(ply::compressed::CHUNK);
+            let steps = chunks.flat_map(|chunk| {
+                let least = chunk
+                    .iter()
+                    .map(|i| place(*i))
+                    .fold(DVec3::INFINITY, DVec3::min);
+                let most = chunk
+                    .iter()
+                    .map(|i| place(*i))
+                    .fold(DVec3::NEG_INFINITY, DVec3::max);
+                let step = (most - least).max_element() / 1023.0;
+                chunk
+                    .iter()
+                    .map(move |i| step.max(in_floats(place(*i))) as f32)
+            });
+            f64::from(quantile(steps.collect(), 0.5)?)
+        }
+    };
+    Some(Rounding { step, size })
 }
 
 /// Writes a splat in a format that is written.

@@ -6,18 +6,16 @@ mod write;
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use glam::{Affine3A, Mat4, Quat, Vec3, Vec4};
+use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3, DVec4};
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::packed::{Fields, dc_of_color, logit};
-use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count, rearranged};
+use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count, origin_near, rearranged};
 use super::write::folder_of;
-use super::{read, spz};
+use super::{decode, read, spz};
 use crate::color::{Encoding, STORED_OFFSET};
 use crate::error::{Error, Result};
 use crate::sh::{SQRT_4PI, coefficient_count};
@@ -53,7 +51,17 @@ struct Document {
     nodes: Vec<Node>,
     scenes: Vec<Scene>,
     scene: usize,
+    extensions_required: Vec<String>,
 }
+
+/// Extensions that a file may require: those that are read, and others that change nothing of a splat.
+const UNDERSTOOD: [&str; 5] = [
+    EXTENSION,
+    SPZ_EXTENSIONS[0],
+    SPZ_EXTENSIONS[1],
+    SPZ_EXTENSIONS[2],
+    "KHR_mesh_quantization",
+];
 
 #[derive(Deserialize)]
 struct Buffer {
@@ -78,10 +86,10 @@ struct Primitive {
 struct Node {
     mesh: Option<usize>,
     children: Vec<usize>,
-    matrix: Option<[f32; 16]>,
-    translation: Option<[f32; 3]>,
-    rotation: Option<[f32; 4]>,
-    scale: Option<[f32; 3]>,
+    matrix: Option<[f64; 16]>,
+    translation: Option<[f64; 3]>,
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -91,17 +99,17 @@ struct Scene {
 }
 
 impl Node {
-    fn parent_from_node(&self) -> Affine3A {
+    fn parent_from_node(&self) -> DAffine3 {
         if let Some(matrix) = &self.matrix {
-            return Affine3A::from_mat4(Mat4::from_cols_array(matrix));
+            return DAffine3::from_mat4(DMat4::from_cols_array(matrix));
         }
         let turn = self
             .rotation
-            .and_then(|r| Vec4::from_array(r).try_normalize());
-        Affine3A::from_scale_rotation_translation(
-            self.scale.map_or(Vec3::ONE, Vec3::from_array),
-            turn.map_or(Quat::IDENTITY, Quat::from_vec4),
-            self.translation.map_or(Vec3::ZERO, Vec3::from_array),
+            .and_then(|r| DVec4::from_array(r).try_normalize());
+        DAffine3::from_scale_rotation_translation(
+            self.scale.map_or(DVec3::ONE, DVec3::from_array),
+            turn.map_or(DQuat::IDENTITY, DQuat::from_vec4),
+            self.translation.map_or(DVec3::ZERO, DVec3::from_array),
         )
     }
 }
@@ -145,10 +153,21 @@ pub(super) fn read(path: &Path) -> Result<Finished> {
     } else {
         (&bytes[..], &[][..])
     };
-    let document = serde_json::from_slice::<Document>(text)
-        .map_err(|e| Error::invalid(path, format!("not a glTF splat: {e}")))?;
+    let document: Document =
+        decode::json(text).map_err(|e| Error::invalid(path, format!("not a glTF splat: {e}")))?;
+    let mut required = document.extensions_required.iter();
+    if let Some(other) = required.find(|name| !UNDERSTOOD.contains(&name.as_str())) {
+        return Err(not_supported(path, other));
+    }
     let buffers = load_buffers(path, &document, binary)?;
     read_document(path, &document, &buffers)
+}
+
+fn not_supported(path: &Path, extension: &str) -> Error {
+    let what = format!(
+        "needs the extension {extension}, which is not supported; save it without (gltf-transform copy, or uncompressed), or as PLY or SPZ"
+    );
+    Error::invalid(path, what)
 }
 
 /// The JSON and the binary chunk of a binary glTF.
@@ -179,25 +198,56 @@ fn load_buffers<'a>(
     if document.buffers.len() > MAX_BUFFERS {
         return Err(invalid(format!("has more than {MAX_BUFFERS} buffers")));
     }
-    let buffers = document.buffers.iter().map(|buffer| {
+    let buffers = document.buffers.iter().enumerate().map(|(i, buffer)| {
         let Some(uri) = &buffer.uri else {
-            return Ok(binary.into());
+            // The binary chunk is the first one; others without a name hold what an extension makes of it.
+            return Ok(if i == 0 {
+                binary.into()
+            } else {
+                Cow::default()
+            });
         };
         if let Some(data) = uri.strip_prefix("data:") {
             let (_, text) = data.split_once(";base64,").unwrap_or_default();
-            let decoded = STANDARD.decode(text);
+            let decoded = decode::base64(text);
             let decoded = decoded.map_err(|e| invalid(format!("a buffer is no base64: {e}")));
             return Ok(decoded?.into());
         }
-        // A name, not a way to somewhere else.
-        if Path::new(uri).file_name() != Some(uri.as_ref()) {
-            return Err(invalid(format!(
-                "names a buffer {uri:?} that is not beside it"
-            )));
-        }
-        Ok(read::read_all(&folder_of(path).join(uri), MAX_FILE_BYTES)?.into())
+        let outside = || {
+            invalid(format!(
+                "names a buffer {uri:?} that is not in its folder or below"
+            ))
+        };
+        let file = below(folder_of(path), uri).ok_or_else(outside)?;
+        Ok(read::read_all(&file, MAX_FILE_BYTES)?.into())
     });
     buffers.collect()
+}
+
+/// The file that a relative URI names in a folder or below it; as it is written, or with its percent codes decoded (RFC 3986).
+fn below(folder: &Path, uri: &str) -> Option<PathBuf> {
+    let decoded = percent_decoded(uri);
+    let named = [uri, &decoded].into_iter().map(|name| {
+        let is_within =
+            |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+        let name = Path::new(name);
+        (name.components().all(is_within) && name.file_name().is_some()).then(|| folder.join(name))
+    });
+    let named: Vec<PathBuf> = named.collect::<Option<_>>()?;
+    let there = named.iter().find(|file| file.is_file());
+    there.or(named.last()).cloned()
+}
+
+fn percent_decoded(uri: &str) -> String {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let [first, after @ ..] = rest {
+        let code = after.get(..2).filter(|_| *first == b'%');
+        let code = code.and_then(|c| u8::from_str_radix(str::from_utf8(c).ok()?, 16).ok());
+        bytes.push(code.unwrap_or(*first));
+        rest = if code.is_some() { &after[2..] } else { after };
+    }
+    String::from_utf8(bytes).unwrap_or_else(|_| uri.to_owned())
 }
 
 fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) -> Result<Finished> {
@@ -217,10 +267,12 @@ fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) ->
             "holds no splat: no primitive of its scene has {EXTENSION}"
         )));
     }
-    if !placed.iter().all(|(_, map)| scales_evenly(*map)) {
-        return Err(invalid(
-            "has a node that stretches, shears or mirrors its splat, which is not read".into(),
-        ));
+    let compressed = document
+        .buffer_views
+        .iter()
+        .find_map(BufferView::compression);
+    if let Some(extension) = compressed {
+        return Err(not_supported(path, extension));
     }
     let bytes = buffers.iter().map(|b| b.len() as u64).sum();
     let mut total = 0;
@@ -242,11 +294,11 @@ fn read_document(path: &Path, document: &Document, buffers: &[Cow<'_, [u8]>]) ->
         check_count(total, bytes).map_err(invalid)?;
         parts.push((part, world_from_node));
     }
-    Ok(together(parts))
+    together(parts).ok_or_else(|| invalid("has a node that flattens its splat".into()))
 }
 
 /// The nodes of the scene, or all where there is none, each with where it is.
-fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, Affine3A)>, String> {
+fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, DAffine3)>, String> {
     let inner: HashSet<usize> = (document.nodes.iter())
         .flat_map(|n| n.children.iter().copied())
         .collect();
@@ -256,9 +308,9 @@ fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, Affine3A
             .filter(|n| !inner.contains(n))
             .collect(),
     };
-    let mut waiting: Vec<(usize, Affine3A)> = roots
+    let mut waiting: Vec<(usize, DAffine3)> = roots
         .into_iter()
-        .map(|root| (root, Affine3A::IDENTITY))
+        .map(|root| (root, DAffine3::IDENTITY))
         .collect();
     let mut placed = Vec::new();
     while let Some((node, world_from_parent)) = waiting.pop() {
@@ -281,28 +333,56 @@ fn placed_nodes(document: &Document) -> std::result::Result<Vec<(&Node, Affine3A
 }
 
 /// Whether a map does nothing else than scale evenly, turn and move.
-fn scales_evenly(map: Affine3A) -> bool {
+fn scales_evenly(map: DAffine3) -> bool {
     let axes = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
     let [x, y, z] = axes.map(|a| a.length());
-    let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * x;
+    let close = |a: f64, b: f64| (a - b).abs() <= 1e-3 * x;
     let square = (0..3).all(|i| axes[i].dot(axes[(i + 1) % 3]).abs() <= 1e-3 * x * x);
     let is_even = x > 0.0 && x.is_finite() && close(x, y) && close(x, z) && square;
     is_even && map.matrix3.determinant() > 0.0
 }
 
-/// Parts in one, as one file of theirs would have them.
-fn together(mut parts: Vec<(Finished, Affine3A)>) -> Finished {
+/// Parts in one, as one file of theirs would have them; nothing where a node flattens its part.
+fn together(mut parts: Vec<(Finished, DAffine3)>) -> Option<Finished> {
     if let [(_, place)] = &parts[..]
-        && *place == Affine3A::IDENTITY
+        && *place == DAffine3::IDENTITY
         && let Some((alone, _)) = parts.pop()
     {
-        return alone;
+        return Some(alone);
     }
-    let clouds: Vec<(&SurfelCloud, Affine3A)> = parts
+    // Where the first is, what all are relative to.
+    let ((first, ..), place) = &parts[0];
+    let bounds = first.bounds();
+    let middle = place.transform_point3(first.origin + bounds.center.as_dvec3());
+    let largest = place
+        .matrix3
+        .to_cols_array()
+        .into_iter()
+        .map(f64::abs)
+        .fold(0.0, f64::max);
+    let size = largest * f64::from(first.median_size().unwrap_or(0.0));
+    let origin = origin_near(middle, size);
+    let mut mapped = Vec::with_capacity(parts.len());
+    for ((cloud, ..), place) in &parts {
+        let moved = place.transform_point3(cloud.origin) - origin;
+        let local = DAffine3::from_mat3_translation(place.matrix3, moved);
+        if !local.is_finite() {
+            return None;
+        }
+        let map = Affine3A::from_mat3_translation(local.matrix3.as_mat3(), moved.as_vec3());
+        mapped.push(match scales_evenly(local) {
+            true => cloud.transformed(map),
+            false => cloud.mapped(map)?,
+        });
+    }
+    let clouds: Vec<(&SurfelCloud, Affine3A)> = mapped
         .iter()
-        .map(|((cloud, ..), place)| (cloud, *place))
+        .map(|cloud| (cloud, Affine3A::IDENTITY))
         .collect();
-    let mut cloud = SurfelCloud::composed(&clouds);
+    let mut cloud = SurfelCloud {
+        origin,
+        ..SurfelCloud::composed(&clouds)
+    };
     let mut surfel_of_row = Vec::with_capacity(cloud.len());
     let mut report = parts[0].0.1.clone();
     report.left_out.clear();
@@ -319,7 +399,7 @@ fn together(mut parts: Vec<(Finished, Affine3A)>) -> Finished {
     surfel_of_row
         .iter_mut()
         .for_each(|s| *s = places[*s as usize]);
-    (cloud, report, surfel_of_row)
+    Some((cloud, report, surfel_of_row))
 }
 
 fn read_attributes(
@@ -396,7 +476,7 @@ fn read_attributes(
         let [x, y, z, w] = rotations.get(i);
         let scales: [f32; 3] = scales.get(i);
         StoredRow {
-            position: positions.get(i),
+            position: positions.get::<3>(i).map(f64::from),
             rotation: [w, x, y, z],
             log_scales: if are_logs {
                 scales

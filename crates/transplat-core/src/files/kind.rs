@@ -1,15 +1,14 @@
 //! What a file is, by its first bytes.
 
 use std::borrow::Cow;
-use std::io::Read;
 use std::path::Path;
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
 
 use super::format::SplatFormat;
-use super::read::{open, read_all};
-use super::{bake, gltf, ksplat, lut, sog, splat, spz};
+use super::read::{ZIP, first_bytes, read_all};
+use super::{bake, cameras, decode, gltf, ksplat, lut, sog, splat, spz};
 use crate::error::{Error, Result};
 
 /// What a file is, by its first bytes.
@@ -31,12 +30,27 @@ pub enum FileKind {
     Rig,
     /// A table of colours (.cube).
     Lut,
+    /// Cameras (JSON, or a COLMAP model).
+    Cameras,
 }
 
 impl FileKind {
     /// Whether it is a splat.
     pub fn is_splat(self) -> bool {
         matches!(self, Self::Splat(_))
+    }
+
+    /// What it is called where something else is expected.
+    pub fn called(self) -> &'static str {
+        match self {
+            Self::Splat(_) => "a splat",
+            Self::Hdr | Self::Exr | Self::Picture => "an image",
+            Self::Bake => "a bake",
+            Self::Look => "a look",
+            Self::Rig => "a rig of lights",
+            Self::Lut => "a table of colours (--lut takes it)",
+            Self::Cameras => "a file of cameras (--cameras takes it)",
+        }
     }
 
     /// Whether it may be an environment.
@@ -48,7 +62,7 @@ impl FileKind {
 /// As many first bytes are looked at.
 const START: u64 = 512;
 
-/// What a splat is read from: the file itself, or where a folder is one the file in it that says so.
+/// What a splat is read from: the file itself, or where a folder is one, the file in it that says so.
 pub fn file_of(path: &Path) -> Cow<'_, Path> {
     let inside = path.join(sog::META);
     if path.is_dir() && inside.is_file() {
@@ -63,16 +77,17 @@ pub fn file_of(path: &Path) -> Cow<'_, Path> {
 /// # Errors
 /// The file cannot be read, is empty, or is of no kind that this program opens.
 pub fn file_kind(path: &Path) -> Result<FileKind> {
+    if cameras::is_colmap(path) || path.is_dir() && cameras::file_in(path).is_some() {
+        return Ok(FileKind::Cameras);
+    }
     let path = &*file_of(path);
-    let file = open(path)?;
-    let file_bytes = file.metadata().map_err(Error::io(path))?.len();
-    let mut start = Vec::new();
-    let read = file.take(START).read_to_end(&mut start);
-    read.map_err(Error::io(path))?;
+    let (start, file_bytes) = first_bytes(path, START)?;
     if start.is_empty() {
         return Err(Error::invalid(path, "the file is empty"));
     }
-    Ok(match &start[..] {
+    let bom = "\u{feff}".as_bytes();
+    let start = start.strip_prefix(bom).unwrap_or(&start);
+    Ok(match start {
         [b'p', b'l', b'y', after @ ..] if after.first().is_none_or(u8::is_ascii_whitespace) => {
             // The first element that a header names.
             let is_packed = start.windows(14).any(|w| w == b"element chunk ");
@@ -90,25 +105,24 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
         _ if start.starts_with(spz::MAGIC) || start.starts_with(spz::GZIP) => {
             FileKind::Splat(SplatFormat::Spz)
         }
-        _ if start.starts_with(sog::ZIP) && sog::is_bundle(path) => {
-            FileKind::Splat(SplatFormat::Sog)
-        }
+        // Of other archives that is what is in them.
+        _ if start.starts_with(ZIP) => FileKind::Splat(SplatFormat::Sog),
         _ if start.starts_with(gltf::MAGIC) => FileKind::Splat(SplatFormat::Gltf),
         _ if start.trim_ascii_start().starts_with(b"{") => kind_of_json(path)?,
-        _ if lut::begins_as_one(&start) => FileKind::Lut,
+        _ if cameras::begins_as_list(start) => FileKind::Cameras,
+        _ if lut::begins_as_one(start) => FileKind::Lut,
         // These may begin with any comment.
-        _ if lut::begins_as_text(&start) && is_named(path, "cube") => FileKind::Lut,
+        _ if lut::begins_as_text(start) && is_named(path, "cube") => FileKind::Lut,
         _ if is_named(path, "json") => {
             let message = "no look: that is a JSON object, and begins with \"{\"";
             return Err(Error::invalid(path, message));
         }
-        _ if ksplat::begins_as_one(&start) => FileKind::Splat(SplatFormat::Ksplat),
-        _ if splat::begins_as_one(&start, file_bytes) => FileKind::Splat(SplatFormat::Splat),
+        _ if ksplat::begins_as_one(start) => FileKind::Splat(SplatFormat::Ksplat),
+        _ if file_bytes.is_some_and(|n| splat::begins_as_one(start, n)) => {
+            FileKind::Splat(SplatFormat::Splat)
+        }
         _ => {
-            let what = match &start[..] {
-                _ if start.starts_with(sog::ZIP) => {
-                    "a zip archive without the meta.json of a SOG splat"
-                }
+            let what = match start {
                 _ if start.starts_with(b"PXR-USDC") || start.starts_with(b"#usda") => {
                     "a USD scene, which is not read; save its splat as PLY, SPZ or glTF"
                 }
@@ -117,7 +131,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
             return Err(Error::invalid(
                 path,
                 format!(
-                    "{what}; it opens splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks, rigs of lights and tables of colours (.cube)"
+                    "{what}; it opens splats (.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf), environments (.hdr, .exr, .png, .jpg), bakes, looks, rigs of lights, cameras and tables of colours (.cube)"
                 ),
             ));
         }
@@ -125,17 +139,22 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
 }
 
 /// What a text in JSON is known by; what is none of the others is a look, or nothing.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
+#[serde(default)]
 struct Known {
     asset: Option<IgnoredAny>,
     meshes: Option<IgnoredAny>,
     means: Option<IgnoredAny>,
     quats: Option<IgnoredAny>,
-    #[serde(default, deserialize_with = "named")]
+    frames: Option<IgnoredAny>,
+    #[serde(deserialize_with = "named")]
     lights: bool,
-    #[serde(default, deserialize_with = "named")]
+    #[serde(deserialize_with = "named")]
     environment: bool,
     version: Option<IgnoredAny>,
+    #[serde(rename = "lodLevels")]
+    lod_levels: Option<u64>,
+    filenames: Vec<String>,
 }
 
 /// Whether it is there, be it as `null`.
@@ -145,7 +164,7 @@ fn named<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<bool, D::Err
 
 fn kind_of_json(path: &Path) -> Result<FileKind> {
     let text = read_all(path, gltf::MAX_FILE_BYTES)?;
-    Ok(match serde_json::from_slice(&text) {
+    Ok(match decode::json(&text) {
         Ok(Known {
             means: Some(_),
             quats: Some(_),
@@ -156,6 +175,23 @@ fn kind_of_json(path: &Path) -> Result<FileKind> {
             meshes: Some(_),
             ..
         }) => FileKind::Splat(SplatFormat::Gltf),
+        Ok(Known {
+            lod_levels: Some(levels),
+            filenames,
+            ..
+        }) => {
+            let part = filenames.first().map_or("0_0/meta.json", String::as_str);
+            return Err(Error::invalid(
+                path,
+                format!(
+                    "a streamed SOG splat of {levels} levels of detail in {} parts, which is not read as a whole; open one of its parts, such as {part}",
+                    filenames.len()
+                ),
+            ));
+        }
+        Ok(Known {
+            frames: Some(_), ..
+        }) => FileKind::Cameras,
         // Looks that have lights have a version, too.
         Ok(Known {
             version: None,
@@ -163,6 +199,8 @@ fn kind_of_json(path: &Path) -> Result<FileKind> {
             environment,
             ..
         }) if lights || environment => FileKind::Rig,
+        // Meant to be one, good or not.
+        Err(_) if cameras::has_poses(&text) => FileKind::Cameras,
         _ => FileKind::Look,
     })
 }

@@ -208,7 +208,7 @@ fn push_section(
             }
         }
         StoredRow {
-            position,
+            position: position.map(f64::from),
             rotation,
             log_scales: scales.map(f32::ln),
             logit,

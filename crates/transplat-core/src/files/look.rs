@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::decode;
 use super::kind::{FileKind, file_kind};
 use super::read::read_all;
 use super::write::{folder_of, write_atomically};
@@ -254,8 +255,8 @@ impl Look {
 /// The file cannot be read or is no rig.
 pub fn load_rig(path: &Path) -> error::Result<Rig> {
     let text = read_all(path, 1 << 24)?;
-    let rig: Rig = serde_json::from_slice(&text)
-        .map_err(|e| Error::invalid(path, format!("not a rig: {e}")))?;
+    let rig: Rig =
+        decode::json(&text).map_err(|e| Error::invalid(path, format!("not a rig: {e}")))?;
     rig.validate()
         .map_err(|e| Error::invalid(path, e.to_string()))?;
     Ok(rig)
@@ -285,7 +286,13 @@ pub fn load_look(path: &Path) -> error::Result<Scene> {
     // Without `..` where it can be: a path is compared with others.
     Ok(with_paths(scene, |path| {
         let whole = folder.join(path);
-        whole.canonicalize().unwrap_or(whole)
+        // As it is, or as a look has it that was written on Windows.
+        let other = path
+            .to_str()
+            .map(|path| folder.join(path.replace('\\', "/")));
+        let found = whole.canonicalize().ok();
+        let found = found.or_else(|| other?.canonicalize().ok());
+        found.unwrap_or(whole)
     }))
 }
 
@@ -308,10 +315,10 @@ pub fn look_text(scene: &Scene) -> Result<String, String> {
 }
 
 fn parse(text: &[u8]) -> Result<Scene, String> {
-    let look: Look = serde_json::from_slice(text).map_err(|e| {
+    let look: Look = decode::json(text).map_err(|e| {
         // Most looks that are written by a program have one.
-        let is_versioned = serde_json::from_slice(text)
-            .is_ok_and(|value: serde_json::Value| value.get("version").is_some());
+        let is_versioned =
+            decode::json(text).is_ok_and(|value: serde_json::Value| value.get("version").is_some());
         match is_versioned {
             true => format!("not a look: {e}"),
             false => format!("neither a look nor a rig of lights: {e}"),
@@ -331,7 +338,7 @@ fn parse(text: &[u8]) -> Result<Scene, String> {
     let mut scene = look.scene()?;
     // In the first version there was one method, and nothing to name it.
     let names_preset = |look: serde_json::Value| look.pointer("/transfer/preset").is_some();
-    if version == 1 && !serde_json::from_slice(text).is_ok_and(names_preset) {
+    if version == 1 && !decode::json(text).is_ok_and(names_preset) {
         scene.transfer.method = Method::Harmonic;
     }
     scene.validate().map_err(|e| e.to_string())?;

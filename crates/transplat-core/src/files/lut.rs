@@ -59,7 +59,7 @@ const WHOLE: Range = Range {
 fn parse(text: &str) -> Result<Lut, String> {
     let (mut curves, mut cube) = (None, None);
     let (mut domain, mut of_curves, mut of_cube) = (WHOLE, None, None);
-    let mut entries = Vec::new();
+    let (mut entries, mut warnings) = (Vec::new(), Vec::new());
     for (i, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let line = line.split('#').next().unwrap_or_default().trim();
         let mut words = line.split_whitespace();
@@ -78,6 +78,24 @@ fn parse(text: &str) -> Result<Lut, String> {
             "DOMAIN_MAX" => domain.to = values()?,
             "LUT_1D_INPUT_RANGE" => of_curves = Some(pair()?),
             "LUT_3D_INPUT_RANGE" => of_cube = Some(pair()?),
+            "LUT_IN_VIDEO_RANGE" | "LUT_OUT_VIDEO_RANGE" => {
+                let side = if first == "LUT_IN_VIDEO_RANGE" {
+                    "input"
+                } else {
+                    "output"
+                };
+                warnings.push(format!(
+                    "line {}: {first}: its {side} is meant for video range (64 to 940 of 1023), and it is applied to full range; export it for full range if colours come out too flat or too hard",
+                    i + 1
+                ));
+            }
+            // As other programs extend the format.
+            _ if is_keyword(first) => {
+                warnings.push(format!(
+                    "line {}: {first} is not known, and is skipped",
+                    i + 1
+                ));
+            }
             _ if first.starts_with(|c: char| c.is_ascii_alphabetic()) => {
                 let is_none = "is no keyword of a .cube file";
                 return Err(fail(format!("{first:?} {is_none}; {EXPECTED}")));
@@ -120,7 +138,14 @@ fn parse(text: &str) -> Result<Lut, String> {
     Ok(Lut {
         curves: table(curves, of_curves, entries)?,
         cube: table(cube, of_cube, of_the_cube)?,
+        warnings,
     })
+}
+
+/// Whether a word is written as keywords of the format are.
+fn is_keyword(word: &str) -> bool {
+    let is_letter = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_';
+    word.len() > 3 && word.contains('_') && word.chars().all(is_letter)
 }
 
 fn size(word: Option<&str>, most: usize) -> Result<usize, String> {
@@ -161,6 +186,19 @@ mod tests {
         );
         let lut = parse(&text).expect("both");
         assert_eq!(lut.apply([1.0, 2.0, 4.0]), [0.25, 0.5, 0.5]);
+    }
+
+    #[test]
+    fn keywords_of_other_programs_are_skipped_with_a_word() {
+        let lut = parse(&format!("LUT_IN_VIDEO_RANGE\nLUT_OF_TOMORROW 7\n{SQUARES}"));
+        let lut = lut.expect("a cube");
+        assert_eq!(lut.apply([0.25, 0.5, 1.0]), [0.25, 0.5, 0.5]);
+        assert!(
+            lut.warnings[0].contains("video range"),
+            "{:?}",
+            lut.warnings
+        );
+        assert!(lut.warnings[1].contains("LUT_OF_TOMORROW is not known"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod write;
 use std::io::{BufRead, Seek, SeekFrom};
 use std::path::Path;
 
+use super::packed::{dc_of_color, logit};
 use super::rows::{AssetKind, Builder, Finished, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
@@ -56,16 +57,16 @@ pub(super) fn read(
     if header.vertices == 0 {
         return Err(invalid("holds no vertices".into()));
     }
-    let mut rows =
-        Builder::new(layout.kind(), layout.degree, header.vertices as usize).map_err(invalid)?;
-    if header.comments.iter().any(|c| says_antialiased(c)) || layout.filter.is_some() {
-        rows.set_antialiased();
-    }
-    if ascii {
-        read_ascii(path, reader, &header, &layout, &mut rows)?;
-    } else {
-        let read = read_binary(reader, &header, &layout, &mut rows);
-        read.map_err(Error::io(path))?;
+    let mut rows = fill(path, reader, &header, &layout)?;
+    let mut warnings = Vec::new();
+    let mut layout = layout;
+    // Stored in another way than it seemed: all is read once more.
+    if layout.reinterpret(&rows, &mut warnings) {
+        drop(rows);
+        reader
+            .seek(SeekFrom::Start(header.bytes))
+            .map_err(Error::io(path))?;
+        rows = fill(path, reader, &header, &layout)?;
     }
     if !header.is_whole(reader, file_bytes) {
         return Err(invalid(
@@ -76,7 +77,58 @@ pub(super) fn read(
         (rows.finish("PLY".into(), up_of(&header))).map_err(invalid)?;
     report.properties = header.properties.iter().map(|p| p.name.clone()).collect();
     report.comments = header.comments.clone();
+    report.warnings.extend(warnings);
+    report.warnings.extend(motion_warning(&header));
     Ok(((cloud, report, surfel_of_row), Some(header)))
+}
+
+/// All rows of a file whose header was read.
+fn fill(
+    path: &Path,
+    reader: &mut (impl BufRead + Seek),
+    header: &Header,
+    layout: &Layout,
+) -> Result<Builder> {
+    let invalid = |message: String| Error::invalid(path, message);
+    let mut rows =
+        Builder::new(layout.kind(), layout.degree, header.vertices as usize).map_err(invalid)?;
+    if header.comments.iter().any(|c| says_antialiased(c)) || layout.filter.is_some() {
+        rows.set_antialiased();
+    }
+    if layout.position_is_wide {
+        rows.set_position_step(0.0);
+    }
+    if header.format == Format::Ascii {
+        read_ascii(path, reader, header, layout, &mut rows)?;
+    } else {
+        let read = read_binary(reader, header, layout, &mut rows);
+        read.map_err(Error::io(path))?;
+    }
+    Ok(rows)
+}
+
+/// Properties of splats that move: names, or what names begin with.
+const MOTION: [&str; 9] = [
+    "motion_",
+    "trbf_",
+    "omega_",
+    "f_t_",
+    "velocity",
+    "scale_t",
+    "scaling_t",
+    "rot_r_",
+    "trans_",
+];
+
+fn motion_warning(header: &Header) -> Option<String> {
+    let moves = |name: &str| name == "t" || MOTION.iter().any(|m| name.starts_with(m));
+    let moving = header.properties.iter().filter(|p| moves(&p.name));
+    let names: Vec<&str> = moving.map(|p| &*p.name).collect();
+    let first = names.first()?;
+    Some(format!(
+        "has properties of a splat that moves ({first} and {} more); it is shown as it stands in x, y, z, without its motion",
+        names.len() - 1
+    ))
 }
 
 fn read_binary(
@@ -108,7 +160,14 @@ fn read_binary(
                     *value = p.scalar.read(&bytes[p.offset..], big_endian);
                 }
             }
-            layout.row(values, sh)
+            let mut stored = layout.row(values, sh);
+            if layout.position_is_wide {
+                stored.position = layout.position.map(|i| {
+                    let p = &properties[i];
+                    p.scalar.read_f64(&bytes[p.offset..], big_endian)
+                });
+            }
+            stored
         });
         left -= rows;
     }
@@ -124,17 +183,19 @@ fn read_ascii(
 ) -> Result<()> {
     let invalid = |message: String| Error::invalid(path, message);
     let columns = header.properties.len();
-    let mut line = String::new();
+    let mut line = Vec::new();
     let mut skipped = 0;
-    let (mut rows, mut values) = (0u64, Vec::new());
+    let (mut rows, mut values, mut positions) = (0u64, Vec::new(), Vec::new());
     while rows < header.vertices {
         line.clear();
-        if reader.read_line(&mut line).map_err(Error::io(path))? == 0 {
+        let read = reader.read_until(b'\n', &mut line);
+        if read.map_err(Error::io(path))? == 0 {
             return Err(invalid(format!(
                 "ends after {rows} of {} vertices",
                 header.vertices
             )));
         }
+        let line = String::from_utf8_lossy(&line);
         if line.trim().is_empty() {
             continue;
         }
@@ -143,12 +204,15 @@ fn read_ascii(
             continue;
         }
         let before = values.len();
-        for word in line.split_ascii_whitespace() {
-            let value: f32 = word
-                .parse()
-                .map_err(|_| invalid(format!("vertex {rows}: {word:?} is not a number")))?;
-            values.push(value);
+        let mut position = [0f64; 3];
+        for (column, word) in line.split_ascii_whitespace().enumerate() {
+            let wrong = || invalid(format!("vertex {rows}: {word:?} is not a number"));
+            values.push(word.parse::<f32>().map_err(|_| wrong())?);
+            if let Some(axis) = layout.position.iter().position(|i| *i == column) {
+                position[axis] = word.parse().map_err(|_| wrong())?;
+            }
         }
+        positions.push(position);
         if values.len() - before != columns {
             return Err(invalid(format!(
                 "vertex {rows} has {} values where the header names {columns}",
@@ -157,30 +221,76 @@ fn read_ascii(
         }
         rows += 1;
         if values.len() >= BLOCK_ROWS * columns || rows == header.vertices {
-            cloud.push_rows(values.len() / columns, |row, _, sh| {
-                layout.row(&values[row * columns..][..columns], sh)
+            cloud.push_rows(values.len() / columns, |row, _, sh| StoredRow {
+                position: positions[row],
+                ..layout.row(&values[row * columns..][..columns], sh)
             });
             values.clear();
+            positions.clear();
         }
     }
     Ok(())
 }
 
+/// The colour that a property is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum ColorOf {
+    /// Of a channel, an SH coefficient.
+    Sh(usize, usize),
+    /// A channel as it is shown, and nothing else: where there is no SH.
+    Shown(usize),
+}
+
+impl ColorOf {
+    /// What a property of that name is in a file of so many coefficients; in the file, all of red's higher ones come first, then green's, then
+    /// blue's.
+    fn of_name(name: &str, coefficients: usize, has_sh: bool) -> Option<Self> {
+        let number = |prefix: &str| name.strip_prefix(prefix)?.parse::<usize>().ok();
+        if let Some(channel) = number("f_dc_") {
+            return (channel < 3).then_some(Self::Sh(0, channel));
+        }
+        if let (Some(i), 2..) = (number("f_rest_"), coefficients) {
+            let rest = coefficients - 1;
+            return Some(Self::Sh(i % rest + 1, i / rest));
+        }
+        let shown = SHOWN
+            .iter()
+            .find_map(|names| names.iter().position(|n| *n == name));
+        shown.filter(|_| !has_sh).map(Self::Shown)
+    }
+}
+
+/// Names of the channels of a colour that is no SH.
+const SHOWN: [[&str; 3]; 3] = [
+    ["red", "green", "blue"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue"],
+    ["r", "g", "b"],
+];
+
 /// Indices of the properties that make a surfel.
 struct Layout {
     position: [usize; 3],
+    /// Whether positions are stored in more than 32 bits of float.
+    position_is_wide: bool,
     rotation: [usize; 4],
     scales: Vec<usize>,
     opacity: usize,
     /// What Mip-Splatting widens each Gaussian by.
     filter: Option<usize>,
-    /// `[K][3]`: in the file, all of red's higher coefficients come first, then green's, then blue's.
+    /// `[K][3]`
     sh: Vec<[usize; 3]>,
+    /// What 1 is stored as, where colour is no SH and stored as it is shown.
+    shown: Option<f32>,
     degree: usize,
+    /// Whether scales are lengths, not logarithms, and opacities shares, not logits.
+    is_activated: bool,
 }
 
 impl Layout {
     fn find(header: &Header) -> Result<Self, String> {
+        if let Some(other) = no_splat(header) {
+            return Err(other);
+        }
         let need = |name: &str| {
             header.find(name).ok_or_else(|| {
                 format!("the vertices have no property {name}; a splat has x y z, f_dc_0..2, opacity, scale_0..1 (and 2), rot_0..3")
@@ -197,15 +307,29 @@ impl Layout {
                 format!("has {rest} f_rest properties, which is no SH degree from 0 to 8 (0, 9, 24, 45, 72, 105, 144, 189 or 240)")
             })?;
         let k = coefficient_count(degree);
-        let mut sh = vec![[need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?]];
+        let all = |names: &[&str; 3]| {
+            let [r, g, b] = names.map(|name| header.find(name));
+            Some([r?, g?, b?])
+        };
+        let shown = SHOWN
+            .iter()
+            .find_map(all)
+            .filter(|_| header.find("f_dc_0").is_none());
+        let mut sh = match shown {
+            Some(shown) if rest == 0 => vec![shown],
+            _ => vec![[need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?]],
+        };
         let rest = |c: usize, i: usize| need(&format!("f_rest_{}", c * (k - 1) + i));
         for i in 0..k - 1 {
             sh.push([rest(0, i)?, rest(1, i)?, rest(2, i)?]);
         }
         let mut scales = vec![need("scale_0")?, need("scale_1")?];
         scales.extend(header.find("scale_2"));
+        let position = [need("x")?, need("y")?, need("z")?];
+        let scalar = |i: usize| header.properties[i].scalar;
         let layout = Self {
-            position: [need("x")?, need("y")?, need("z")?],
+            position,
+            position_is_wide: position.iter().any(|i| scalar(*i) != ScalarType::F32),
             rotation: [
                 need("rot_0")?,
                 need("rot_1")?,
@@ -215,11 +339,14 @@ impl Layout {
             scales,
             opacity: need("opacity")?,
             filter: header.find("filter_3D"),
+            shown: shown.map(|[red, ..]| scalar(red).most()),
             sh,
             degree,
+            is_activated: false,
         };
         // Integers cannot hold logits, logarithms and SH: such a file is packed in a way of its own.
-        let used = layout.sh.iter().flatten().chain(&layout.scales);
+        let colors = layout.sh.iter().flatten().filter(|_| shown.is_none());
+        let used = colors.chain(&layout.scales);
         for index in used.chain(&layout.rotation).chain([&layout.opacity]) {
             let p = &header.properties[*index];
             if !p.scalar.is_float() {
@@ -239,27 +366,70 @@ impl Layout {
         }
     }
 
+    /// Takes in how rows are stored by what was read of them; whether that is otherwise than they were read.
+    fn reinterpret(&mut self, rows: &Builder, warnings: &mut Vec<String>) -> bool {
+        let found = rows.found();
+        if self.scales.len() == 3 && found.third_scale_is_zero {
+            self.scales.truncate(2);
+            warnings.push(
+                "every scale_2 is 0: it is read as a splat of 2D surfels, which have no third scale"
+                    .into(),
+            );
+            return true;
+        }
+        if found.is_activated && !self.is_activated {
+            self.is_activated = true;
+            warnings.push(
+                "its scales and opacities look already exponentiated, and are read so: as the logarithms and logits that a PLY stores, its Gaussians would be as large as the object"
+                    .into(),
+            );
+            return true;
+        }
+        false
+    }
+
     /// The row of these values, in the order of its properties.
     fn row(&self, values: &[f32], sh: &mut [[f32; 3]]) -> StoredRow {
         let get = |index: usize| values[index];
         for (out, indices) in sh.iter_mut().zip(&self.sh) {
             *out = indices.map(get);
         }
+        if let Some(most) = self.shown {
+            sh[0] = sh[0].map(|v| dc_of_color(v / most));
+        }
         let mut log_scales = [0.0; 3];
         for (log, index) in log_scales.iter_mut().zip(&self.scales) {
             *log = get(*index);
         }
         let mut row = StoredRow {
-            position: self.position.map(get),
+            position: self.position.map(|i| get(i).into()),
             rotation: self.rotation.map(get),
             log_scales,
             logit: get(self.opacity),
         };
+        if self.is_activated {
+            row.log_scales = row.log_scales.map(f32::ln);
+            row.logit = logit(row.logit);
+        }
         if let (Some(filter), AssetKind::Gaussians3d) = (self.filter, self.kind()) {
             row.widen(get(filter));
         }
         row
     }
+}
+
+/// What a PLY is that is no splat, and what to do about it.
+fn no_splat(header: &Header) -> Option<String> {
+    let has = |name: &str| header.find(name).is_some();
+    if has("scale_0") || has("rot_0") || !has("x") {
+        return None;
+    }
+    let others = header.before.iter().chain(&header.after);
+    let has_faces = others.clone().any(|e| e.name == "face" && e.count > 0);
+    let what = if has_faces { "a mesh" } else { "a point cloud" };
+    Some(format!(
+        "{what}, not a splat: its vertices have no scales and rotations (scale_0, rot_0). Export the trained Gaussians instead (point_cloud.ply of the reference trainer, \"splat PLY\" in other programs), or train a splat from it"
+    ))
 }
 
 #[cfg(test)]

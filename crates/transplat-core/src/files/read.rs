@@ -1,9 +1,11 @@
 //! What all readers share.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use super::decode::{self, Archive};
+use super::{sog, spz};
 use crate::error::{Error, Result};
 
 /// Maps of more pixels than this are refused: 16384 x 8192, 1.6 GB in memory.
@@ -12,8 +14,93 @@ pub const MAX_ENVIRONMENT_PIXELS: usize = 1 << 27;
 /// No edge of a map is longer: 512 pixels a degree, and what is kept a column stays small.
 pub const MAX_ENVIRONMENT_EDGE: usize = 1 << 16;
 
-/// Opens a file for reading; a directory is an error here, not at the first read.
-pub(crate) fn open(path: &Path) -> Result<File> {
+/// What a gzip stream begins with.
+const GZIP: &[u8] = &[0x1f, 0x8b];
+
+/// What a zip archive begins with.
+pub(super) const ZIP: &[u8] = b"PK\x03\x04";
+
+/// Bytes that are unpacked of a file at most.
+const MAX_UNPACKED: u64 = 1 << 34;
+
+/// A file to be read, or what was packed in it.
+pub(super) struct Input {
+    stored: Stored,
+    length: u64,
+}
+
+enum Stored {
+    File(BufReader<File>),
+    Unpacked(Cursor<Vec<u8>>),
+}
+
+impl Input {
+    /// Bytes of it in all.
+    pub fn len(&self) -> u64 {
+        self.length
+    }
+
+    fn file(file: File, length: u64) -> Self {
+        Self {
+            stored: Stored::File(BufReader::with_capacity(BUFFER, file)),
+            length,
+        }
+    }
+
+    fn unpacked(bytes: Vec<u8>) -> Self {
+        Self {
+            length: bytes.len() as u64,
+            stored: Stored::Unpacked(Cursor::new(bytes)),
+        }
+    }
+}
+
+/// Bytes that are read of a file at once.
+const BUFFER: usize = 1 << 20;
+
+impl Read for Input {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        match &mut self.stored {
+            Stored::File(file) => file.read(bytes),
+            Stored::Unpacked(bytes_of) => bytes_of.read(bytes),
+        }
+    }
+}
+
+impl BufRead for Input {
+    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        match &mut self.stored {
+            Stored::File(file) => file.fill_buf(),
+            Stored::Unpacked(bytes) => bytes.fill_buf(),
+        }
+    }
+
+    fn consume(&mut self, count: usize) {
+        match &mut self.stored {
+            Stored::File(file) => file.consume(count),
+            Stored::Unpacked(bytes) => bytes.consume(count),
+        }
+    }
+}
+
+impl Seek for Input {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        match &mut self.stored {
+            Stored::File(file) => file.seek(to),
+            Stored::Unpacked(bytes) => bytes.seek(to),
+        }
+    }
+
+    fn seek_relative(&mut self, offset: i64) -> std::io::Result<()> {
+        match &mut self.stored {
+            Stored::File(file) => file.seek_relative(offset),
+            Stored::Unpacked(bytes) => bytes.seek_relative(offset),
+        }
+    }
+}
+
+/// Opens a file for reading as it is; a directory is an error here, not at the first read.
+pub(super) fn open_packed(path: &Path) -> Result<File> {
     // Asked before it is opened: opening a pipe waits for ever.
     let metadata = std::fs::metadata(path).map_err(Error::io(path))?;
     if metadata.is_dir() {
@@ -28,11 +115,125 @@ pub(crate) fn open(path: &Path) -> Result<File> {
     File::open(path).map_err(Error::io(path))
 }
 
-/// Reads a whole file, which must not be larger than `limit` bytes.
+/// How a file packs another one.
+enum Packing {
+    /// It is what it is.
+    None,
+    Gzip,
+    /// The one file in a zip archive, and its bytes.
+    Zip(Archive<BufReader<File>>, String),
+}
+
+/// Opens a file, and says how it packs another one. Formats of splats that are packed themselves (SPZ, SOG) are what they are.
+fn packing(path: &Path) -> Result<(File, Packing)> {
+    let mut file = open_packed(path)?;
+    let again = |file: &File| {
+        let file = file.try_clone().map_err(Error::io(path))?;
+        Ok::<_, Error>(BufReader::with_capacity(BUFFER, file))
+    };
+    let mut start = Vec::new();
+    let read = file.by_ref().take(4).read_to_end(&mut start);
+    read.and_then(|_| file.rewind()).map_err(Error::io(path))?;
+    let packing = if start.starts_with(GZIP) {
+        let mut head = Vec::new();
+        let read = decode::gunzip(again(&file)?).take(4).read_to_end(&mut head);
+        // What is broken already here is told by the reader of what it claims to be.
+        match read.is_ok() && !head.starts_with(spz::MAGIC) {
+            true => Packing::Gzip,
+            false => Packing::None,
+        }
+    } else if start.starts_with(ZIP) {
+        let invalid = |why: String| Error::invalid(path, why);
+        let archive = Archive::open(again(&file)?);
+        let archive = archive.map_err(|why| invalid(format!("is no whole zip archive: {why}")))?;
+        let names = archive.names();
+        match &names[..] {
+            _ if sog::meta_in(&names).is_some() => Packing::None,
+            [name] => Packing::Zip(archive, name.clone()),
+            _ => {
+                let some: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
+                return Err(invalid(format!(
+                    "a zip archive of {} files; unpack it and open one of them ({})",
+                    names.len(),
+                    some.join(", ")
+                )));
+            }
+        }
+    } else {
+        Packing::None
+    };
+    // What was read of it, was read through the same position.
+    file.rewind().map_err(Error::io(path))?;
+    Ok((file, packing))
+}
+
+/// Opens a file for reading, or the file that it packs.
+pub(super) fn open(path: &Path) -> Result<Input> {
+    let invalid = |why: String| Error::invalid(path, why);
+    let (file, packing) = packing(path)?;
+    let length = file.metadata().map_err(Error::io(path))?.len();
+    match packing {
+        Packing::None => Ok(Input::file(file, length)),
+        Packing::Gzip => {
+            let mut bytes = Vec::new();
+            let packed = decode::gunzip(BufReader::with_capacity(BUFFER, file));
+            let read = packed.take(most_unpacked(length)).read_to_end(&mut bytes);
+            read.map_err(|e| invalid(format!("the gzip stream is broken: {e}")))?;
+            Ok(Input::unpacked(bytes))
+        }
+        Packing::Zip(mut archive, name) => {
+            let bytes = archive.read(&name, most_unpacked(length));
+            let bytes = bytes.map_err(|why| invalid(format!("{name}: {why}")))?;
+            Ok(Input::unpacked(bytes))
+        }
+    }
+}
+
+/// Bytes that may be unpacked of so many: text of numbers packs 4 to 1, and a bomb 1000 to 1.
+fn most_unpacked(packed: u64) -> u64 {
+    (100 * packed).clamp(1 << 20, MAX_UNPACKED)
+}
+
+/// The first bytes of a file, or of the one that it packs, and how many it has where that is known.
+pub(super) fn first_bytes(path: &Path, count: u64) -> Result<(Vec<u8>, Option<u64>)> {
+    let (file, packing) = packing(path)?;
+    let length = file.metadata().map_err(Error::io(path))?.len();
+    let mut start = Vec::new();
+    let length = match packing {
+        Packing::None => {
+            let read = file.take(count).read_to_end(&mut start);
+            read.map_err(Error::io(path))?;
+            Some(length)
+        }
+        Packing::Gzip => {
+            let packed = decode::gunzip(BufReader::new(file));
+            let read = packed.take(count).read_to_end(&mut start);
+            read.map_err(|e| Error::invalid(path, format!("the gzip stream is broken: {e}")))?;
+            None
+        }
+        Packing::Zip(mut archive, name) => {
+            let read = archive.start(&name, count);
+            start = read.map_err(|why| Error::invalid(path, format!("{name}: {why}")))?;
+            archive.size(&name)
+        }
+    };
+    Ok((start, length))
+}
+
+/// That there is a file or folder that may be read.
+///
+/// # Errors
+/// There is none, or it may not be.
+pub fn check_readable(path: &Path) -> Result<()> {
+    std::fs::metadata(path).map(drop).map_err(Error::io(path))
+}
+
+/// Reads a whole file, or what is packed in it, which must not be larger than `limit` bytes.
 pub(crate) fn read_all(path: &Path, limit: u64) -> Result<Vec<u8>> {
-    let file = open(path)?;
-    let mut bytes = Vec::new();
-    file.take(limit + 1)
+    let input = open(path)?;
+    let mut bytes = Vec::with_capacity(input.len().min(limit) as usize + 1);
+    input
+        .take(limit + 1)
         .read_to_end(&mut bytes)
         .map_err(Error::io(path))?;
     if bytes.len() as u64 > limit {

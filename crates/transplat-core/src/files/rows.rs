@@ -1,13 +1,14 @@
 //! From the rows of a splat, as trainers store them, to surfels.
 
-use glam::{Mat3, Quat, Vec2, Vec3};
+use glam::{DVec3, Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::color::Encoding;
 use crate::memory::ensure_room;
 use crate::morton::neighborhood_order;
+use crate::numeric::quantile;
 use crate::sh::coefficient_count;
-use crate::surfels::{SurfelCloud, Thickness, UpAxis};
+use crate::surfels::{Bounds, SurfelCloud, Thickness, UpAxis};
 
 /// What kind of splat a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,13 +38,26 @@ pub struct AssetReport {
     pub median_flatness: Option<f32>,
     /// Which way is up, where the file says so.
     pub up: Option<UpAxis>,
+    /// What reading it assumed, for the user.
+    pub warnings: Vec<String>,
 }
 
-/// A file with a larger share of broken rows is refused: it is not a splat with a few bad surfels.
-const MAX_LEFT_OUT_SHARE: f64 = 0.1;
+/// A file with a larger share of broken rows is refused: what is left shows nothing of the object.
+const MAX_LEFT_OUT_SHARE: f64 = 0.9;
+
+/// Rows that tell where a splat lies.
+const SAMPLE: usize = 1024;
+
+/// An origin is taken off positions that are farther away than this, and that 32 bits of float round by more than this share of the splats'
+/// sizes.
+const FAR: f64 = 1000.0;
+const COARSE: f64 = 1.0 / 64.0;
+
+/// Gaussians whose median size is more than this share of the object's radius are none that a trainer made.
+const AS_LARGE_AS_IT: f32 = 0.25;
 
 /// Positions beyond this overflow when squared; colour beyond [`MAX_SH`] is no colour.
-const MAX_POSITION: f32 = 1e15;
+const MAX_POSITION: f64 = 1e15;
 const MAX_SH: f32 = 1e6;
 
 /// So many Gaussians no file packs into fewer bytes than there are of them, unless they are few.
@@ -63,8 +77,10 @@ pub(super) fn check_count(count: u64, file_bytes: u64) -> Result<(), String> {
 }
 
 /// One Gaussian as trainers store it.
+#[derive(Clone)]
 pub(super) struct StoredRow {
-    pub position: [f32; 3],
+    /// In the file's own coordinates.
+    pub position: [f64; 3],
     /// Quaternion w, x, y, z of any length.
     pub rotation: [f32; 4],
     /// Natural logarithms; a surfel has no third.
@@ -98,13 +114,19 @@ impl StoredRow {
     }
 
     /// None where it holds what is no number or out of any range.
-    fn surfel(&self, kind: AssetKind, is_antialiased: bool, sh: &[[f32; 3]]) -> Option<Row> {
+    fn surfel(
+        &self,
+        kind: AssetKind,
+        is_antialiased: bool,
+        origin: DVec3,
+        sh: &[[f32; 3]],
+    ) -> Option<Row> {
         let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
         let logs = &self.log_scales[..axes];
         let [w, x, y, z] = self.rotation;
         let length = (w * w + x * x + y * y + z * z).sqrt();
         let in_range = |v: &f32, limit: f32| v.abs() <= limit;
-        let valid = self.position.iter().all(|v| in_range(v, MAX_POSITION))
+        let valid = self.position.iter().all(|v| v.abs() <= MAX_POSITION)
             && length > 1e-12
             && length.is_finite()
             // Flattened to nothing (log 0) or opaque (logit infinity) is fine.
@@ -128,7 +150,7 @@ impl StoredRow {
         };
         let (u, v) = ((shortest + 1) % 3, (shortest + 2) % 3);
         Some(Row {
-            position: Vec3::from_array(self.position),
+            position: (DVec3::from_array(self.position) - origin).as_vec3(),
             tangents: [axes[u], axes[v]],
             scale: Vec2::new(scales[u], scales[v]),
             thickness: match kind {
@@ -156,6 +178,53 @@ pub(super) struct Builder {
     filled: usize,
     is_antialiased: bool,
     left_out: Vec<usize>,
+    /// What positions are rounded to; none where the distance tells, in 32 bits of float.
+    position_step: Option<f64>,
+    tally: Tally,
+}
+
+/// What is counted of stored numbers, which tells how they are meant.
+#[derive(Clone, Copy)]
+struct Tally {
+    third_scale_is_zero: bool,
+    least_log: f32,
+    least_logit: f32,
+    most_logit: f32,
+}
+
+impl Tally {
+    const NONE: Self = Self {
+        third_scale_is_zero: true,
+        least_log: f32::INFINITY,
+        least_logit: f32::INFINITY,
+        most_logit: f32::NEG_INFINITY,
+    };
+
+    /// What is no number counts for nothing.
+    fn add(&mut self, row: &StoredRow, axes: usize) {
+        self.third_scale_is_zero &= axes < 3 || row.log_scales[2] == 0.0;
+        for log in &row.log_scales[..axes] {
+            self.least_log = self.least_log.min(*log);
+        }
+        self.least_logit = self.least_logit.min(row.logit);
+        self.most_logit = self.most_logit.max(row.logit);
+    }
+
+    fn with(self, other: &Self) -> Self {
+        Self {
+            third_scale_is_zero: self.third_scale_is_zero && other.third_scale_is_zero,
+            least_log: self.least_log.min(other.least_log),
+            least_logit: self.least_logit.min(other.least_logit),
+            most_logit: self.most_logit.max(other.most_logit),
+        }
+    }
+}
+
+/// How rows are stored, by all of them.
+pub(super) struct Found {
+    pub third_scale_is_zero: bool,
+    /// Scales as lengths, and opacities as shares.
+    pub is_activated: bool,
 }
 
 /// What loading takes for a surfel beside its colour: its geometry, twice while it is rearranged, and where its row went.
@@ -184,6 +253,7 @@ impl Builder {
             encoding: Encoding::Stored,
             up: UpAxis::PlusZ,
             outside_from: Vec::new(),
+            origin: DVec3::ZERO,
         };
         Ok(Self {
             kind,
@@ -191,12 +261,35 @@ impl Builder {
             filled: 0,
             is_antialiased: false,
             left_out: Vec::new(),
+            position_step: None,
+            tally: Tally::NONE,
         })
     }
 
     /// Its 3D Gaussians were trained with their opacity compensated for the low-pass.
     pub(super) fn set_antialiased(&mut self) {
         self.is_antialiased = true;
+    }
+
+    /// What positions in the file are rounded to; without that, 32 bits of float.
+    pub(super) fn set_position_step(&mut self, step: f64) {
+        self.position_step = Some(step);
+    }
+
+    /// How the rows are stored, by all of them.
+    pub(super) fn found(&self) -> Found {
+        let tally = &self.tally;
+        let is_plain =
+            tally.least_log >= 0.0 && tally.least_logit >= 0.0 && tally.most_logit <= 1.0;
+        let is_large = || {
+            let sizes = self.cloud.scales.iter().map(|s| s.max_element());
+            let radius = Bounds::of(&self.cloud.positions).radius;
+            quantile(sizes.collect(), 0.5).is_some_and(|s| s > AS_LARGE_AS_IT * radius)
+        };
+        Found {
+            third_scale_is_zero: tally.third_scale_is_zero && tally.least_log < 0.0,
+            is_activated: is_plain && is_large(),
+        }
     }
 
     /// Converts a block of rows in parallel; `decode` gives a row of it and writes its colour `[K]`, with a memory of its own to work in.
@@ -207,10 +300,15 @@ impl Builder {
     ) {
         const PIECE: usize = 512;
         let (kind, k) = (self.kind, coefficient_count(self.cloud.sh_degree));
+        let axes = if kind == AssetKind::Surfels2d { 2 } else { 3 };
         let is_antialiased = self.is_antialiased;
+        if self.filled == 0 {
+            self.cloud.origin = self.origin_of(rows, &decode);
+        }
         let block = self.filled..self.filled + rows;
         let cloud = &mut self.cloud;
-        let left_out: Vec<usize> = cloud.positions[block.clone()]
+        let origin = cloud.origin;
+        let pieces: Vec<(Vec<usize>, Tally)> = cloud.positions[block.clone()]
             .par_chunks_mut(PIECE)
             .zip(cloud.tangents[block.clone()].par_chunks_mut(PIECE))
             .zip(cloud.scales[block.clone()].par_chunks_mut(PIECE))
@@ -218,14 +316,16 @@ impl Builder {
             .zip(cloud.sh[block.start * k..block.end * k].par_chunks_mut(PIECE * k))
             .zip(cloud.thicknesses[block.clone()].par_chunks_mut(PIECE))
             .enumerate()
-            .flat_map_iter(
+            .map(
                 |(piece, (((((positions, tangents), scales), opacities), sh), thicknesses))| {
                     let (mut left_out, mut memory) = (Vec::new(), Vec::new());
+                    let mut tally = Tally::NONE;
                     for i in 0..positions.len() {
                         let row = piece * PIECE + i;
                         let sh = &mut sh[i * k..][..k];
                         let stored = decode(row, &mut memory, sh);
-                        let converted = stored.surfel(kind, is_antialiased, sh);
+                        tally.add(&stored, axes);
+                        let converted = stored.surfel(kind, is_antialiased, origin, sh);
                         let converted = converted.unwrap_or_else(|| {
                             sh.fill([0.0; 3]);
                             left_out.push(block.start + row);
@@ -237,12 +337,45 @@ impl Builder {
                         opacities[i] = converted.opacity;
                         thicknesses[i] = converted.thickness;
                     }
-                    left_out
+                    (left_out, tally)
                 },
             )
             .collect();
-        self.left_out.extend(left_out);
+        for (left_out, tally) in pieces {
+            self.left_out.extend(left_out);
+            self.tally = self.tally.with(&tally);
+        }
         self.filled += rows;
+    }
+
+    /// The point that positions are taken relative to: none, but far from it the middle of some of the rows, where 32 bits of float would
+    /// round them by more than the splats bear.
+    fn origin_of(
+        &self,
+        rows: usize,
+        decode: &impl Fn(usize, &mut Vec<f32>, &mut [[f32; 3]]) -> StoredRow,
+    ) -> DVec3 {
+        let mut memory = Vec::new();
+        let mut sh = vec![[0f32; 3]; coefficient_count(self.cloud.sh_degree)];
+        let step = rows.div_ceil(SAMPLE).max(1);
+        let sample = (0..rows)
+            .step_by(step)
+            .map(|row| decode(row, &mut memory, &mut sh));
+        let sample: Vec<StoredRow> = sample
+            .filter(|r| r.position.iter().all(|v| v.abs() <= MAX_POSITION))
+            .collect();
+        let middle = |mut values: Vec<f64>| {
+            let at = values.len() / 2;
+            (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f64::total_cmp).1)
+        };
+        let axis = |a: usize| middle(sample.iter().map(|r| r.position[a]).collect());
+        let [Some(x), Some(y), Some(z)] = [0, 1, 2].map(axis) else {
+            return DVec3::ZERO;
+        };
+        let place = DVec3::new(x, y, z);
+        let size = |r: &StoredRow| f64::from(r.log_scales[0].max(r.log_scales[1])).exp();
+        let size = middle(sample.iter().map(size).collect()).unwrap_or(0.0);
+        origin_near(place, size)
     }
 
     /// The splat, of a format that is called like that, which says which way is up or does not.
@@ -250,13 +383,16 @@ impl Builder {
         let (kind, mut cloud, left_out) = (self.kind, self.cloud, self.left_out);
         if left_out.len() as f64 > MAX_LEFT_OUT_SHARE * cloud.len() as f64 {
             return Err(format!(
-                "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}); not a usable splat",
+                "{} of {} vertices hold values that are no numbers or out of any range (the first is vertex {}): not a usable splat",
                 left_out.len(),
                 cloud.len(),
                 left_out[0]
             ));
         }
         let median_flatness = median_flatness(&cloud);
+        let warnings = coarse_warning(&cloud, self.position_step)
+            .into_iter()
+            .collect();
         let report = AssetReport {
             kind,
             vertices: cloud.len(),
@@ -266,10 +402,41 @@ impl Builder {
             left_out,
             median_flatness,
             up,
+            warnings,
         };
         let surfel_of_row = rearranged(&mut cloud);
         Ok((cloud, report, surfel_of_row))
     }
+}
+
+/// The origin of positions around a place, of splats of that size: none unless it is so far away that 32 bits of float would not do.
+pub(super) fn origin_near(place: DVec3, size: f64) -> DVec3 {
+    let far = place.abs().max_element();
+    if far > FAR && far.is_finite() && float_step(far) > COARSE * size {
+        place.round()
+    } else {
+        DVec3::ZERO
+    }
+}
+
+/// What 32 bits of float round a coordinate to.
+pub(super) fn float_step(far: f64) -> f64 {
+    far * f64::from(f32::EPSILON) / 2.0
+}
+
+/// That a file's positions are rounded to more than its splats are large.
+fn coarse_warning(cloud: &SurfelCloud, position_step: Option<f64>) -> Option<String> {
+    let far = cloud.origin.abs().max_element();
+    let step = position_step.unwrap_or_else(|| float_step(far));
+    if step <= 0.0 {
+        return None;
+    }
+    let size = f64::from(cloud.median_size()?);
+    (step > size).then(|| {
+        format!(
+            "its positions are stored in steps of {step:.3}, and its splats are {size:.3} large: it is torn. Export it with x, y and z as double, or relative to a point near the object"
+        )
+    })
 }
 
 /// Brings surfels into an order in which neighbours follow each other; where each one went.

@@ -6,16 +6,16 @@ mod layout;
 mod write;
 
 use std::fs::File;
-use std::io::{Cursor, Read};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use image::{ImageReader, Limits, RgbaImage};
+use image::RgbaImage;
 use rayon::prelude::*;
 use serde::Deserialize;
-use zip::ZipArchive;
 
+use super::decode::{self, Archive};
 use super::packed::{component, logit, share, with_largest};
-use super::read;
+use super::read::{self, ZIP};
 use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
@@ -24,16 +24,13 @@ pub(super) use layout::META;
 use layout::{CODES, ENTRIES_IN_A_ROW, ROTATION_MODE};
 pub(super) use write::{MAX_DEGREE, write};
 
-/// What a zip archive begins with.
-pub(super) const ZIP: &[u8; 4] = b"PK\x03\x04";
-
 /// `meta.json` holds two tables of 256 numbers and little else.
 const MAX_META_BYTES: u64 = 1 << 20;
 /// No picture of 16384 x 16384 pixels takes more.
 const MAX_IMAGE_BYTES: u64 = 1 << 31;
 
 /// Edge of a picture that WebP can hold.
-const MAX_EDGE: u32 = 16384;
+const MAX_EDGE: usize = 16384;
 
 #[derive(Deserialize)]
 struct Meta {
@@ -137,26 +134,30 @@ fn lerp(a: f32, b: f32, share: f32) -> f32 {
 /// Where the files are.
 enum Source {
     Folder(PathBuf),
-    Bundle(Box<ZipArchive<File>>),
+    /// An archive, and the folder in it that holds them, with its slash.
+    Bundle(Box<Archive<BufReader<File>>>, String),
 }
 
 impl Source {
     fn open(path: &Path) -> Result<Self> {
-        let mut file = read::open(path)?;
-        let mut start = [0; 4];
-        let read = file.read(&mut start).map_err(Error::io(path))?;
-        if &start[..read] == ZIP {
-            let archive = ZipArchive::new(file);
-            let archive = archive
-                .map_err(|e| Error::invalid(path, format!("is no whole zip archive: {e}")))?;
-            return Ok(Self::Bundle(Box::new(archive)));
+        let invalid = |why: String| Error::invalid(path, why);
+        let mut file = BufReader::new(read::open_packed(path)?);
+        let mut start = Vec::new();
+        let read = file.by_ref().take(4).read_to_end(&mut start);
+        read.and_then(|_| file.rewind()).map_err(Error::io(path))?;
+        if start == ZIP {
+            let archive = Archive::open(file)
+                .map_err(|why| invalid(format!("is no whole zip archive: {why}")))?;
+            let meta = meta_in(&archive.names())
+                .ok_or_else(|| invalid(format!("holds no {META} of a SOG splat")))?;
+            let folder = meta[..meta.len() - META.len()].to_owned();
+            return Ok(Self::Bundle(Box::new(archive), folder));
         }
         Ok(Self::Folder(super::write::folder_of(path).to_owned()))
     }
 
     /// One of its files, of at most so many bytes.
     fn read(&mut self, name: &str, limit: u64) -> std::result::Result<Vec<u8>, String> {
-        let told = |what: String| format!("{name}: {what}");
         match self {
             Self::Folder(folder) => {
                 // A name, not a way to somewhere else.
@@ -165,23 +166,18 @@ impl Source {
                 }
                 read::read_all(&folder.join(name), limit).map_err(|e| e.to_string())
             }
-            Self::Bundle(archive) => {
-                let file = archive.by_name(name).map_err(|e| told(e.to_string()))?;
-                let mut bytes = Vec::new();
-                let read = file.take(limit + 1).read_to_end(&mut bytes);
-                read.map_err(|e| told(e.to_string()))?;
-                if bytes.len() as u64 > limit {
-                    return Err(told("is too large".into()));
-                }
-                Ok(bytes)
-            }
+            Self::Bundle(archive, folder) => archive
+                .read(&format!("{folder}{name}"), limit)
+                .map_err(|why| format!("{name}: {why}")),
         }
     }
 }
 
-/// Whether a zip archive holds a splat of this kind.
-pub(super) fn is_bundle(path: &Path) -> bool {
-    matches!(Source::open(path), Ok(Source::Bundle(archive)) if archive.index_for_name(META).is_some())
+/// The `meta.json` among the files of an archive: the one that is in the fewest folders.
+pub(super) fn meta_in(names: &[String]) -> Option<String> {
+    let is_meta = |name: &&String| name.rsplit('/').next() == Some(META);
+    let metas = names.iter().filter(is_meta);
+    metas.min_by_key(|name| name.matches('/').count()).cloned()
 }
 
 /// Reads a splat from its `meta.json`, or from a bundle.
@@ -193,9 +189,9 @@ pub(super) fn read(path: &Path) -> Result<Finished> {
 fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished, String> {
     let text = match source {
         Source::Folder(_) => read::read_all(path, MAX_META_BYTES).map_err(|e| e.to_string())?,
-        Source::Bundle(_) => source.read(META, MAX_META_BYTES)?,
+        Source::Bundle(..) => source.read(META, MAX_META_BYTES)?,
     };
-    let meta: Meta = serde_json::from_slice(&text).map_err(|e| format!("not a SOG splat: {e}"))?;
+    let meta: Meta = decode::json(&text).map_err(|e| format!("not a SOG splat: {e}"))?;
     let version = meta.version.unwrap_or(1);
     if !(1..=2).contains(&version) {
         return Err(format!(
@@ -255,6 +251,12 @@ fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished
     if meta.antialias || meta.model.as_deref() == Some("antialiased") {
         rows.set_antialiased();
     }
+    // Where it is between its ends.
+    let position_step = (0..3).map(|a| {
+        let [least, most] = [meta.means.mins[a], meta.means.maxs[a]];
+        (most - least).abs() / f64::from(u16::MAX) * (0.5 * (least + most)).abs().exp()
+    });
+    rows.set_position_step(position_step.fold(0.0, f64::max));
     let pixel = |image: &RgbaImage, i: usize| -> [u8; 4] {
         let bytes = image.as_raw();
         [
@@ -270,7 +272,7 @@ fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished
             let code = u16::from_le_bytes([low[a], high[a]]);
             let [least, most] = [meta.means.mins[a], meta.means.maxs[a]];
             let log = least + (most - least) * f64::from(code) / f64::from(u16::MAX);
-            (log.signum() * log.abs().exp_m1()) as f32
+            log.signum() * log.abs().exp_m1()
         };
         let [r, g, b, opacity] = pixel(sh0, i);
         sh[0] = std::array::from_fn(|c| colors[c][usize::from([r, g, b][c])]);
@@ -299,26 +301,19 @@ fn rotation([a, b, c, mode]: [u8; 4]) -> [f32; 4] {
 
 /// A picture of at least so many pixels, and not of many more than there are splats.
 fn decode(bytes: &[u8], least: u64, count: u64) -> std::result::Result<RgbaImage, String> {
-    let reader = || {
-        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
-        reader.map_err(|e| e.to_string())
-    };
-    let (width, height) = reader()?.into_dimensions().map_err(|e| e.to_string())?;
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels < least {
-        return Err(format!("has {width} x {height} pixels for {count} splats"));
-    }
-    // A palette has up to 15 pixels for each of at most 65536 entries.
-    if pixels > 4 * count + (1 << 20) || width.max(height) > MAX_EDGE {
-        return Err(format!(
-            "claims {width} x {height} pixels, which is too many for {count} splats"
-        ));
-    }
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(32 * pixels + (1 << 20));
-    let mut reader = reader()?;
-    reader.limits(limits);
-    let image = reader.decode().map_err(|e| e.to_string())?;
+    let image = decode::small_picture(bytes, |[width, height]| {
+        let pixels = width as u64 * height as u64;
+        if pixels < least {
+            return Err(format!("has {width} x {height} pixels for {count} splats"));
+        }
+        // A palette has up to 15 pixels for each of at most 65536 entries.
+        if pixels > 4 * count + (1 << 20) || width.max(height) > MAX_EDGE {
+            return Err(format!(
+                "claims {width} x {height} pixels, which is too many for {count} splats"
+            ));
+        }
+        Ok(32 * pixels + (1 << 20))
+    })?;
     Ok(image.into_rgba8())
 }
 
@@ -340,15 +335,19 @@ impl<'a> Palette<'a> {
     ) -> std::result::Result<Self, String> {
         let in_a_row = centroids.width() as usize / ENTRIES_IN_A_ROW;
         let fits = |l: &usize| coefficient_count(*l) - 1 == in_a_row;
-        let degree = (1..=3)
-            .find(fits)
-            .filter(|l| higher.bands.is_none_or(|b| b == *l));
+        // The palette tells the degree; some writers say 0 bands beside one.
+        let degree = (1..=3).find(fits);
         let degree = degree.ok_or_else(|| {
             format!(
                 "the palette is {} pixels wide, which fits no SH degree (192, 512 or 960)",
                 centroids.width()
             )
         })?;
+        if let Some(bands) = higher.bands.filter(|b| *b > 0 && *b != degree) {
+            return Err(format!(
+                "says SH of degree {bands} beside a palette of degree {degree}"
+            ));
+        }
         let values = match (&higher.codebook, higher.mins, higher.maxs) {
             (Some(codebook), ..) => codebook.table()?,
             (None, Some(least), Some(most)) => {

@@ -23,7 +23,7 @@ pub(super) fn begins_as_one(start: &[u8], file_bytes: u64) -> bool {
         let rotation = &row[28..];
         position
             .iter()
-            .all(|v| v.abs() < 1e6 && (*v == 0.0 || v.abs() > 1e-12))
+            .all(|v| v.abs() < 1e9 && (*v == 0.0 || v.abs() > 1e-12))
             && scales
                 .iter()
                 .all(|s| (0.0..1e5).contains(s) && (*s == 0.0 || *s > 1e-20))
@@ -47,11 +47,11 @@ pub(super) fn read(path: &Path, reader: &mut impl Read, file_bytes: u64) -> Resu
         reader.read_exact(block).map_err(Error::io(path))?;
         rows.push_rows(count, |row, _, sh| {
             let mut fields = Fields(&block[row * ROW..][..ROW]);
-            let position = fields.each(Fields::f32);
+            let position: [f32; 3] = fields.each(Fields::f32);
             let scales: [f32; 3] = fields.each(Fields::f32);
             sh[0] = fields.each(|f| dc_of_color(f32::from(f.u8()) / 255.0));
             StoredRow {
-                position,
+                position: position.map(f64::from),
                 log_scales: scales.map(f32::ln),
                 logit: logit(f32::from(fields.u8()) / 255.0),
                 rotation: fields.each(|f| (f32::from(f.u8()) - 128.0) / 128.0),
@@ -68,7 +68,7 @@ pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Resul
     let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
     splat.write_each(out, |g, bytes| {
         let scales = g.log_scales.map(f32::exp);
-        let numbers = g.position.into_iter().chain(scales);
+        let numbers = g.position.map(|v| v as f32).into_iter().chain(scales);
         bytes.extend(numbers.flat_map(f32::to_le_bytes));
         bytes.extend(g.sh[0].map(|dc| byte(255.0 * color_of_dc(dc))));
         bytes.push(byte(255.0 * g.opacity));

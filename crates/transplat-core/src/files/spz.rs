@@ -6,9 +6,9 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use flate2::Compression;
-use flate2::bufread::GzDecoder;
 use flate2::write::GzEncoder;
 
+use super::decode;
 use super::packed::{Fields, logit, with_largest, without_largest};
 use super::read::read_exactly;
 use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
@@ -127,7 +127,8 @@ pub(super) fn read(
     if header.has(IS_ANTIALIASED) {
         rows.set_antialiased();
     }
-    let position_step = (-f32::from(header.fractional_bits)).exp2();
+    let position_step = (-f64::from(header.fractional_bits)).exp2();
+    rows.set_position_step(position_step);
     rows.push_rows(n, |i, _, sh| {
         let mut color = attribute(2, i);
         sh[0] = color.each(|c| (f32::from(c.u8()) / 255.0 - 0.5) / COLOR_SCALE);
@@ -138,9 +139,9 @@ pub(super) fn read(
         let mut position = attribute(0, i);
         StoredRow {
             position: if header.version == 1 {
-                position.each(Fields::f16)
+                position.each(Fields::f16).map(f64::from)
             } else {
-                position.each(|p| position_step * fixed(p.each(Fields::u8)) as f32)
+                position.each(|p| position_step * f64::from(fixed(p.each(Fields::u8))))
             },
             rotation: rotation(attribute(4, i), header.version),
             log_scales: attribute(3, i).each(|s| f32::from(s.u8()) / LOG_STEPS + LEAST_LOG),
@@ -183,7 +184,7 @@ fn read_gzip(
     file_bytes: u64,
 ) -> std::result::Result<Contents, String> {
     let broken = |e: std::io::Error| format!("not an SPZ splat, or broken: {e}");
-    let mut gzip = GzDecoder::new(reader);
+    let mut gzip = decode::gunzip(reader);
     let mut head = [0; 16];
     gzip.read_exact(&mut head).map_err(broken)?;
     let header = Header::parse(&head)?;
@@ -245,7 +246,7 @@ fn read_frames(
             ));
         }
         let before = body.len() as u64;
-        let frame = ruzstd::decoding::StreamingDecoder::new(reader.take(packed));
+        let frame = decode::unzstd(reader.take(packed));
         let frame = frame.map_err(|e| format!("the SPZ splat is broken: {e}"))?;
         let mut frame = frame.take(expected);
         frame.read_to_end(&mut body).map_err(broken)?;
@@ -256,7 +257,7 @@ fn read_frames(
             ));
         }
         // What is left of the frame is its end.
-        let mut rest = frame.into_inner().into_inner();
+        let mut rest = frame.into_inner().into_inner().into_inner();
         std::io::copy(&mut rest, &mut std::io::sink()).map_err(broken)?;
     }
     Ok((header, body, extensions))
@@ -298,8 +299,8 @@ pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Resul
     gzip.write_all(&(splat.len() as u32).to_le_bytes())?;
     gzip.write_all(&[degree as u8, fractional_bits, flags, 0])?;
     let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
-    let steps = f32::from(fractional_bits).exp2();
-    let position = |v: f32| (v * steps).round().clamp(-8_388_608.0, 8_388_607.0) as i32;
+    let steps = f64::from(fractional_bits).exp2();
+    let position = |v: f64| (v * steps).round().clamp(-8_388_608.0, 8_388_607.0) as i32;
     splat.write_each(&mut gzip, |g, bytes| {
         for v in g.position {
             bytes.extend_from_slice(&position(v).to_le_bytes()[..3]);
@@ -327,6 +328,11 @@ pub(super) fn write(splat: &Written<'_>, out: &mut impl Write) -> std::io::Resul
     })?;
     gzip.finish()?;
     Ok(())
+}
+
+/// What positions of a splat are rounded to.
+pub(super) fn position_step(splat: &Written<'_>) -> f64 {
+    (-f64::from(fractional_bits(splat))).exp2()
 }
 
 /// As many as leave room for the farthest position.

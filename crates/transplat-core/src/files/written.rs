@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use glam::{Mat3, Quat};
+use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
 
 use crate::color::Encoding;
@@ -37,7 +37,10 @@ pub(super) struct Written<'a> {
 
 /// A Gaussian that is to be written.
 pub(super) struct Gaussian<'a> {
-    pub position: [f32; 3],
+    /// In the coordinates of the file.
+    pub position: [f64; 3],
+    /// The same relative to the splat's origin.
+    pub place: Vec3,
     /// Unit quaternion w, x, y, z.
     pub rotation: [f32; 4],
     /// Unit vector across it, to either side.
@@ -116,7 +119,8 @@ impl<'a> Written<'a> {
         let k = coefficient_count(self.degree);
         let scales = cloud.scales[i].extend(cloud.thicknesses[i].sigma());
         Gaussian {
-            position: cloud.positions[i].to_array(),
+            position: (cloud.origin + cloud.positions[i].as_dvec3()).to_array(),
+            place: cloud.positions[i],
             rotation: [turn.w, turn.x, turn.y, turn.z],
             normal: material.map_or(normal, |m| m.normal).to_array(),
             log_scales: scales.to_array().map(|s| s.ln().max(FLAT_LOG)),
@@ -127,9 +131,10 @@ impl<'a> Written<'a> {
     }
 
     /// Greatest coordinate of any position.
-    pub fn farthest(&self) -> f32 {
-        let positions = self.order.iter().map(|i| self.cloud.positions[*i as usize]);
-        positions.fold(0f32, |most, p| most.max(p.abs().max_element()))
+    pub fn farthest(&self) -> f64 {
+        let (cloud, order) = (self.cloud, self.order.iter());
+        let positions = order.map(|i| cloud.origin + cloud.positions[*i as usize].as_dvec3());
+        positions.fold(0f64, |most, p| most.max(p.abs().max_element()))
     }
 
     /// Writes what is to be said of each, one after the other.

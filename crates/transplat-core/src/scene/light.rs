@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::environment::{EnvironmentMap, Illumination, Layout, Sky};
+use crate::environment::{EnvironmentMap, Illumination, ImageReading, Layout, Sky};
 use crate::error::{Result, ensure};
 use crate::surfels::UpAxis;
 
@@ -34,6 +34,9 @@ pub struct EnvironmentLight {
     /// How its picture lays out what is all around; none where its shape says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layout: Option<Layout>,
+    /// Which layer or part of an OpenEXR file it is; none where their names say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub layer: Option<String>,
     /// Without the suns in its picture, which may be among the lights instead.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub without_suns: bool,
@@ -57,6 +60,7 @@ impl Default for EnvironmentLight {
             file: None,
             sky: None,
             layout: None,
+            layer: None,
             without_suns: false,
             rotation: 0.0,
             tilt: 0.0,
@@ -96,6 +100,20 @@ impl EnvironmentLight {
         is_it.then(|| self.sky.unwrap_or_default())
     }
 
+    /// How its file is read, where that is set.
+    pub fn reading(&self) -> ImageReading {
+        ImageReading {
+            layout: self.layout,
+            layer: self.layer.clone(),
+        }
+    }
+
+    /// Sets how its file is read.
+    pub fn set_reading(&mut self, reading: &ImageReading) {
+        self.layout = reading.layout;
+        self.layer.clone_from(&reading.layer);
+    }
+
     /// Takes another light. The estimate comes as the asset sees it, even light and the sky are no pictures: how a map was turned, and how strong
     /// it was, is nothing to them, nor the other way round.
     pub fn set_file(&mut self, file: PathBuf) {
@@ -109,6 +127,7 @@ impl EnvironmentLight {
         }
         if self.file.as_deref() != Some(&file) {
             self.layout = None;
+            self.layer = None;
             self.sky = None;
             self.without_suns = false;
         }

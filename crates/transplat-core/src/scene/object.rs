@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{Affine3A, Quat, Vec3};
+use glam::{Affine3A, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::cut::{Cut, FARTHEST, MOST_CUTS};
@@ -36,6 +36,10 @@ pub struct Object {
     pub shown: bool,
     /// Whether it stays where it stands.
     pub locked: bool,
+    /// What is added to the places that the scene says of it to have them in the coordinates of its file: none, but of a splat that lies far from
+    /// their origin.
+    #[serde(skip_serializing_if = "is_none")]
+    pub origin: DVec3,
     /// The asset's up axis, where the file's own is not to be believed.
     pub up: Option<UpAxis>,
     /// The asset's colour is linear already.
@@ -58,6 +62,7 @@ impl Default for Object {
             cut: Vec::new(),
             shown: true,
             locked: false,
+            origin: DVec3::ZERO,
             up: None,
             linear: false,
             outside_from: Vec::new(),
@@ -68,7 +73,25 @@ impl Default for Object {
     }
 }
 
+fn is_none(origin: &DVec3) -> bool {
+    *origin == DVec3::ZERO
+}
+
 impl Object {
+    /// Takes over another origin of its splat: it stands where it stood, cut and seen as before.
+    pub fn take_origin(&mut self, origin: DVec3) {
+        let moved = origin - self.origin;
+        let place = |place: &mut Vec3| *place = (place.as_dvec3() - moved).as_vec3();
+        for cut in &mut self.cut {
+            place(&mut cut.min);
+            place(&mut cut.max);
+        }
+        self.outside_from.iter_mut().for_each(place);
+        let there = self.transform.moved(moved) + self.transform.translation.as_dvec3();
+        self.transform.translation = there.as_vec3();
+        self.origin = origin;
+    }
+
     /// How the file is read: that makes a cloud of it, which stays whatever else is set.
     pub fn apply_to(&self, cloud: &mut SurfelCloud) {
         if self.linear {
@@ -87,7 +110,7 @@ impl Object {
     /// Whether it is as it was captured, with nothing said of it that is for several.
     pub fn is_where_it_was_captured(&self) -> bool {
         let is_plain = self.name.is_none() && self.shown && !self.locked && self.cut.is_empty();
-        is_plain && self.transform == Transform::default()
+        is_plain && is_none(&self.origin) && self.transform == Transform::default()
     }
 
     pub(super) fn validate(&self) -> Result<()> {
@@ -107,6 +130,10 @@ impl Object {
         for cut in &self.cut {
             cut.validate()?;
         }
+        ensure(
+            self.origin.abs().max_element() <= f64::from(FARTHEST),
+            || format!("origin: three numbers up to {FARTHEST:e} are expected"),
+        )?;
         self.transform.validate()?;
         self.hide.validate()?;
         // What a capture was made under is told by a map of it.
@@ -135,6 +162,11 @@ impl Transform {
     pub fn scene_from_object(&self) -> Affine3A {
         let scale = Vec3::splat(self.scale);
         Affine3A::from_scale_rotation_translation(scale, self.rotation, self.translation)
+    }
+
+    /// A step in the object's coordinates as one in the scene's.
+    pub(super) fn moved(&self, step: DVec3) -> DVec3 {
+        f64::from(self.scale) * (self.rotation.as_dquat() * step)
     }
 
     /// An object's splat where it stands; highlights turn with it.

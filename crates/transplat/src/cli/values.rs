@@ -97,11 +97,11 @@ pub(super) fn parse_aperture(text: &str) -> Result<f64, String> {
     parsed(text, |v| APERTURE.contains(v), "a number from 0 to 0.2")
 }
 
-pub(super) fn parse_point(text: &str) -> Result<[f32; 3], String> {
-    let values: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse::<f32>()).collect();
+pub(super) fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let values: Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
     values
         .ok()
-        .and_then(|v| <[f32; 3]>::try_from(v).ok())
+        .and_then(|v| <[f64; 3]>::try_from(v).ok())
         .filter(|v| v.iter().all(|v| v.is_finite()))
         .ok_or_else(|| "three numbers X,Y,Z are expected".into())
 }

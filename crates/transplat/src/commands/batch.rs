@@ -11,8 +11,9 @@ use std::time::UNIX_EPOCH;
 use anyhow::{Context as _, Error, Result, bail};
 use serde::Deserialize;
 use serde_json::json;
+use transplat_core::environment::ImageReading;
 use transplat_core::files::{
-    folder_of, load_cameras, load_environment_as, load_look, look_text, write_atomically,
+    folder_of, load_cameras, load_environment_as, load_json, load_look, look_text, write_atomically,
 };
 use transplat_core::scene::{is_estimate, is_file};
 use transplat_core::settings::skips::Skips;
@@ -107,9 +108,11 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
         .collect::<BTreeSet<_>>()
     {
         let (name, path) = &lights[at];
-        if let Some(Err(why)) =
-            is_file(path).then(|| load_environment_as(path, args.light.target_layout))
-        {
+        let reading = ImageReading {
+            layout: args.light.target_layout,
+            layer: args.light.capture.layer.clone(),
+        };
+        if let Some(Err(why)) = is_file(path).then(|| load_environment_as(path, &reading)) {
             failed.push(format!("{name}: {why}"));
             bad_lights.insert(at);
         }
@@ -160,13 +163,10 @@ fn load(path: &Path) -> Result<Batch> {
     if bytes > MOST_BYTES {
         bail!("{}: {bytes} bytes are too many for a batch", path.display());
     }
-    let text = std::fs::read(path).with_context(told)?;
-    let mut batch: Batch = serde_json::from_slice(&text).with_context(|| {
-        format!(
-            "{}: not a batch: {{\"splats\": [FILE, {{\"asset\": FILE, \"source\": ENV}}], \"lights\": [ENV], \"turntable\": N}}",
-            path.display()
-        )
-    })?;
+    let mut batch: Batch = load_json(
+        path,
+        "batch ({\"splats\": [FILE, {\"asset\": FILE, \"source\": ENV}], \"lights\": [ENV], \"turntable\": N})",
+    )?;
     if batch.splats.is_empty() {
         bail!("{}: names no splats", path.display());
     }

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use transplat_core::color::luminance;
 use transplat_core::crop::proposed_crop;
-use transplat_core::environment::project_environment;
+use transplat_core::environment::{ImageReading, project_environment};
 use transplat_core::files::{
-    AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_environment,
-    load_look, load_lut, load_rig, look_text,
+    AssetFile, AssetKind, FileKind, file_kind, inspect_bake, load_asset, load_cameras,
+    load_environment_as, load_look, load_lut, load_rig, look_text,
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
@@ -20,7 +20,7 @@ use crate::cli::{DeviceChoice, InfoArgs};
 use crate::device::Device;
 use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::object::LoadedObject;
-use crate::pipeline::warnings::{map_warnings, up_warning};
+use crate::pipeline::warnings::{asset_warnings, map_warnings, up_warning};
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -47,7 +47,11 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {
-            environment(path, &mut summary, &mut lines)?
+            let reading = ImageReading {
+                layout: None,
+                layer: args.layer.clone(),
+            };
+            environment(path, &reading, &mut summary, &mut lines)?
         }
         FileKind::Bake => {
             let header = inspect_bake(path)?;
@@ -73,6 +77,9 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             summary.set("cube_edge", cube);
             let of_curves = (curves > 0).then(|| format!("curves of {curves} entries"));
             let of_cube = (cube > 0).then(|| format!("a cube of {cube} x {cube} x {cube}"));
+            for warning in &lut.warnings {
+                summary.warn(format!("{}: {warning}", path.display()));
+            }
             let tables: Vec<String> = of_curves.into_iter().chain(of_cube).collect();
             lines.push(format!("table of colours: {}", tables.join(", ")));
         }
@@ -82,6 +89,23 @@ pub fn run(args: &InfoArgs) -> Result<()> {
             let text = look_text(&scene).map_err(anyhow::Error::msg)?;
             summary.set("look", serde_json::from_str::<serde_json::Value>(&text)?);
             look(&scene, &mut summary, &mut lines);
+        }
+        FileKind::Cameras => {
+            let file = load_cameras(path)?;
+            summary.set("kind", "cameras");
+            summary.set("cameras", file.frames.len());
+            lines.push(format!("{} cameras", file.frames.len()));
+            if let Some(frame) = file.frames.first() {
+                let size = frame.size.map(|[w, h]| format!(", {w} x {h} pixels"));
+                lines.push(format!(
+                    "the first: {:.1} degrees across{}",
+                    frame.fov_x.to_degrees(),
+                    size.unwrap_or_default()
+                ));
+            }
+            for warning in file.warnings {
+                summary.warn(warning);
+            }
         }
         FileKind::Rig => {
             let rig = load_rig(path)?;
@@ -198,7 +222,11 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     summary.set("surfels", cloud.len());
     summary.set("sh_degree", cloud.sh_degree);
     summary.set("up", cloud.up.name());
-    summary.set("center", bounds.center.to_array().to_vec());
+    let center = (cloud.origin + bounds.center.as_dvec3()).to_array();
+    summary.set("center", center.to_vec());
+    if cloud.origin != DVec3::ZERO {
+        summary.set("origin", cloud.origin.to_array().to_vec());
+    }
     summary.set("radius", bounds.radius);
     summary.set("left_out", found.left_out.len());
     summary.set("properties", found.properties.clone());
@@ -222,11 +250,17 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     lines.push(format!("up {} ({why})", cloud.up.name()));
     lines.push(format!(
         "centre {:.3?}, radius {:.3}",
-        bounds.center.to_array(),
-        bounds.radius
+        center, bounds.radius
     ));
+    if cloud.origin != DVec3::ZERO {
+        lines.push(format!(
+            "far from the origin of its coordinates: inside, positions are relative to {:?}, which is added again where it is written",
+            cloud.origin.to_array()
+        ));
+    }
     if let Some(corners) = proposed_crop(cloud, &bounds) {
-        let [low, high] = corners.map(|c| (bounds.center + c * bounds.radius).to_array());
+        let corner = |c: Vec3| cloud.origin + (bounds.center + c * bounds.radius).as_dvec3();
+        let [low, high] = corners.map(|c| corner(c).to_array());
         lines.push(format!(
             "holds surroundings, it seems: the object lies between {low:.3?} and {high:.3?}"
         ));
@@ -261,12 +295,8 @@ fn asset(cloud: &SurfelCloud, file: &AssetFile, summary: &mut Summary, lines: &m
     if far > 0 {
         summary.warn(format!("{far} surfels float far outside of the object"));
     }
-    if !found.left_out.is_empty() {
-        summary.warn(format!(
-            "{} rows hold values that are no numbers (the first is vertex {}) and are left out",
-            found.left_out.len(),
-            found.left_out[0]
-        ));
+    for warning in asset_warnings(&file.path, file) {
+        summary.warn(warning);
     }
     for comment in &found.comments {
         lines.push(format!("comment: {comment}"));
@@ -291,8 +321,13 @@ fn shortened(names: &[String]) -> String {
     out.join(" ")
 }
 
-fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> Result<()> {
-    let map = summary.time("load", || load_environment(path))?;
+fn environment(
+    path: &Path,
+    reading: &ImageReading,
+    summary: &mut Summary,
+    lines: &mut Vec<String>,
+) -> Result<()> {
+    let map = summary.time("load", || load_environment_as(path, reading))?;
     let light = summary.time("project", || project_environment(&map, 3));
     let mean = light.coefficients[0].map(|v| v / transplat_core::sh::SQRT_4PI as f32);
     let luminances = map.pixels().iter().map(|p| luminance(*p));
@@ -307,6 +342,12 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     summary.set("peak_luminance", peak);
     summary.set("brightest_thousandth_share", share);
     summary.set("repaired", map.repaired());
+    summary.set("infinite", map.infinite());
+    let from = map.provenance();
+    if let Some(layer) = &from.layer {
+        summary.set("layer", layer.clone());
+        summary.set("layers", from.layers.clone());
+    }
     let layout = serde_json::to_value(map.layout())?;
     let layout = layout.as_str().unwrap_or_default();
     summary.set("layout", layout);
@@ -319,7 +360,7 @@ fn environment(path: &Path, summary: &mut Summary, lines: &mut Vec<String>) -> R
     if share > 0.3 {
         lines.push("most of it comes from one or a few small lamps or a sun: a low SH degree blurs its shadows".into());
     }
-    for warning in map_warnings(path, &map, None) {
+    for warning in map_warnings(path, &map, reading) {
         summary.warn(warning);
     }
     if light.is_black() {

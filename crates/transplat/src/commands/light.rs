@@ -147,9 +147,9 @@ fn map_of(
 }
 
 fn read(file: &Path, scene: &Scene, summary: &mut Summary) -> Result<EnvironmentMap> {
-    let told = scene.layout_of(file);
-    let map = summary.time("load", || load_environment_as(file, told))?;
-    for warning in map_warnings(file, &map, told) {
+    let reading = scene.reading_of(file);
+    let map = summary.time("load", || load_environment_as(file, &reading))?;
+    for warning in map_warnings(file, &map, &reading) {
         summary.warn(warning);
     }
     Ok(map)

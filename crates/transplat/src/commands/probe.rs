@@ -125,9 +125,9 @@ struct Place {
 
 /// Coordinates, or the middle of an object, which is left out then.
 fn place(pipeline: &Pipeline, at: &str) -> Result<Place> {
-    let numbers: Option<Vec<f32>> = at.split(',').map(|v| v.trim().parse().ok()).collect();
+    let numbers: Option<Vec<f64>> = at.split(',').map(|v| v.trim().parse().ok()).collect();
     if let Some(&[x, y, z]) = numbers.as_deref() {
-        let at = Vec3::new(x, y, z);
+        let at = pipeline.place([x, y, z]);
         if !at.is_finite() {
             return usage("--at: three numbers X,Y,Z are expected, or the name of an object");
         }

@@ -68,7 +68,8 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         let files = (&files[..], output.is_file);
         write(&pipeline, by, (&target.name, &light), files, &mut summary)?;
     }
-    let names: Vec<String> = outputs.iter().map(|o| o.display().to_string()).collect();
+    let written = lights.targets.iter().flat_map(|t| output.files(&t.name));
+    let names: Vec<String> = written.map(|o| o.display().to_string()).collect();
     summary.set("outputs", names.clone());
     summary.finish(&format!("wrote {}", names.join(", ")))
 }

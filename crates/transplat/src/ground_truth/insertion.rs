@@ -14,7 +14,7 @@ use glam::{Affine3A, Mat4};
 use serde::Deserialize;
 use transplat_core::camera::{Camera, NEAR};
 use transplat_core::color::srgb_encode;
-use transplat_core::files::{load_cameras, load_environment, load_picture};
+use transplat_core::files::{load_cameras, load_image, load_json, load_picture};
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform};
 
 use super::there;
@@ -78,9 +78,7 @@ impl TruthScene {
 
     fn load(folder: &Path) -> Result<Self> {
         let path = folder.join("scene.json");
-        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let file: SceneFile = serde_json::from_str(&text)
-            .with_context(|| format!("{}: no scene with truth", path.display()))?;
+        let file: SceneFile = load_json(&path, "scene with truth")?;
         let folder = folder.canonicalize()?;
         let light = Path::new("envs").join(&file.environment);
         let root = folder
@@ -200,14 +198,14 @@ impl TruthScene {
     fn masks(&self, insert: &str, number: usize, pixels: usize) -> Result<[Vec<bool>; 3]> {
         let folder = self.folder.join("masks").join(insert);
         let path = folder.join(format!("{number:02}.png"));
-        // As an environment, its values come decoded.
-        let map = load_environment(&path)?;
-        if map.pixels().len() != pixels {
+        // As any image, its values come decoded.
+        let mask = load_image(&path, None)?;
+        if mask.pixels.len() != pixels {
             bail!("{}: {pixels} pixels are expected", path.display());
         }
         let above = [0.5, 0.0, 0.0];
         Ok(std::array::from_fn(|c| {
-            let each = map.pixels().iter();
+            let each = mask.pixels.iter();
             each.map(|p| srgb_encode(p[c]) > above[c]).collect()
         }))
     }

@@ -14,7 +14,9 @@ use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::Illumination;
 use transplat_core::estimate::{Estimate, estimate_light};
-use transplat_core::files::{AssetFile, CameraFile, is_same_file, load_asset, load_bake};
+use transplat_core::files::{
+    AssetFile, CameraFile, cameras_of_training, is_same_file, load_asset, load_bake, load_cameras,
+};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{Object, Scene, kept};
 use transplat_core::settings::{Method, TransferSettings};
@@ -76,6 +78,8 @@ impl LoadedObject {
                 whole
             }
         };
+        let mut settings = settings;
+        settings.take_origin(whole.cloud.origin);
         let surfels = part_of(asset, &settings, &whole.cloud)?;
         Ok(Self {
             cloud: Arc::new(whole.cloud.selected(&surfels)),
@@ -94,10 +98,16 @@ impl LoadedObject {
         for warning in asset_warnings(asset, &file) {
             summary.warn(warning);
         }
-        if settings.up.is_none()
-            && let Some(warning) = up_warning(asset, &cloud, &file)
-        {
-            summary.warn(warning);
+        if settings.up.is_none() && file.report.up.is_none() {
+            // As its trainer's cameras were held, or else as it stands.
+            let cameras = cameras_of_training(asset).and_then(|path| load_cameras(&path).ok());
+            let warning = match &cameras {
+                Some(cameras) => up_warning_by_cameras(asset, cloud.up, cameras),
+                None => up_warning(asset, &cloud, &file),
+            };
+            warning
+                .into_iter()
+                .for_each(|warning| summary.warn(warning));
         }
         if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
             summary.warn(format!(
@@ -116,7 +126,8 @@ impl LoadedObject {
     }
 
     /// A splat as its settings say.
-    pub fn of(mut cloud: SurfelCloud, file: AssetFile, settings: Object) -> Self {
+    pub fn of(mut cloud: SurfelCloud, file: AssetFile, mut settings: Object) -> Self {
+        settings.take_origin(cloud.origin);
         if let Some(up) = settings.up {
             cloud.up = up;
         }

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use glam::Vec3;
-use transplat_core::files::{FileKind, file_kind, load_look, load_rig};
+use glam::DVec3;
+use transplat_core::files::{FileKind, check_readable, file_kind, load_look, load_rig};
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene};
 use transplat_core::settings::skips::Skips;
 
@@ -39,13 +39,11 @@ pub fn check_objects(args: &AssetArgs, scene: &Scene, is_relit: bool) -> Result<
     let assets = assets_of(args, scene)?;
     let shown = || scene.objects.iter().filter(|o| o.shown);
     for (object, asset) in shown().zip(&assets) {
-        std::fs::metadata(asset).with_context(|| {
-            let name = name_of(object, asset);
-            match assets.len() {
-                1 => asset.display().to_string(),
-                _ => format!("{}, the splat of {name}", asset.display()),
-            }
-        })?;
+        let found = check_readable(asset);
+        match assets.len() {
+            1 => found?,
+            _ => found.with_context(|| format!("the splat of {}", name_of(object, asset)))?,
+        }
     }
     let (told, untold): (Vec<_>, Vec<_>) = shown()
         .zip(&assets)
@@ -89,7 +87,7 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     object.linear |= asset.linear;
     if !asset.outside_from.is_empty() {
         let places = asset.outside_from.iter();
-        object.outside_from = places.map(|p| Vec3::from_array(*p)).collect();
+        object.outside_from = places.map(|p| DVec3::from_array(*p).as_vec3()).collect();
     }
     put(&mut scene.directions, asset.directions);
     let Some(light) = light else {
@@ -141,6 +139,10 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     scene.objects[0].source.layout = told.or(scene.objects[0].source.layout);
     let of_look = scene.environment.layout.filter(|_| light.target.len() < 2);
     scene.environment.layout = light.target_layout.or(of_look);
+    if let Some(layer) = &light.capture.layer {
+        scene.objects[0].source.layer = Some(layer.clone());
+        scene.environment.layer = Some(layer.clone());
+    }
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;
@@ -216,19 +218,48 @@ pub fn targets_of(light: &LightArgs, scene: &Scene) -> Result<Vec<(String, PathB
     Ok(targets)
 }
 
-/// The environments (.hdr, .exr) in a folder, sorted by name.
+/// The environments (.hdr, .exr) in a folder, sorted by name; none that systems hide beside them.
 pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let mut inside: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|p| {
-            p.extension().is_some_and(|e| {
-                ["hdr", "exr"].contains(&e.to_string_lossy().to_lowercase().as_str())
-            })
-        })
+        .filter(|p| why_no_environment(p).is_none())
         .collect();
     inside.sort();
     Ok(inside)
+}
+
+/// Why a file in a folder of lights is none of them, by its name.
+fn why_no_environment(path: &Path) -> Option<&'static str> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if name.starts_with('.') {
+        return Some("hidden");
+    }
+    (extension != "hdr" && extension != "exr").then_some("neither .hdr nor .exr")
+}
+
+/// For the user: the files in a folder that are no lights, if there are any.
+pub fn not_environments(folder: &Path) -> Option<String> {
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let skipped = entries.filter_map(|entry| {
+        let why = why_no_environment(&entry.path())?;
+        Some(format!("{} ({why})", entry.file_name().to_string_lossy()))
+    });
+    let mut skipped: Vec<String> = skipped.collect();
+    skipped.sort();
+    let some = skipped.len().min(8);
+    let more = match skipped.len() - some {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    (some > 0).then(|| {
+        format!(
+            "{}: skipped {}{more}",
+            folder.display(),
+            skipped[..some].join(", ")
+        )
+    })
 }
 
 /// Sets what the command line says, and leaves what it leaves open.

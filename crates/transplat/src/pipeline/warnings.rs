@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use transplat_core::environment::{EnvironmentMap, Layout};
+use transplat_core::environment::{EnvironmentMap, INFINITE_RADIANCE, ImageReading, Layout};
 use transplat_core::files::{AssetFile, CameraFile};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::upright::{UpEvidence, proposed_up, up_from_cameras};
@@ -31,13 +31,15 @@ pub fn noise_warning(degrees: f32) -> String {
 
 /// What is odd about an asset.
 pub fn asset_warnings(path: &Path, file: &AssetFile) -> Vec<String> {
-    let mut warnings = Vec::new();
     let found = &file.report;
+    let said = |what: &String| format!("{}: {what}", path.display());
+    let mut warnings: Vec<String> = found.warnings.iter().map(said).collect();
     if !found.left_out.is_empty() {
         warnings.push(format!(
-            "{}: {} surfels hold values that are no numbers and are left out",
+            "{}: {} of {} surfels hold values that are no numbers and are left out",
             path.display(),
             found.left_out.len(),
+            found.vertices
         ));
     }
     warnings
@@ -68,13 +70,17 @@ fn lies_on_its_side(path: &Path, why: &str, up: UpAxis) -> String {
     format!("{path}: lies on its side, it seems: {why} (--up={name})")
 }
 
-/// What is odd about an environment, whose picture's layout may be told.
-pub fn map_warnings(path: &Path, map: &EnvironmentMap, told: Option<Layout>) -> Vec<String> {
-    let mut warnings = Vec::new();
+/// What is odd about an environment, and what reading it assumed.
+pub fn map_warnings(path: &Path, map: &EnvironmentMap, reading: &ImageReading) -> Vec<String> {
+    let said = |what: &String| format!("{}: {what}", path.display());
+    let mut warnings: Vec<String> = map.provenance().warnings.iter().map(said).collect();
     let read_as = match map.layout() {
-        _ if told.is_some() => None,
+        _ if reading.layout.is_some() => None,
         Layout::Equirectangular => None,
         Layout::CubeCross => Some("a cube that is unfolded to a cross, by its empty squares"),
+        Layout::CubeColumn => {
+            Some("the faces of a cube below each other, as its envmap attribute says")
+        }
         Layout::AngularMap | Layout::MirrorBall => Some(
             "an angular map, as light probes come, by the disc in it; a mirror ball has to be told (Layout in the panel Light; --source-layout, --target-layout)",
         ),
@@ -87,6 +93,13 @@ pub fn map_warnings(path: &Path, map: &EnvironmentMap, told: Option<Layout>) -> 
             "{}: {} pixels are negative or no numbers, and count as black",
             path.display(),
             map.repaired()
+        ));
+    }
+    if map.infinite() > 0 {
+        warnings.push(format!(
+            "{}: {} pixels are infinitely bright, and are read as {INFINITE_RADIANCE}, the most that 16 bits hold; a sun may be stronger",
+            path.display(),
+            map.infinite()
         ));
     }
     if map.has_clipped_highlights() {

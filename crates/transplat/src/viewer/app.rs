@@ -5,9 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{
-    FileKind, SplatFormat, file_kind, file_of, is_camera_file, is_same_file, load_look,
-};
+use transplat_core::files::{FileKind, SplatFormat, file_kind, file_of, is_same_file, load_look};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
@@ -30,8 +28,9 @@ use super::viewport::Viewport;
 use super::widgets::Grab;
 use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::pipeline::delight::DelitAs;
-use crate::pipeline::settings::environments_in;
+use crate::pipeline::settings::{environments_in, not_environments};
 use crate::savings::Saved;
+use crate::words::of_error;
 
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";
@@ -301,13 +300,10 @@ impl Viewer {
     /// Opens a file or a folder of environments, as if it had been dropped.
     pub fn open(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        if path.is_dir() && is_camera_file(&path) {
-            self.session.open_cameras(&path);
-            return;
-        }
-        // A folder may be a splat.
+        // A folder may be a splat, or hold cameras.
         let path = file_of(&path).into_owned();
-        if path.is_dir() {
+        let kind = file_kind(&path);
+        if path.is_dir() && kind.is_err() {
             match environments_in(&path) {
                 Ok(inside) if inside.is_empty() => self.session.error(tr_format!(
                     "{}: the folder holds no environment (.hdr, .exr)",
@@ -317,12 +313,15 @@ impl Viewer {
                     for light in inside {
                         self.shelf.add(&mut self.session, &light);
                     }
+                    if let Some(skipped) = not_environments(&path) {
+                        self.session.info(skipped);
+                    }
                 }
-                Err(error) => self.session.error(format!("{error:#}")),
+                Err(error) => self.session.error(of_error(&error)),
             }
             return;
         }
-        if let Ok(kind) = file_kind(&path) {
+        if let Ok(kind) = kind {
             self.unproven.push(path.clone());
             if kind == FileKind::Look {
                 // What waits belongs to the scene before.

@@ -10,7 +10,9 @@ use glam::Vec3;
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::crop::proposed_crop;
-use transplat_core::files::{AssetFile, SplatFormat, load_asset};
+use transplat_core::files::{
+    AssetFile, CameraFile, SplatFormat, cameras_of_training, load_asset, load_cameras,
+};
 use transplat_core::ground::ground_plane;
 use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
@@ -39,6 +41,8 @@ pub struct Asset {
     pub file_up: UpAxis,
     /// Which way it stands, it seems, where the file says nothing.
     pub proposed_up: Option<(UpAxis, UpEvidence)>,
+    /// Those that its trainer wrote beside it.
+    pub cameras: Option<CameraFile>,
     /// Corners of a box around the object, as its settings have them, where it seems to lie in surroundings.
     pub proposed_crop: Option<[Vec3; 2]>,
     /// Up axis that the ground is made for.
@@ -65,6 +69,8 @@ impl Asset {
             Some(capture) => (capture, Vec::new()),
             None => {
                 let (mut cloud, file) = load_asset(&path)?;
+                let mut object = object.clone();
+                object.take_origin(cloud.origin);
                 object.apply_to(&mut cloud);
                 let warnings = asset_warnings(&path, &file);
                 let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
@@ -74,7 +80,9 @@ impl Asset {
         let part = if object.cut.is_empty() {
             None
         } else {
-            let surfels = part_of(&path, object, &capture.cloud)?;
+            let mut object = object.clone();
+            object.take_origin(capture.cloud.origin);
+            let surfels = part_of(&path, &object, &capture.cloud)?;
             let capture = capture.clone();
             Some(Part { capture, surfels })
         };
@@ -86,6 +94,7 @@ impl Asset {
             ),
         };
         let file_up = cloud.up;
+        let cameras = cameras_of_training(&path).and_then(|path| load_cameras(&path).ok());
         let whole = part.is_none().then_some(&cloud);
         let habit = file.usual_up();
         let proposed_up = whole.and_then(|cloud| proposed_up(cloud, file.report.up, habit));
@@ -95,6 +104,7 @@ impl Asset {
             proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &bounds)),
             proposed_up: proposed_up.filter(|(up, _)| *up != file_up),
             cut: object.cut.clone(),
+            cameras,
             part,
             bounds,
             ground: ground_plane(&cloud, file_up),

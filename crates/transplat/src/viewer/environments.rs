@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock};
 use anyhow::Result;
 use glam::Vec3;
 use transplat_core::color::luminance;
-use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, Layout, Sky};
+use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, ImageReading, Sky};
 use transplat_core::estimate::STAND_IN_TRUST;
 use transplat_core::files::load_environment_as;
 use transplat_core::scene::{
@@ -92,9 +92,12 @@ impl Environments {
         }
     }
 
-    /// Has a file read whose picture is laid out as told, unless it was; until then it is as it was read.
-    pub(super) fn request_as(&mut self, path: &Path, told: Option<Layout>) {
-        let is_read = self.read.get(path).is_some_and(|read| read.told == told);
+    /// Has a file read as is set, unless it was; until then it is as it was read.
+    pub(super) fn request_as(&mut self, path: &Path, reading: &ImageReading) {
+        let is_read = self
+            .read
+            .get(path)
+            .is_some_and(|read| read.reading == *reading);
         if is_file(path) && !is_read && !self.is_awaited(path) {
             self.waiting.push(path.to_owned());
         }
@@ -155,8 +158,10 @@ pub struct Environment {
     pub small: EnvironmentMap,
     /// Of its picture, in pixels.
     pub size: [usize; 2],
-    /// How its picture is laid out, where that was told.
-    pub told: Option<Layout>,
+    /// How its file was read, where that was set.
+    pub reading: ImageReading,
+    /// Names of the layers of its file, where it has several.
+    pub layers: Vec<String>,
     pub warnings: Vec<String>,
     /// What brings its mean luminance to middle grey: for thumbnails.
     pub thumbnail_gain: f32,
@@ -205,7 +210,8 @@ impl Environment {
             illumination,
             small: EnvironmentMap::even(),
             size: [0, 0],
-            told: None,
+            reading: ImageReading::default(),
+            layers: Vec::new(),
             warnings: Vec::new(),
             thumbnail_gain: 1.0,
             brightest: None,
@@ -239,14 +245,14 @@ impl Environment {
     }
 
     /// Reads a file and projects it, on the GPU where that can be had.
-    pub fn load(background: &BackgroundDevice, path: &Path, told: Option<Layout>) -> Result<Self> {
-        let map = load_environment_as(path, told)?;
+    pub fn load(background: &BackgroundDevice, path: &Path, reading: ImageReading) -> Result<Self> {
+        let map = load_environment_as(path, &reading)?;
         let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
         // For either method: they are changed with a click.
         let illumination = device.light(&map, Method::Directional)?;
-        let warnings = map_warnings(path, &map, told);
+        let warnings = map_warnings(path, &map, &reading);
         Ok(Self {
-            told,
+            reading,
             ..Self::of(path.to_owned(), &map, illumination, warnings)
         })
     }
@@ -272,7 +278,8 @@ impl Environment {
             brightest: illumination.beams.as_ref().and_then(brightest),
             illumination,
             size: map.picture_size(),
-            told: None,
+            reading: ImageReading::default(),
+            layers: map.provenance().layers.clone(),
             warnings,
             thumbnail_gain: 0.18 / mean,
             small,
@@ -343,7 +350,7 @@ pub fn load_map(light: &Environment) -> Result<Arc<EnvironmentMap>> {
     match (&light.map, light.sky) {
         (Some(map), _) => Ok(map.clone()),
         (None, Some(sky)) => Ok(Arc::new(sky.map(SKY_COLUMNS))),
-        (None, None) => Ok(Arc::new(load_environment_as(&light.path, light.told)?)),
+        (None, None) => Ok(Arc::new(load_environment_as(&light.path, &light.reading)?)),
     }
 }
 

@@ -179,7 +179,7 @@ fn is_as(step: &Scene, scene: &Scene) -> bool {
 }
 
 /// What looks call a setting, and how it is said: the longest beginning counts.
-const WORDS: [(&str, &str); 49] = [
+const WORDS: [(&str, &str); 51] = [
     ("animation", tr_later("light over time")),
     ("asset", tr_later("splat")),
     ("background", tr_later("background")),
@@ -205,6 +205,7 @@ const WORDS: [(&str, &str); 49] = [
     ("source", tr_later("light of the capture")),
     ("source/file", tr_later("captured under")),
     ("source/layout", tr_later("layout of the capture's light")),
+    ("source/layer", tr_later("layer of the capture's light")),
     ("source/mirror", tr_later("light of the capture mirrored")),
     ("source/rotation", tr_later("light of the capture turned")),
     (
@@ -217,6 +218,7 @@ const WORDS: [(&str, &str); 49] = [
     ("target", tr_later("light")),
     ("target/file", tr_later("relit by")),
     ("target/layout", tr_later("layout of the light")),
+    ("target/layer", tr_later("layer of the light")),
     ("target/mirror", tr_later("light mirrored")),
     ("target/rotation", tr_later("light turned")),
     ("target/sky", tr_later("sun and sky")),

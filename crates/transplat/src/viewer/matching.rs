@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{CameraFile, CameraFrame, folder_of, load_cameras, plate_size};
+use transplat_core::files::{CameraFile, CameraFrame, folder_of, image_size, load_cameras};
 use transplat_core::present::Background;
 use transplat_core::upright::up_from_cameras;
 
@@ -36,8 +36,12 @@ impl Session {
 
     fn show_cameras(&mut self, path: &Path, file: CameraFile) {
         self.opened.push(path.to_owned());
-        for warning in file.warnings.clone() {
-            self.info(warning);
+        let first = self.states.first().and_then(|s| s.asset.clone());
+        let placed = first
+            .as_ref()
+            .map(|asset| file.clone().placed_for(&asset.cloud));
+        for warning in &placed.as_ref().unwrap_or(&file).warnings {
+            self.info(warning.clone());
         }
         self.info(tr_format!(
             "{}: {} cameras; the panel Camera chooses among them",
@@ -50,7 +54,6 @@ impl Session {
             at: 0,
             photograph: None,
         });
-        let first = self.states.first().and_then(|s| s.asset.clone());
         if let Some(asset) = first {
             self.set_upright_by_cameras(&asset);
         }
@@ -87,6 +90,10 @@ impl Session {
         let Some(frame) = cameras.file.frames.get(at).cloned() else {
             return;
         };
+        // Where they are is told in the coordinates of their file.
+        let first = self.states.first().and_then(|s| s.asset.as_ref());
+        let placed = first.map(|asset| cameras.file.clone().placed_for(&asset.cloud));
+        let frame = placed.map_or(frame, |file| file.frames[at].clone());
         cameras.at = at;
         let found = photograph(&cameras.path, &frame);
         let last = std::mem::replace(&mut cameras.photograph, found.clone());
@@ -107,7 +114,7 @@ impl Session {
         // An angle of view is across the whole photograph.
         let behind = self.scene.plate.as_ref();
         let behind = behind.filter(|_| self.scene.background == Background::Plate);
-        let size = frame.size.or_else(|| plate_size(behind?).ok());
+        let size = frame.size.or_else(|| image_size(behind?).ok());
         if let Some(size) = size.filter(|_| found.is_some()) {
             self.events.push(Event::PictureSize(size));
         }

@@ -17,6 +17,7 @@ use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
+use crate::words::of_error;
 
 impl Viewer {
     pub(super) fn menus(&mut self, ui: &mut Ui) {
@@ -197,7 +198,7 @@ impl Viewer {
         }
         match language::speak(file.as_deref()) {
             Ok(()) => self.preferences.language = language,
-            Err(error) => self.session.error(format!("{error:#}")),
+            Err(error) => self.session.error(of_error(&error)),
         }
     }
 

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
 use transplat_core::camera::{CameraPose, first_pose, framed};
-use transplat_core::environment::Layout;
+use transplat_core::environment::ImageReading;
 use transplat_core::estimate::Estimate;
-use transplat_core::files::{FileKind, file_kind, is_camera_file, is_same_file, load_look};
+use transplat_core::files::{FileKind, file_kind, is_same_file, load_look};
 use transplat_core::scene::{
     ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
 };
@@ -19,9 +19,10 @@ use super::environments::{Environment, light_name};
 use super::jobs::{Kind, Work};
 use super::language::{tr, tr_format};
 use super::object::ObjectState;
-use super::session::{Event, SOURCE, Session, TARGET};
+use super::session::{Event, OpenCameras, SOURCE, Session, TARGET};
 use super::stages::DROP_IT;
 use crate::pipeline::estimate;
+use crate::words::of_error;
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
@@ -39,9 +40,7 @@ impl Session {
                 let opened_with = OpenedWith::Object(Box::new(object), None);
                 self.load_asset(self.selected, path.to_owned(), opened_with);
             }
-            Ok(FileKind::Look | FileKind::Rig) | Err(_) if is_camera_file(path) => {
-                self.open_cameras(path)
-            }
+            Ok(FileKind::Cameras) => self.open_cameras(path),
             Ok(FileKind::Rig) => self.open_rig(path),
             Ok(FileKind::Look) => match load_look(path) {
                 Ok(scene) => {
@@ -260,7 +259,7 @@ impl Session {
                     if let Some(asset) = &session.states[at].asset {
                         asset.give_back(&mut session.scene.objects[at]);
                     }
-                    session.error(format!("{error:#}"));
+                    session.error(of_error(&error));
                     session.drop_added(at);
                 }
             }
@@ -347,8 +346,24 @@ impl Session {
             OpenedWith::Listed => self.states[at].seeks_room.is_some(),
             OpenedWith::Again | OpenedWith::Scene(_) => false,
         };
+        if self.cameras.is_none() && at == 0 {
+            self.cameras = asset.cameras.clone().map(|file| OpenCameras {
+                path: file.path.clone(),
+                file,
+                at: 0,
+                photograph: None,
+            });
+        }
+        let origin = asset.cloud.origin;
         if is_untold {
+            // What is there stays around it, wherever its file's coordinates have it.
+            let object = &mut self.scene.objects[at];
+            let transform = object.transform;
+            object.take_origin(origin);
+            object.transform = transform;
             self.propose(at, &asset);
+        } else {
+            self.scene.take_origin(at, origin);
         }
         let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());
@@ -478,19 +493,24 @@ impl Session {
             self.scene.match_strength = false;
             self.matches_by_itself = false;
         }
-        // How its picture is laid out was told once for all.
-        let told = self.environments.get(&path).and_then(|read| read.told);
+        // How a file is read is set once for all that it lights.
+        let known = self
+            .environments
+            .get(&path)
+            .map(|read| read.reading.clone());
         let light = self.side_mut(side);
         light.set_file(path);
-        light.layout = light.layout.or(told);
+        if let (Some(known), true) = (known, light.reading() == ImageReading::default()) {
+            light.set_reading(&known);
+        }
     }
 
-    /// Tells how the picture of a side's light is laid out, whatever else it lights.
-    pub fn set_layout(&mut self, side: usize, layout: Option<Layout>) {
+    /// Sets how the file of a side's light is read, whatever else it lights.
+    pub fn set_reading(&mut self, side: usize, reading: &ImageReading) {
         let file = self.side_mut(side).file.clone();
         for light in self.scene.environment_lights_mut() {
             if light.file == file {
-                light.layout = layout;
+                light.set_reading(reading);
             }
         }
     }
@@ -501,7 +521,7 @@ impl Session {
         let shown: Vec<&Path> = lights.filter_map(|l| l.file.as_deref()).collect();
         for path in &shown {
             self.environments
-                .request_as(path, self.scene.layout_of(path));
+                .request_as(path, &self.scene.reading_of(path));
         }
         let next = std::iter::from_fn(|| self.environments.next(&shown));
         for path in next.collect::<Vec<_>>() {
@@ -518,8 +538,8 @@ impl Session {
     fn start_light(&mut self, path: PathBuf) {
         let background = self.background.clone();
         let label = tr_format!("reading {}", light_name(&path));
-        let (file, told) = (path.clone(), self.scene.layout_of(&path));
-        let work = move |_: &_| Environment::load(&background, &file, told);
+        let (file, reading) = (path.clone(), self.scene.reading_of(&path));
+        let work = move |_: &_| Environment::load(&background, &file, reading);
         self.start_or_else(Kind::Light, label, work, move |session, read| match read {
             Ok(read) => {
                 session.stages.project_environment += 1;
@@ -533,7 +553,7 @@ impl Session {
             }
             Err(why) => {
                 session.environments.has_read(&path, None);
-                session.error(format!("{why:#}"));
+                session.error(of_error(&why));
                 session.take_back(&path);
                 // One that cannot be read as it was told is a light all the same.
                 if session.environments.get(&path).is_none() {

@@ -32,6 +32,7 @@ use super::object::{
     Surroundings, TogetherKey,
 };
 use crate::pipeline::bake::Baked;
+use crate::words::of_error;
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
@@ -609,7 +610,7 @@ impl Session {
     ) {
         self.start_or_else(kind, label, work, |session, result| match result {
             Ok(made) => take(session, made),
-            Err(error) => session.error(format!("{error:#}")),
+            Err(error) => session.error(of_error(&error)),
         });
     }
 
@@ -640,7 +641,7 @@ impl Session {
                 object.asset = Some(asset.path.clone());
                 let light = &state.source.light;
                 object.source.file = Some(light.path.clone());
-                object.source.layout = light.told;
+                object.source.set_reading(&light.reading);
             }
         }
         let light = &self.environment.light;
@@ -651,7 +652,7 @@ impl Session {
             scene.environment.without_suns = of_last.without_suns;
         }
         scene.environment.file = Some(light.path.clone());
-        scene.environment.layout = light.told;
+        scene.environment.set_reading(&light.reading);
         scene.camera = Some(self.pose);
         scene
     }

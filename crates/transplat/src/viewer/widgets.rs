@@ -137,26 +137,26 @@ pub fn angle(ui: &mut Ui, label: &str, tip: &str, value: &mut f64) -> Response {
 }
 
 /// A choice of few; a double click on its name takes the first of them, the default.
-pub fn choice<T: PartialEq + Copy>(
+pub fn choice<T: PartialEq + Clone>(
     ui: &mut Ui,
     label: &str,
     text: &str,
     value: &mut T,
     options: &[(&str, T)],
 ) -> bool {
-    let before = *value;
+    let before = value.clone();
     let chosen = options.iter().find(|(_, v)| *v == before);
     let chosen = chosen.map_or("", |(name, _)| name);
     ui.horizontal(|ui| {
         let label = name(ui, label);
         if is_double_clicked(ui, &label) {
-            *value = options[0].1;
+            *value = options[0].1.clone();
         }
         let list = egui::ComboBox::from_id_salt(label.id)
             .selected_text(chosen)
             .show_ui(ui, |ui| {
                 for (name, option) in options {
-                    ui.selectable_value(value, *option, *name);
+                    ui.selectable_value(value, option.clone(), *name);
                 }
             });
         tip(list.response.labelled_by(label.id), text);

@@ -17,8 +17,8 @@ const CAMERAS: [&str; 2] = ["cameras.bin", "cameras.txt"];
 /// The most bytes of either file: poses and the points seen in each picture.
 const MOST_BYTES: u64 = 1 << 31;
 
-/// The lenses that COLMAP knows, by number: their names, how many numbers each has, and whether it has two focal lengths.
-const MODELS: [(&str, usize, bool); 11] = [
+/// The lenses that are read, by their number in COLMAP: their names, how many numbers each has, and whether it has two focal lengths.
+const MODELS: [(&str, usize, bool); 14] = [
     ("SIMPLE_PINHOLE", 3, false),
     ("PINHOLE", 4, true),
     ("SIMPLE_RADIAL", 4, false),
@@ -30,6 +30,9 @@ const MODELS: [(&str, usize, bool); 11] = [
     ("SIMPLE_RADIAL_FISHEYE", 4, false),
     ("RADIAL_FISHEYE", 5, false),
     ("THIN_PRISM_FISHEYE", 12, true),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16, true),
+    ("SIMPLE_DIVISION", 4, false),
+    ("DIVISION", 5, true),
 ];
 
 struct Lens {
@@ -67,8 +70,11 @@ pub fn load(folder: &Path) -> Result<CameraFile> {
     } else {
         (text_lenses(&lens_bytes), text_pictures(&picture_bytes))
     };
-    let cameras = cameras.ok_or_else(|| Error::invalid(&lenses, "no list of COLMAP cameras"))?;
-    let images = images.ok_or_else(|| Error::invalid(&pictures, "no list of COLMAP images"))?;
+    let no_list = |path: &Path, of: &str, why: String| {
+        Error::invalid(path, format!("no list of COLMAP {of}: {why}"))
+    };
+    let cameras = cameras.map_err(|why| no_list(&lenses, "cameras", why))?;
+    let images = images.map_err(|why| no_list(&pictures, "images", why))?;
     if images.is_empty() {
         return Err(Error::invalid(&pictures, "holds no frames"));
     }
@@ -85,6 +91,8 @@ pub fn load(folder: &Path) -> Result<CameraFile> {
     Ok(CameraFile {
         frames,
         warnings: off.warnings(&lenses),
+        path: pictures,
+        placements: Vec::new(),
     })
 }
 
@@ -93,7 +101,7 @@ fn frame(
     lens: &Lens,
     off: &mut Offsets,
 ) -> std::result::Result<CameraFrame, &'static str> {
-    let (_, count, has_two) = MODELS[lens.model];
+    let (name, count, has_two) = MODELS[lens.model];
     let numbers = &lens.numbers;
     if numbers.len() != count || lens.size.iter().any(|s| !(1..65536).contains(s)) {
         return Err("its camera is broken");
@@ -105,6 +113,9 @@ fn frame(
         return Err("its camera's focal length is no length");
     }
     off.center(lens.size, [rest[0], rest[1]]);
+    if name.contains("FISHEYE") || name == "FOV" {
+        off.other_lens(name, fov_x);
+    }
     off.distorted |= rest[2..].iter().any(|k| k.abs() > 1e-6);
     off.stretched |= (other / focal - 1.0).abs() > UNSEEN;
     let [w, x, y, z] = image.turn;
@@ -124,49 +135,108 @@ fn frame(
     })
 }
 
-fn text_lenses(bytes: &[u8]) -> Option<HashMap<i64, Lens>> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    let lines = text
-        .lines()
-        .filter(|l| !l.starts_with('#') && !l.trim().is_empty());
+type Read<T> = std::result::Result<T, String>;
+
+/// Lines that say something, with their numbers from 1.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, String)> {
+    let lines = bytes.split(|b| *b == b'\n').enumerate();
+    let lines = lines.map(|(i, line)| (i + 1, String::from_utf8_lossy(line).trim().to_owned()));
+    lines.filter(|(_, line)| !line.starts_with('#') && *line != "\u{feff}")
+}
+
+fn text_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
+    let lines = lines(bytes).filter(|(_, line)| !line.is_empty());
     lines
-        .map(|line| {
+        .map(|(at, line)| {
+            let broken =
+                || format!("line {at} is no camera (number, model, width, height, parameters)");
             let mut words = line.split_whitespace();
-            let id = words.next()?.parse().ok()?;
-            let name = words.next()?;
-            let model = MODELS.iter().position(|(known, ..)| *known == name)?;
-            let size = [words.next()?.parse().ok()?, words.next()?.parse().ok()?];
-            let numbers = words.map(|w| w.parse().ok()).collect::<Option<_>>()?;
+            let id = words
+                .next()
+                .and_then(|w| w.parse().ok())
+                .ok_or_else(broken)?;
+            let name = words.next().ok_or_else(broken)?;
+            let model = MODELS.iter().position(|(known, ..)| *known == name);
+            let model = model.ok_or_else(|| format!("line {at}: {}", unknown_lens(name)))?;
+            let mut edge = || words.next()?.parse().ok();
+            let size = [edge().ok_or_else(broken)?, edge().ok_or_else(broken)?];
+            let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok()).collect();
             let lens = Lens {
                 model,
                 size,
-                numbers,
+                numbers: numbers.ok_or_else(broken)?,
             };
-            Some((id, lens))
+            Ok((id, lens))
         })
         .collect()
 }
 
-/// Every other line is of the points in a picture, and may be empty.
-fn text_pictures(bytes: &[u8]) -> Option<Vec<Picture>> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    let lines = text.lines().filter(|l| !l.starts_with('#'));
-    let poses = lines.step_by(2).filter(|l| !l.trim().is_empty());
-    poses
-        .map(|line| {
-            let mut words = line.trim().splitn(10, ' ');
-            words.next()?;
-            let mut number = || words.next()?.parse::<f64>().ok();
-            let turn = [number()?, number()?, number()?, number()?];
-            let origin = [number()?, number()?, number()?];
-            Some(Picture {
-                turn,
-                origin,
-                lens: words.next()?.parse().ok()?,
-                name: words.next()?.to_owned(),
-            })
-        })
-        .collect()
+fn unknown_lens(name: &str) -> String {
+    let known: Vec<&str> = MODELS.iter().map(|(known, ..)| *known).collect();
+    format!(
+        "the lens {name} is not known; undistort the images (colmap image_undistorter), or use one of {}",
+        known.join(", ")
+    )
+}
+
+/// A line of the points that are seen in an image: numbers by threes, or none.
+fn is_of_points(line: &str) -> bool {
+    let count = line.split_whitespace().count();
+    count.is_multiple_of(3)
+        && line
+            .split_whitespace()
+            .all(|word| word.parse::<f64>().is_ok())
+}
+
+/// Lines of images, each of which may be followed by one of the points in it.
+fn text_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
+    let mut pictures = Vec::new();
+    let mut points_may_follow = false;
+    for (at, line) in lines(bytes) {
+        if line.is_empty() || points_may_follow && is_of_points(&line) {
+            points_may_follow = false;
+            continue;
+        }
+        let broken =
+            || format!("line {at} is no image (number, quaternion, translation, camera, name)");
+        pictures.push(text_picture(&line).ok_or_else(broken)?);
+        points_may_follow = true;
+    }
+    // As COLMAP counts them in its comments.
+    let text = String::from_utf8_lossy(bytes);
+    let claimed = text
+        .lines()
+        .find_map(|l| l.strip_prefix("# Number of images: "));
+    let claimed = claimed.and_then(|l| l.split(',').next()?.trim().parse::<usize>().ok());
+    match claimed.filter(|n| *n != pictures.len()) {
+        Some(claimed) => Err(format!(
+            "it says that it holds {claimed} images, and {} are in it",
+            pictures.len()
+        )),
+        None => Ok(pictures),
+    }
+}
+
+fn text_picture(line: &str) -> Option<Picture> {
+    // A name may hold spaces, and what stands before it any number of them.
+    let mut rest = line;
+    let mut word = || {
+        let (word, after) = rest.trim_start().split_once(char::is_whitespace)?;
+        rest = after;
+        Some(word)
+    };
+    word()?.parse::<i64>().ok()?;
+    let mut number = || word()?.parse::<f64>().ok();
+    let turn = [number()?, number()?, number()?, number()?];
+    let origin = [number()?, number()?, number()?];
+    let lens = word()?.parse().ok()?;
+    let name = rest.trim();
+    (!name.is_empty()).then(|| Picture {
+        turn,
+        origin,
+        lens,
+        name: name.to_owned(),
+    })
 }
 
 /// Little-endian numbers from the front.
@@ -204,43 +274,53 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn binary_lenses(bytes: &[u8]) -> Option<HashMap<i64, Lens>> {
+fn binary_lenses(bytes: &[u8]) -> Read<HashMap<i64, Lens>> {
     let mut reader = Reader(bytes);
+    let cut = || "it ends too early".to_owned();
     let mut lenses = HashMap::new();
-    for _ in 0..reader.u64()? {
-        let (id, model) = (reader.i32()?, usize::try_from(reader.i32()?).ok()?);
-        let size = [reader.u64()?, reader.u64()?];
-        let (_, count, _) = MODELS.get(model)?;
-        let numbers = (0..*count).map(|_| reader.f64()).collect::<Option<_>>()?;
+    for _ in 0..reader.u64().ok_or_else(cut)? {
+        let id = reader.i32().ok_or_else(cut)?;
+        let number = reader.i32().ok_or_else(cut)?;
+        let model = usize::try_from(number).ok().filter(|m| *m < MODELS.len());
+        let model = model.ok_or_else(|| unknown_lens(&format!("of number {number}")))?;
+        let mut edge = || reader.u64().ok_or_else(cut);
+        let size = [edge()?, edge()?];
+        let count = MODELS[model].1;
+        let numbers: Option<Vec<f64>> = (0..count).map(|_| reader.f64()).collect();
         let lens = Lens {
             model,
             size,
-            numbers,
+            numbers: numbers.ok_or_else(cut)?,
         };
         lenses.insert(id, lens);
     }
-    Some(lenses)
+    Ok(lenses)
 }
 
-fn binary_pictures(bytes: &[u8]) -> Option<Vec<Picture>> {
+fn binary_pictures(bytes: &[u8]) -> Read<Vec<Picture>> {
     let mut reader = Reader(bytes);
+    let cut = || "it ends too early".to_owned();
     let mut pictures = Vec::new();
-    for _ in 0..reader.u64()? {
-        reader.i32()?;
-        let mut number = || reader.f64();
-        let turn = [number()?, number()?, number()?, number()?];
-        let origin = [number()?, number()?, number()?];
-        let (lens, name) = (reader.i32()?, reader.text()?);
-        let points = reader.u64()?;
-        reader.skip(points.checked_mul(24)?)?;
-        pictures.push(Picture {
-            turn,
-            origin,
-            lens,
-            name,
-        });
+    for _ in 0..reader.u64().ok_or_else(cut)? {
+        pictures.push(binary_picture(&mut reader).ok_or_else(cut)?);
     }
-    Some(pictures)
+    Ok(pictures)
+}
+
+fn binary_picture(reader: &mut Reader<'_>) -> Option<Picture> {
+    reader.i32()?;
+    let mut number = || reader.f64();
+    let turn = [number()?, number()?, number()?, number()?];
+    let origin = [number()?, number()?, number()?];
+    let (lens, name) = (reader.i32()?, reader.text()?);
+    let points = reader.u64()?;
+    reader.skip(points.checked_mul(24)?)?;
+    Some(Picture {
+        turn,
+        origin,
+        lens,
+        name,
+    })
 }
 
 #[cfg(test)]
@@ -328,6 +408,50 @@ mod tests {
         assert!((y - 57.0).abs() < 1e-3, "{y}");
         let by_file = load_cameras(&text.path().join("images.txt")).expect("a model");
         assert_eq!(by_file.frames, a.frames);
+    }
+
+    /// Points may be left out of any image, and names hold spaces.
+    #[test]
+    fn images_without_points_are_all_there() {
+        let images: String = (1..=3)
+            .map(|i| format!("{i} 1 0 0 0  0 0 {i} 1 view {i} (402).jpg\n"))
+            .collect();
+        let with_some = images.replacen("1 (402).jpg\n", "1 (402).jpg\n10.5 20.5 -1\n", 1);
+        for text in [&images, &with_some] {
+            let model = folder(LENSES.as_bytes(), text.as_bytes(), 1);
+            let file = load_cameras(model.path()).expect("a model");
+            let names = file.frames.iter().filter_map(|f| f.picture.as_deref());
+            let expected = ["view 1 (402).jpg", "view 2 (402).jpg", "view 3 (402).jpg"];
+            assert_eq!(names.collect::<Vec<_>>(), expected);
+        }
+        let fewer = format!("# Number of images: 4, mean observations per image: 0\n{images}");
+        let model = folder(LENSES.as_bytes(), fewer.as_bytes(), 1);
+        let why = load_cameras(model.path())
+            .expect_err("one is missing")
+            .to_string();
+        assert!(why.contains("4 images, and 3"), "{why}");
+    }
+
+    #[test]
+    fn a_project_is_found_and_an_unknown_lens_named() {
+        let project = tempfile::tempdir().expect("a folder");
+        let model = project.path().join("sparse/0");
+        std::fs::create_dir_all(&model).expect("room");
+        let write = |name: &str, text: &str| std::fs::write(model.join(name), text).expect("room");
+        write("images.txt", PICTURES);
+        write("cameras.txt", LENSES);
+        assert_eq!(
+            load_cameras(project.path()).expect("a model").frames.len(),
+            2
+        );
+        write("cameras.txt", &LENSES.replace("OPENCV", "SPIRAL"));
+        let why = load_cameras(project.path())
+            .expect_err("no lens")
+            .to_string();
+        assert!(why.contains("the lens SPIRAL is not known"), "{why}");
+        write("cameras.txt", &LENSES.replace("OPENCV", "OPENCV_FISHEYE"));
+        let file = load_cameras(project.path()).expect("a model");
+        assert!(file.warnings[0].contains("OPENCV_FISHEYE is drawn as a pinhole"));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use glam::{Mat3, Quat, Vec2, Vec3};
 
 use super::*;
 use crate::color::Encoding;
-use crate::files::{AssetFile, file_kind, load_asset, write_relit, write_splat};
+use crate::files::{AssetFile, FileKind, file_kind, load_asset, write_relit, write_splat};
 use crate::sh::coefficient_count;
 use crate::surfels::Thickness;
 use crate::synthetic;
@@ -149,10 +149,7 @@ fn formats_are_known_by_what_they_hold() {
         std::fs::copy(&made.name, &other).expect("room for it");
         let (_, asset) = load_asset(&other).expect("the same");
         assert_eq!(asset.format, format, "{ending}");
-        assert!(matches!(
-            file_kind(&other),
-            Ok(crate::files::FileKind::Splat(_))
-        ));
+        assert!(matches!(file_kind(&other), Ok(FileKind::Splat(_))));
         assert_eq!(SplatFormat::of_name(&made.name), Some(format));
     }
 }
@@ -237,4 +234,95 @@ fn a_made_up_count_allocates_nothing() {
             .to_string();
         assert!(message.contains("claims"), "{message}");
     }
+}
+
+/// One splat in a gzip stream or an archive, in whatever folder, is that splat; and it is written again from there.
+#[test]
+fn what_packs_one_splat_is_that_splat() {
+    let cloud = gaussians(40, 0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let plain = folder.path().join("splat.ply");
+    write_splat(&cloud, &cloud.sh, &plain).expect("room for it");
+    let bytes = std::fs::read(&plain).expect("it is there");
+    let zip = |files: &[(&str, &[u8])]| {
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for (name, bytes) in files {
+            let options = zip::write::SimpleFileOptions::default();
+            archive.start_file(*name, options).expect("memory");
+            Write::write_all(&mut archive, bytes).expect("memory");
+        }
+        archive.finish().expect("memory").into_inner()
+    };
+    let (plain, _) = load_asset(&plain).expect("a good file");
+    let packed = [
+        spz::tests::gzip(&bytes),
+        zip(&[("scan/point_cloud.ply", &bytes)]),
+        zip(&[
+            ("__MACOSX/._a.ply", b"x"),
+            ("a.ply", &bytes),
+            (".DS_Store", b""),
+        ]),
+    ];
+    for packed in packed {
+        let path = folder.path().join("packed");
+        std::fs::write(&path, packed).expect("room for it");
+        assert_eq!(
+            file_kind(&path).ok(),
+            Some(FileKind::Splat(SplatFormat::Ply))
+        );
+        let (back, asset) = load_asset(&path).expect("a good file");
+        assert_eq!(back.positions, plain.positions);
+        let out = folder.path().join("out.ply");
+        write_relit(&asset, &back, &back.sh, &out).expect("room for it");
+        assert_eq!(std::fs::read(&out).ok().as_deref(), Some(&bytes[..]));
+    }
+    let several = zip(&[("a.ply", &bytes), ("b.ply", &bytes)]);
+    let path = folder.path().join("several");
+    std::fs::write(&path, several).expect("room for it");
+    let why = load_asset(&path).expect_err("two").to_string();
+    assert!(
+        why.contains("2 files") && why.contains("a.ply, b.ply"),
+        "{why}"
+    );
+}
+
+/// A bundle may have its files in a folder, and another word for the degree of its palette.
+#[test]
+fn a_bundle_is_found_below_a_folder() {
+    let (made, cloud, _) = through(&gaussians(40, 1), ".sog");
+    let file = std::fs::File::open(&made.name).expect("it is there");
+    let mut archive = zip::ZipArchive::new(file).expect("a bundle");
+    let mut below = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for i in 0..archive.len() {
+        let mut file = archive.by_index(i).expect("a file");
+        let mut bytes = Vec::new();
+        std::io::Read::read_to_end(&mut file, &mut bytes).expect("whole");
+        let name = format!("scene/{}", file.name().expect("a name"));
+        if name.ends_with("meta.json") {
+            let text = String::from_utf8(bytes).expect("text");
+            assert!(text.contains("\"bands\":1"), "{text}");
+            bytes = text.replace("\"bands\":1", "\"bands\":0").into();
+        }
+        let options = zip::write::SimpleFileOptions::default();
+        below.start_file(name, options).expect("memory");
+        Write::write_all(&mut below, &bytes).expect("memory");
+    }
+    let bytes = below.finish().expect("memory").into_inner();
+    let path = made.folder.path().join("below.zip");
+    std::fs::write(&path, bytes).expect("room for it");
+    let (back, _) = load_asset(&path).expect("a good file");
+    assert_eq!((back.len(), back.sh_degree), (cloud.len(), 1));
+}
+
+#[test]
+fn a_streamed_bundle_names_its_parts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("lod-meta.json");
+    let text = r#"{"lodLevels": 3, "filenames": ["0_0/meta.json", "1_0/meta.json"], "tree": {}}"#;
+    std::fs::write(&path, text).expect("room for it");
+    let why = load_asset(&path).expect_err("a list of parts").to_string();
+    assert!(
+        why.contains("3 levels") && why.contains("0_0/meta.json"),
+        "{why}"
+    );
 }

@@ -15,9 +15,17 @@ pub(super) struct BufferView {
     byte_offset: usize,
     byte_length: usize,
     byte_stride: Option<usize>,
+    #[serde(default)]
+    extensions: serde_json::Map<String, serde_json::Value>,
 }
 
 impl BufferView {
+    /// The extension that its bytes are compressed by.
+    pub fn compression(&self) -> Option<&str> {
+        let mut names = self.extensions.keys().map(String::as_str);
+        names.find(|name| name.contains("compression"))
+    }
+
     /// Its bytes, if they are there.
     pub fn bytes<'a>(&self, buffers: &'a [Cow<'_, [u8]>]) -> Option<&'a [u8]> {
         let end = self.byte_offset.checked_add(self.byte_length)?;

@@ -96,10 +96,46 @@ fn what_the_drafts_and_linear_files_hold_is_the_same() {
     assert!((linear.sh[0][0] / SQRT_4PI as f32 - shown).abs() < 1e-6);
 }
 
+/// A node may mirror and stretch, and lie as far from the origin as a georeferenced one.
+#[test]
+fn a_node_may_be_any_linear_map_anywhere() {
+    let placed = changed(|d| {
+        d["nodes"] = json!([{"mesh": 0, "scale": [-2, 1, 1], "translation": [4.5e6, 0.25, 7.0]}]);
+    });
+    let placed = placed.expect("a good file");
+    assert_eq!(placed.origin.x, 4.5e6 - 1.0);
+    let at = |place: [f64; 3]| (DVec3::from_array(place) - placed.origin).as_vec3();
+    assert!(holds(&placed, at([4.5e6 - 2.0, 0.25, 7.0])) && holds(&placed, at([4.5e6, 1.25, 7.0])));
+    assert!((placed.scales[0].max_element() - 0.2).abs() < 1e-6);
+    assert!((placed.scales[0].min_element() - 0.1).abs() < 1e-6);
+}
+
+#[test]
+fn a_buffer_is_found_below_whatever_codes_its_name_has() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let inner = folder.path().join("buffers of it");
+    std::fs::create_dir(&inner).expect("room for it");
+    std::fs::write(inner.join("a é.bin"), b"bytes").expect("room for it");
+    for uri in [
+        "buffers%20of%20it/a%20%C3%A9.bin",
+        "./buffers of it/a é.bin",
+    ] {
+        let file = below(folder.path(), uri).expect("within");
+        assert_eq!(
+            std::fs::read(file).ok().as_deref(),
+            Some(&b"bytes"[..]),
+            "{uri}"
+        );
+    }
+    for uri in ["../a.bin", "/a.bin", "a/../../b", "%2E%2E/a", ""] {
+        assert_eq!(below(folder.path(), uri), None, "{uri}");
+    }
+}
+
 #[test]
 fn broken_documents_are_refused_with_a_reason() {
     type Change = fn(&mut Value);
-    let cases: [(Change, &str); 8] = [
+    let cases: [(Change, &str); 11] = [
         (
             |d| d["nodes"] = json!([{"mesh": 0, "children": [0]}]),
             "without end",
@@ -113,12 +149,31 @@ fn broken_documents_are_refused_with_a_reason() {
             "without end",
         ),
         (
-            |d| d["nodes"] = json!([{"mesh": 0, "scale": [1, 2, 1]}]),
-            "stretches",
+            |d| d["nodes"] = json!([{"mesh": 0, "scale": [1, 0, 1]}]),
+            "flattens",
         ),
         (
-            |d| d["nodes"] = json!([{"mesh": 0, "scale": [-1, 1, 1]}]),
-            "mirrors",
+            |d| d["extensionsRequired"] = json!(["EXT_of_tomorrow"]),
+            "EXT_of_tomorrow",
+        ),
+        (
+            |d| {
+                let compressed = json!({"buffer": 1, "byteLength": 9, "mode": "ATTRIBUTES"});
+                d["buffers"]
+                    .as_array_mut()
+                    .expect("a list")
+                    .push(json!({"byteLength": 9}));
+                d["bufferViews"][0]["extensions"] = json!({"EXT_meshopt_compression": compressed});
+            },
+            "EXT_meshopt_compression",
+        ),
+        (
+            |d| d["buffers"] = json!([{"uri": "../a.bin"}]),
+            "not in its folder",
+        ),
+        (
+            |d| d["buffers"] = json!([{"uri": "%2e%2e/a.bin"}]),
+            "not in its folder",
         ),
         (|d| d["nodes"] = json!([{"mesh": 9}]), "mesh"),
         (

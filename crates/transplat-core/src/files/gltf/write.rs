@@ -75,12 +75,17 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
     });
     let mut extensions = Map::new();
     extensions.insert(EXTENSION.into(), extension);
+    // Far from the origin, where 32 bits of float would not do, it is the node that is there.
+    let node = match splat.cloud.origin {
+        glam::DVec3::ZERO => json!({"mesh": 0}),
+        origin => json!({"mesh": 0, "translation": origin.to_array()}),
+    };
     let document: Value = json!({
         "asset": {"version": "2.0", "generator": concat!("transplat ", env!("CARGO_PKG_VERSION"))},
         "extensionsUsed": [EXTENSION],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [node],
         "meshes": [{"primitives": [{"mode": 0, "attributes": attributes, "extensions": extensions}]}],
         "accessors": accessors,
         "bufferViews": views,
@@ -108,7 +113,7 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
             bytes.extend(numbers.into_iter().flat_map(f32::to_le_bytes));
         })
     };
-    each(&|g, v| v.extend(g.position))?;
+    each(&|g, v| v.extend(g.place.to_array()))?;
     each(&|g, v| {
         let [w, x, y, z] = g.rotation;
         v.extend([x, y, z, w]);

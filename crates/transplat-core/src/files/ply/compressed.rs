@@ -20,7 +20,7 @@ use crate::sh::coefficient_count;
 pub(in crate::files) const MAX_DEGREE: usize = 3;
 
 /// Gaussians that share ranges.
-const CHUNK: usize = 256;
+pub(in crate::files) const CHUNK: usize = 256;
 
 /// Bits of x, y and z, of positions and of scales.
 const BITS: [u32; 3] = [11, 10, 11];
@@ -131,7 +131,7 @@ pub(super) fn read(
         }
         let component = |shift: u32| component(share(rotation >> shift & 0x3ff, 10));
         StoredRow {
-            position: unpack(position, positions),
+            position: unpack(position, positions).map(f64::from),
             rotation: with_largest(
                 (rotation >> 30) as usize,
                 [component(20), component(10), component(0)],
@@ -216,7 +216,7 @@ fn coefficient_byte(value: f32) -> u8 {
 /// What is packed of a Gaussian within the ranges of its chunk.
 fn packed_values(g: &Gaussian<'_>) -> [[f32; 3]; 3] {
     let logs = g.log_scales.map(|l| l.clamp(-MAX_LOG, MAX_LOG));
-    [g.position, logs, g.sh[0].map(color_of_dc)]
+    [g.position.map(|v| v as f32), logs, g.sh[0].map(color_of_dc)]
 }
 
 /// Writes a splat.

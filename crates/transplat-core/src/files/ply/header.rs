@@ -50,21 +50,36 @@ impl ScalarType {
         }
     }
 
+    /// What an integer has for 1 where it stands for a share, as in colours; of a float, 1.
+    pub(crate) fn most(self) -> f32 {
+        match self {
+            Self::I8 => f32::from(i8::MAX),
+            Self::U8 => f32::from(u8::MAX),
+            Self::I16 => f32::from(i16::MAX),
+            Self::U16 => f32::from(u16::MAX),
+            Self::I32 => i32::MAX as f32,
+            Self::U32 => u32::MAX as f32,
+            Self::F32 | Self::F64 => 1.0,
+        }
+    }
+
     pub(crate) fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The same as [`ScalarType::read`] in double precision.
+    pub(crate) fn read_f64(self, bytes: &[u8], big_endian: bool) -> f64 {
+        match self {
+            Self::F64 => f64::from_le_bytes(array(bytes, big_endian)),
+            Self::I32 => f64::from(i32::from_le_bytes(array(bytes, big_endian))),
+            Self::U32 => f64::from(u32::from_le_bytes(array(bytes, big_endian))),
+            other => other.read(bytes, big_endian).into(),
+        }
     }
 
     /// Reads one value from the start of `bytes`, which is long enough.
     #[inline(always)]
     pub(crate) fn read(self, bytes: &[u8], big_endian: bool) -> f32 {
-        fn array<const N: usize>(bytes: &[u8], big_endian: bool) -> [u8; N] {
-            let mut a = [0; N];
-            a.copy_from_slice(&bytes[..N]);
-            if big_endian {
-                a.reverse();
-            }
-            a
-        }
         match self {
             Self::I8 => f32::from(bytes[0] as i8),
             Self::U8 => f32::from(bytes[0]),
@@ -77,18 +92,35 @@ impl ScalarType {
         }
     }
 
-    /// Writes one value, the inverse of [`ScalarType::read`] for the two float types.
-    pub(crate) fn write_float(self, value: f32, bytes: &mut [u8], big_endian: bool) {
+    /// Writes one value, the inverse of [`ScalarType::read`]; integers are rounded, and held to their range.
+    pub(crate) fn write(self, value: f32, bytes: &mut [u8], big_endian: bool) {
         let bytes = &mut bytes[..self.size()];
-        if self == Self::F64 {
-            bytes.copy_from_slice(&f64::from(value).to_le_bytes());
-        } else {
-            bytes.copy_from_slice(&value.to_le_bytes());
+        let rounded = value.round();
+        match self {
+            Self::I8 => bytes.copy_from_slice(&(rounded as i8).to_le_bytes()),
+            Self::U8 => bytes.copy_from_slice(&(rounded as u8).to_le_bytes()),
+            Self::I16 => bytes.copy_from_slice(&(rounded as i16).to_le_bytes()),
+            Self::U16 => bytes.copy_from_slice(&(rounded as u16).to_le_bytes()),
+            Self::I32 => bytes.copy_from_slice(&(rounded as i32).to_le_bytes()),
+            Self::U32 => bytes.copy_from_slice(&(rounded as u32).to_le_bytes()),
+            Self::F32 => bytes.copy_from_slice(&value.to_le_bytes()),
+            Self::F64 => bytes.copy_from_slice(&f64::from(value).to_le_bytes()),
         }
         if big_endian {
             bytes.reverse();
         }
     }
+}
+
+/// The first bytes as a number has them in memory.
+#[inline(always)]
+fn array<const N: usize>(bytes: &[u8], big_endian: bool) -> [u8; N] {
+    let mut a = [0; N];
+    a.copy_from_slice(&bytes[..N]);
+    if big_endian {
+        a.reverse();
+    }
+    a
 }
 
 /// A scalar property.
@@ -207,7 +239,11 @@ impl Header {
     pub(crate) fn parse(reader: &mut impl BufRead) -> Result<Self, String> {
         let mut parser = Parser::default();
         let mut bytes = 0;
-        if read_line(reader, &mut bytes)?.trim() != "ply" {
+        if read_line(reader, &mut bytes)?
+            .trim_start_matches('\u{feff}')
+            .trim()
+            != "ply"
+        {
             return Err("does not begin with \"ply\"".into());
         }
         loop {
@@ -229,7 +265,9 @@ fn read_line(reader: &mut impl BufRead, total: &mut usize) -> Result<String, Str
     if line.last() != Some(&b'\n') {
         return Err("the header has no end_header line".into());
     }
-    String::from_utf8(line).map_err(|_| "the header is not text".into())
+    // Comments are in whatever encoding their writer had; each byte of another one is some character.
+    Ok(String::from_utf8(line)
+        .unwrap_or_else(|e| e.into_bytes().into_iter().map(char::from).collect()))
 }
 
 #[derive(Default)]

@@ -2,6 +2,8 @@
 
 use std::io::Write;
 
+use glam::DVec3;
+
 use super::comments::write_comments;
 use crate::files::packed::logit;
 use crate::files::written::{MATERIAL, Written};
@@ -33,13 +35,25 @@ pub(in crate::files) fn write(splat: &Written<'_>, out: &mut impl Write) -> std:
             .collect(),
     });
     let names = names.chain(shape.map(String::from));
+    // What 32 bits of float would round, is written in 64.
+    let is_wide = splat.cloud.origin != DVec3::ZERO;
     for name in names.chain(of_material) {
-        writeln!(out, "property float {name}")?;
+        let is_position = ["x", "y", "z"].contains(&&*name);
+        let scalar = if is_position && is_wide {
+            "double"
+        } else {
+            "float"
+        };
+        writeln!(out, "property {scalar} {name}")?;
     }
     writeln!(out, "end_header")?;
     splat.write_each(out, |g, bytes| {
+        if is_wide {
+            bytes.extend(g.position.iter().flat_map(|v| v.to_le_bytes()));
+        } else {
+            bytes.extend(g.position.iter().flat_map(|v| (*v as f32).to_le_bytes()));
+        }
         let mut put = |v: f32| bytes.extend(v.to_le_bytes());
-        g.position.into_iter().for_each(&mut put);
         g.normal.into_iter().for_each(&mut put);
         g.sh[0].into_iter().for_each(&mut put);
         for c in 0..3 {

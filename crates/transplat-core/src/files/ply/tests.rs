@@ -193,8 +193,13 @@ fn a_few_broken_rows_are_left_out_and_many_refused() {
     for row in &mut table[..20] {
         row[4].1 = f32::NAN;
     }
+    let (_, asset) = load_bytes(&write(&table, Format::LittleEndian, false)).expect("four fifths");
+    assert_eq!(asset.report.left_out.len(), 20);
+    for row in &mut table[..95] {
+        row[4].1 = f32::NAN;
+    }
     let message = load_bytes(&write(&table, Format::LittleEndian, false))
-        .expect_err("a fifth is broken")
+        .expect_err("nothing is left")
         .to_string();
     assert!(message.contains("no numbers"), "{message}");
 }
@@ -242,4 +247,222 @@ fn the_smoothing_filter_of_mip_splatting_widens_and_fades() {
     let share: f32 = scales.iter().zip(wide).map(|(s, w)| s / w).product();
     assert!((cloud.opacities[0] - 0.5 * share).abs() < 1e-6);
     assert!(cloud.thicknesses[0].is_antialiased());
+}
+
+/// Names and values of `n` rows in ascii, each value by its row.
+fn ascii(properties: &[&str], n: usize, row: impl Fn(usize) -> Vec<f64>) -> String {
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {n}\n");
+    for property in properties {
+        text += &format!("property {property}\n");
+    }
+    text += "end_header\n";
+    for i in 0..n {
+        let values: Vec<String> = row(i).iter().map(f64::to_string).collect();
+        text += &format!("{}\n", values.join(" "));
+    }
+    text
+}
+
+const SPLAT: [&str; 14] = [
+    "double x",
+    "double y",
+    "double z",
+    "float f_dc_0",
+    "float f_dc_1",
+    "float f_dc_2",
+    "float opacity",
+    "float scale_0",
+    "float scale_1",
+    "float scale_2",
+    "float rot_0",
+    "float rot_1",
+    "float rot_2",
+    "float rot_3",
+];
+
+/// A row of [`SPLAT`] somewhere on a sphere of radius 1.
+fn on_sphere(i: usize, opacity: f64, scales: [f64; 3]) -> Vec<f64> {
+    let place = crate::sh::lattice(200)[i].as_dvec3().to_array();
+    let mut row = [&place[..], &[0.1, 0.2, 0.3, opacity], &scales].concat();
+    row.extend([1.0, 0.0, 0.0, 0.0]);
+    row
+}
+
+/// Comments are in any encoding and are kept, and a byte order mark is none of the file's.
+#[test]
+fn a_header_is_in_whatever_encoding_its_writer_had() {
+    let text = ascii(&SPLAT, 3, |i| on_sphere(i, 2.0, [-3.0; 3]));
+    let comment = b"comment made in Z\xfcrich\n";
+    let (head, rest) = text.split_once("element").expect("a header");
+    for start in [&b"\xef\xbb\xbf"[..], b""] {
+        let bytes = [start, head.as_bytes(), comment, b"element", rest.as_bytes()].concat();
+        let (cloud, asset) = load_bytes(&bytes).expect("a good file");
+        assert_eq!(cloud.len(), 3);
+        assert_eq!(asset.report.comments, ["made in Zürich"]);
+        let folder = tempfile::tempdir().expect("a folder");
+        let (path, out) = (folder.path().join("in.ply"), folder.path().join("out.ply"));
+        std::fs::write(&path, &bytes).expect("room for it");
+        let (cloud, asset) = load_asset(&path).expect("a good file");
+        crate::files::write_relit(&asset, &cloud, &cloud.sh, &out).expect("room for it");
+        let written = std::fs::read(&out).expect("it is there");
+        assert!(written.windows(comment.len()).any(|w| w == comment));
+    }
+}
+
+#[test]
+fn a_colour_as_it_is_shown_stands_for_the_lowest_band() {
+    let shown: Vec<&str> = SPLAT
+        .iter()
+        .filter(|p| !p.contains("f_dc"))
+        .copied()
+        .chain(["uchar red", "uchar green", "uchar blue"])
+        .collect();
+    let text = ascii(&shown, 4, |i| {
+        let mut row = on_sphere(i, 2.0, [-3.0; 3]);
+        row.drain(3..6);
+        row.extend([255.0, 51.0, 0.0]);
+        row
+    });
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, out) = (folder.path().join("in.ply"), folder.path().join("out.ply"));
+    std::fs::write(&path, &text).expect("room for it");
+    let (cloud, asset) = load_asset(&path).expect("a good file");
+    let color = cloud.sh_of(0)[0].map(super::super::packed::color_of_dc);
+    assert!(
+        (color[0] - 1.0).abs() < 1e-6 && (color[1] - 0.2).abs() < 1e-6,
+        "{color:?}"
+    );
+    // What is written again is what came in, and half as bright where it is relit so.
+    crate::files::write_relit(&asset, &cloud, &cloud.sh, &out).expect("room for it");
+    let same = std::fs::read_to_string(&out).expect("text");
+    assert!(
+        same.lines().last().is_some_and(|l| l.ends_with("255 51 0")),
+        "{same}"
+    );
+    let half = [dc_of_color(0.5); 3];
+    crate::files::write_relit(&asset, &cloud, &[half; 4], &out).expect("room for it");
+    let relit = std::fs::read_to_string(&out).expect("text");
+    assert!(
+        relit
+            .lines()
+            .last()
+            .is_some_and(|l| l.ends_with("128 128 128")),
+        "{relit}"
+    );
+}
+
+#[test]
+fn numbers_that_are_stored_otherwise_are_read_as_they_are_meant() {
+    let load = |opacity: f64, scales: [f64; 3]| {
+        let text = ascii(&SPLAT, 200, |i| on_sphere(i, opacity, scales));
+        let (cloud, asset) = load_bytes(text.as_bytes()).expect("a good file");
+        (cloud, asset.report)
+    };
+    // As trainers store it, whatever its unit is.
+    for scales in [[-3.0; 3], [0.5, 0.4, -2.0], [0.1, 0.2, 0.3]] {
+        let (cloud, report) = load(3.0, scales);
+        assert!(report.warnings.is_empty(), "{:?}", report.warnings);
+        let largest = scales.into_iter().fold(f64::MIN, f64::max).exp();
+        assert!((f64::from(cloud.scales[0].max_element()) - largest).abs() < 1e-3 * largest);
+    }
+    let (cloud, report) = load(0.9, [0.05, 0.05, 0.001]);
+    assert!(report.warnings[0].contains("already exponentiated"));
+    assert!((cloud.scales[0].x - 0.05).abs() < 1e-6 && (cloud.opacities[0] - 0.9).abs() < 1e-6);
+    let (cloud, report) = load(3.0, [-3.0, -3.0, 0.0]);
+    assert!(report.warnings[0].contains("2D surfels"));
+    assert!(cloud.thicknesses.iter().all(|t| t.is_flat()));
+}
+
+#[test]
+fn what_is_no_splat_or_more_than_one_says_what_it_is() {
+    let moving: Vec<&str> = [&SPLAT[..], &["float motion_0", "float motion_1"]].concat();
+    let text = ascii(&moving, 3, |i| {
+        [on_sphere(i, 2.0, [-3.0; 3]), vec![0.0, 0.0]].concat()
+    });
+    let (_, asset) = load_bytes(text.as_bytes()).expect("a good file");
+    assert!(asset.report.warnings[0].contains("motion_0 and 1 more"));
+    let points = ascii(&["float x", "float y", "float z", "uchar red"], 3, |_| {
+        vec![0.0; 4]
+    });
+    let why = load_bytes(points.as_bytes())
+        .expect_err("points")
+        .to_string();
+    assert!(why.contains("a point cloud, not a splat"), "{why}");
+    let mesh = points.replace(
+        "end_header",
+        "element face 1\nproperty list uchar int vertex_indices\nend_header",
+    );
+    let why = load_bytes(mesh.as_bytes()).expect_err("a mesh").to_string();
+    assert!(why.contains("a mesh, not a splat"), "{why}");
+}
+
+/// A splat far from the origin is the same splat: its positions are as exact as in its file, and it is written where it was.
+#[test]
+fn a_georeferenced_splat_is_read_relative_to_a_point_in_it() {
+    let far = [500_123.25, 5_600_456.5, 312.125];
+    let placed = |offset: [f64; 3]| {
+        ascii(&SPLAT, 200, |i| {
+            let mut row = on_sphere(i, 2.0, [-3.0; 3]);
+            row.iter_mut().zip(offset).for_each(|(v, o)| *v += o);
+            row
+        })
+    };
+    let (near, there) = (placed([0.0; 3]), placed(far));
+    let (near, _) = load_bytes(near.as_bytes()).expect("a good file");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("far.ply");
+    std::fs::write(&path, there).expect("room for it");
+    let (cloud, asset) = load_asset(&path).expect("a good file");
+    assert_eq!(near.origin, glam::DVec3::ZERO);
+    assert!(
+        asset.report.warnings.is_empty(),
+        "{:?}",
+        asset.report.warnings
+    );
+    let moved = (glam::DVec3::from_array(far) - cloud.origin).as_vec3();
+    assert!(moved.length() < 2.0);
+    for p in &near.positions {
+        assert!(
+            cloud
+                .positions
+                .iter()
+                .any(|q| q.distance(*p + moved) < 1e-6)
+        );
+    }
+    let write = |name: &str| {
+        let out = folder.path().join(name);
+        crate::files::write_relit(&asset, &cloud, &cloud.sh, &out).map(|()| out)
+    };
+    for name in ["a.ply", "a.glb", "a.sog"] {
+        let (back, asset) = load_asset(&write(name).expect(name)).expect("it opens");
+        let off = back.origin + back.bounds().center.as_dvec3();
+        let off = match name {
+            // In its format y is up.
+            "a.glb" => glam::DVec3::new(off.x, -off.z, off.y),
+            _ => off,
+        };
+        assert!(
+            off.distance(glam::DVec3::from_array(far)) < 0.05,
+            "{name}: {off}"
+        );
+        assert!(
+            asset.report.warnings.is_empty(),
+            "{name}: {:?}",
+            asset.report.warnings
+        );
+    }
+    for name in ["a.spz", "a.splat", "a.compressed.ply"] {
+        let why = write(name).expect_err(name).to_string();
+        assert!(
+            why.contains("in steps of") && why.contains("0.050 large"),
+            "{why}"
+        );
+        assert!(!folder.path().join(name).exists());
+    }
+    // In 32 bits it is torn already.
+    let torn = std::fs::read_to_string(&path)
+        .expect("text")
+        .replace("double", "float");
+    let (_, asset) = load_bytes(torn.as_bytes()).expect("a good file");
+    assert!(asset.report.warnings[0].contains("it is torn"));
 }

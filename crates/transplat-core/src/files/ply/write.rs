@@ -2,8 +2,10 @@
 
 use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 
+use super::ColorOf;
 use super::header::{Format, Header};
 use crate::error::{Error, Result};
+use crate::files::packed::color_of_dc;
 use crate::files::rows::{AssetReport, NOT_WRITTEN};
 
 /// For each property of a row the index of the colour that replaces it.
@@ -17,8 +19,8 @@ pub(in crate::files) struct ColorColumns<'a> {
     /// `[n][K][3]`
     stored: &'a [[f32; 3]],
     coefficients: usize,
-    /// Per property: coefficient and channel.
-    replaced: Vec<Option<(usize, usize)>>,
+    /// The colour that each property is, if it is any.
+    replaced: Vec<Option<ColorOf>>,
 }
 
 impl<'a> ColorColumns<'a> {
@@ -41,17 +43,9 @@ impl<'a> ColorColumns<'a> {
                 stored.len()
             )));
         }
-        let replaced = properties
-            .iter()
-            .map(|p| {
-                let number = |prefix: &str| p.name.strip_prefix(prefix)?.parse::<usize>().ok();
-                if let Some(channel) = number("f_dc_") {
-                    return (channel < 3).then_some((0, channel));
-                }
-                let i = number("f_rest_")?;
-                Some((i % (coefficients - 1) + 1, i / (coefficients - 1)))
-            })
-            .collect();
+        let has_sh = header.find("f_dc_0").is_some();
+        let color_of = |name: &str| ColorOf::of_name(name, coefficients, has_sh);
+        let replaced = properties.iter().map(|p| color_of(&p.name)).collect();
         Ok(Self {
             header,
             report,
@@ -74,7 +68,7 @@ impl<'a> ColorColumns<'a> {
         let mut head = vec![0; self.header.bytes as usize];
         reader.read_exact(&mut head)?;
         if self.written < self.report.vertices {
-            out.write_all(counting(&head, self.written).as_bytes())?;
+            out.write_all(&counting(&head, self.written))?;
         } else {
             out.write_all(&head)?;
         }
@@ -102,10 +96,16 @@ impl<'a> ColorColumns<'a> {
         column: usize,
         old: impl FnOnce() -> f32,
     ) -> Option<f32> {
-        if let Some((coefficient, channel)) = self.replaced[column] {
-            return Some(self.stored[surfel * self.coefficients + coefficient][channel]);
-        }
         let property = &self.header.properties[column];
+        let stored = |coefficient: usize| &self.stored[surfel * self.coefficients + coefficient];
+        match self.replaced[column] {
+            Some(ColorOf::Sh(coefficient, channel)) => return Some(stored(coefficient)[channel]),
+            Some(ColorOf::Shown(channel)) => {
+                let shown = color_of_dc(stored(0)[channel]).clamp(0.0, 1.0);
+                return Some(property.scalar.most() * shown);
+            }
+            None => {}
+        }
         if property.scalar.is_float() && self.report.left_out.binary_search(&row).is_ok() {
             if property.name == "opacity" {
                 return Some(-30.0);
@@ -130,7 +130,7 @@ impl<'a> ColorColumns<'a> {
                 let at = &mut row_bytes[p.offset..];
                 let old = || p.scalar.read(at, big_endian);
                 if let Some(value) = self.value((row, surfel), column, old) {
-                    p.scalar.write_float(value, at, big_endian);
+                    p.scalar.write(value, at, big_endian);
                 }
             }
             out.write_all(&row_bytes)?;
@@ -160,7 +160,10 @@ impl<'a> ColorColumns<'a> {
                 let separator = if column == 0 { "" } else { " " };
                 let old = || word.parse().unwrap_or(f32::NAN);
                 match self.value((row - 1, surfel), column, old) {
-                    Some(value) => write!(out, "{separator}{value}")?,
+                    Some(value) if self.header.properties[column].scalar.is_float() => {
+                        write!(out, "{separator}{value}")?
+                    }
+                    Some(value) => write!(out, "{separator}{}", value.round())?,
                     None => write!(out, "{separator}{word}")?,
                 }
             }
@@ -170,20 +173,23 @@ impl<'a> ColorColumns<'a> {
     }
 }
 
-/// A header, its surfels counted anew.
-fn counting(head: &[u8], surfels: usize) -> String {
-    let head = String::from_utf8_lossy(head);
-    let each = head.split_inclusive('\n').map(|line| {
-        let mut words = line.split_whitespace();
-        let is_count = words.next() == Some("element") && words.next() == Some("vertex");
-        let end = &line[line.trim_end().len()..];
+/// A header, its surfels counted anew; all else in it is as it was, in whatever encoding.
+fn counting(head: &[u8], surfels: usize) -> Vec<u8> {
+    let each = head.split_inclusive(|b| *b == b'\n').map(|line| {
+        let is_count = line.trim_ascii_start().starts_with(b"element")
+            && line
+                .split(u8::is_ascii_whitespace)
+                .filter(|w| !w.is_empty())
+                .nth(1)
+                == Some(b"vertex");
+        let end = &line[line.trim_ascii_end().len()..];
         if is_count {
-            format!("element vertex {surfels}{end}")
+            [format!("element vertex {surfels}").as_bytes(), end].concat()
         } else {
             line.into()
         }
     });
-    each.collect()
+    each.collect::<Vec<_>>().concat()
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::*;
 use crate::files::{load_asset, write_splat};
 use crate::surfels::SurfelCloud;
 use crate::synthetic;
+use zip::ZipArchive;
 
 /// A bundle of some surfels, unpacked: a folder.
 fn unpacked(folder: &Path, degree: usize) -> (PathBuf, Value) {

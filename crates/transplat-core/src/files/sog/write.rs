@@ -32,7 +32,7 @@ pub(in crate::files) fn write(
     let size = [width, n.div_ceil(width).next_multiple_of(4)];
     let picture = |of: &dyn Fn(usize) -> [u8; 4]| webp(size, n, of);
 
-    let log = |v: f32| f64::from(v).signum() * f64::from(v).abs().ln_1p();
+    let log = |v: f64| v.signum() * v.abs().ln_1p();
     let logs = |a: usize| gaussians.iter().map(move |g| log(g.position[a]));
     let mins: [f64; 3] = std::array::from_fn(|a| logs(a).fold(f64::INFINITY, f64::min));
     let maxs: [f64; 3] = std::array::from_fn(|a| logs(a).fold(f64::NEG_INFINITY, f64::max));

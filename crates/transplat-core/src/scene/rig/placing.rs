@@ -158,6 +158,15 @@ impl LightSource {
         }
     }
 
+    /// Moves it.
+    pub(in crate::scene) fn move_by(&mut self, by: DVec3) {
+        match self {
+            Self::Directional { .. } => {}
+            Self::Point { position, .. } | Self::Spot { position, .. } => *position += by,
+            Self::Rect { center, .. } | Self::Disc { center, .. } => *center += by,
+        }
+    }
+
     /// Unit vector along which it shines; a point shines along all.
     pub fn direction(&self) -> Option<DVec3> {
         match self {

@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use glam::Vec3;
 use transplat_core::camera::{
     Camera, CameraPose, FIELD_OF_VIEW, NEAR, first_pose, framed, turntable,
 };
-use transplat_core::files::{load_cameras, plate_size};
+use transplat_core::files::{image_size, load_cameras};
 use transplat_core::present::Background;
 
 use crate::cli::RenderArgs;
@@ -29,7 +28,7 @@ pub fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> 
     let mut frames = cameras(args, pipeline, summary)?;
     if let Some(aperture) = args.camera.aperture {
         let middle = pipeline.cloud.bounds().center;
-        let place = args.camera.look_at.map_or(middle, Vec3::from_array);
+        let place = args.camera.look_at.map_or(middle, |at| pipeline.place(at));
         for Frame { camera, .. } in &mut frames {
             if camera.lens.focus.is_infinite() {
                 camera.lens.focus = camera.project(place).1.max(camera.near);
@@ -67,9 +66,9 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let plate = plate.filter(|_| scene.background == Background::Plate);
     let one_for_all = plate.filter(|p| !p.is_dir());
     // A photograph is covered pixel for pixel.
-    let size_of_all = one_for_all.map(|path| plate_size(path)).transpose()?;
+    let size_of_all = one_for_all.map(|path| image_size(path)).transpose()?;
     if let Some(path) = &args.camera.cameras {
-        let file = load_cameras(path)?;
+        let file = load_cameras(path)?.placed_for(cloud);
         if let Some(warning) = pipeline.first().up_warning_by_cameras(&file) {
             summary.warn(warning);
         }
@@ -81,7 +80,7 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
             let plate = plate.map(|p| plate_of(p, frame.picture.as_deref()));
             let plate = plate.transpose()?;
             if frame.size.is_none() {
-                let of_frame = || plate.as_ref().map(|path| plate_size(path)).transpose();
+                let of_frame = || plate.as_ref().map(|path| image_size(path)).transpose();
                 frame.size = size_of_all.map_or_else(of_frame, |size| Ok(Some(size)))?;
             }
             let size = args.size.or(frame.size).unwrap_or([800, 800]);
@@ -119,11 +118,14 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let fov_x = camera.fov.unwrap_or(FIELD_OF_VIEW).to_radians();
     let up = cloud.up.direction();
     if let Some(eye) = camera.eye {
-        let target = camera.look_at.map_or(bounds.center, Vec3::from_array);
-        if eye == target.to_array() {
+        let eye = pipeline.place(eye);
+        let target = camera
+            .look_at
+            .map_or(bounds.center, |at| pipeline.place(at));
+        if eye == target {
             bail!("--eye is where it looks at: the two need to be apart");
         }
-        let camera = Camera::look_at(Vec3::from_array(eye), target, up, fov_x, size, near);
+        let camera = Camera::look_at(eye, target, up, fov_x, size, near);
         return numbered(vec![camera]);
     }
     if let (Some(pose), None) = (&scene.camera, camera.turntable) {

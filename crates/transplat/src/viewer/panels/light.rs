@@ -1,7 +1,7 @@
 //! What lights the objects, and lit the capture: how it is turned, how strong it is.
 
 use eframe::egui::{self, Button, Role, Ui};
-use transplat_core::environment::{Layout, PlaceAndTime, Sun, TURBIDITIES};
+use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBIDITIES};
 use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
@@ -64,7 +64,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     // It is asked where the picture has not the shape of a panorama, and can be said of any.
     if has_odd_shape(&light) {
-        layout(ui, session, side);
+        reading(ui, session, side);
     }
     if side == SOURCE {
         other_sources(ui, session);
@@ -154,7 +154,7 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
     choice(ui, tr("Up in the map"), tip, &mut settings.up, &axes);
     let light = session.light(side).clone();
     if light.is_file() && !has_odd_shape(&light) {
-        layout(ui, session, side);
+        reading(ui, session, side);
     }
     if side == TARGET {
         let locked = &mut viewer.viewport.light_locked_to_camera;
@@ -318,26 +318,46 @@ fn place_and_time(ui: &mut Ui, of: &mut PlaceAndTime) {
     });
 }
 
-/// Whether a light's picture is not twice as wide as high.
+/// Whether a light's file may well be meant otherwise: its image is not twice as wide as high, or one of several layers.
 fn has_odd_shape(light: &Environment) -> bool {
-    light.is_file() && light.size[0] != 2 * light.size[1]
+    light.is_file() && (light.size[0] != 2 * light.size[1] || light.layers.len() > 1)
 }
 
-/// How the picture of a light lays out what is all around.
-fn layout(ui: &mut Ui, session: &mut Session, side: usize) {
-    let mut layout = session.side_mut(side).layout;
+/// How the file of a light is read: its layer, where it has several, and how that lays out what is all around.
+fn reading(ui: &mut Ui, session: &mut Session, side: usize) {
+    let mut reading = session.side_mut(side).reading();
+    let layers = session.light(side).layers.clone();
+    if layers.len() > 1 {
+        let named = |layer: &String| match layer.is_empty() {
+            true => tr("unnamed").to_owned(),
+            false => layer.clone(),
+        };
+        let names: Vec<String> = layers.iter().map(named).collect();
+        let names = names.iter().map(String::as_str);
+        let each = names.zip(layers.iter().cloned().map(Some));
+        let choices: Vec<_> = [(tr("by its name"), None)]
+            .into_iter()
+            .chain(each)
+            .collect();
+        let tip = tr("Which layer or part of the OpenEXR file is the light.");
+        if choice(ui, tr("Layer"), tip, &mut reading.layer, &choices) {
+            session.set_reading(side, &reading);
+        }
+    }
+    let mut layout = reading.layout;
     let layouts = [
         (tr("as its shape says"), None),
         (tr("panorama"), Some(Layout::Equirectangular)),
         (tr("cube cross"), Some(Layout::CubeCross)),
+        (tr("cube column"), Some(Layout::CubeColumn)),
         (tr("angular map"), Some(Layout::AngularMap)),
         (tr("mirror ball"), Some(Layout::MirrorBall)),
     ];
     let tip = tr(
-        "How the picture lays out what is all around: a panorama twice as wide as high, the faces of a cube as a cross, a light probe whose radius is an angle, or a photograph of a mirroring ball cut to its outline.",
+        "How the picture lays out what is all around: a panorama twice as wide as high, the faces of a cube as a cross or below each other, a light probe whose radius is an angle, or a photograph of a mirroring ball cut to its outline.",
     );
     if choice(ui, tr("Layout"), tip, &mut layout, &layouts) {
-        session.set_layout(side, layout);
+        session.set_reading(side, &ImageReading { layout, ..reading });
     }
 }
 

@@ -10,6 +10,7 @@ use crate::viewer::jobs::{Handle, Kind, Work};
 use crate::viewer::language::{tr, tr_format, tr_later};
 use crate::viewer::object::ObjectState;
 use crate::viewer::session::{SOURCE, Session};
+use crate::words::of_error;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =
@@ -130,7 +131,7 @@ impl Session {
             Ok(light) => {
                 self.states[at].estimated.accept(key, Arc::new(light));
             }
-            Err(error) => self.error(format!("{error:#}")),
+            Err(error) => self.error(of_error(&error)),
         }
     }
 

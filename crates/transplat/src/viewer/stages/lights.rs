@@ -34,7 +34,7 @@ impl Session {
     ) -> Option<Resolved> {
         let file = settings.file.as_ref()?;
         let light = self.light_of(at, file)?;
-        if light.is_file() && light.told != self.scene.layout_of(file) {
+        if light.is_file() && light.reading != self.scene.reading_of(file) {
             // It is being read otherwise.
             return None;
         }

@@ -1,19 +1,23 @@
-//! Radiance .hdr (RGBE, XYZE): flat, old and new run lengths, exposure, and all eight orders of scanlines.
+//! Radiance .hdr (RGBE, XYZE): flat, old and new run lengths, exposure and colour correction, primaries, and all eight orders of scanlines.
 
+use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use super::read::{check_map_size, open, read_all};
-use crate::environment::EnvironmentMap;
+use glam::DVec2;
+
+use super::super::read::{MAX_ENVIRONMENT_PIXELS, check_map_size, open, read_all};
+use super::primaries::{Chromaticities, apply, rec_709_from};
 use crate::error::{Error, Result};
+use crate::images::Image;
 
 /// Four bytes a pixel for the largest map, and room for a header.
-const MAX_BYTES: u64 = super::read::MAX_ENVIRONMENT_PIXELS as u64 * 5;
+const MAX_BYTES: u64 = MAX_ENVIRONMENT_PIXELS as u64 * 5;
 
 /// No header is longer.
 const MAX_HEADER: u64 = 1 << 16;
 
-pub fn load(path: &Path) -> Result<EnvironmentMap> {
+pub fn load(path: &Path) -> Result<Image> {
     parse(path, &read_all(path, MAX_BYTES)?)
 }
 
@@ -29,9 +33,12 @@ pub fn size(path: &Path) -> Result<[usize; 2]> {
 }
 
 struct Header {
-    /// What stored values must be divided by to be radiance again.
-    exposure: f32,
+    /// What stored values must be divided by to be radiance again, a colour.
+    exposure: [f32; 3],
     xyz: bool,
+    primaries: Option<Chromaticities>,
+    /// What of it was ignored, for the user.
+    warnings: Vec<String>,
     /// Scanlines, and pixels in each.
     scanlines: usize,
     length: usize,
@@ -53,7 +60,7 @@ impl Header {
     }
 }
 
-fn parse(path: &Path, bytes: &[u8]) -> Result<EnvironmentMap> {
+fn parse(path: &Path, bytes: &[u8]) -> Result<Image> {
     let invalid = |message: String| Error::invalid(path, message);
     let (header, mut data) = parse_header(bytes).map_err(invalid)?;
     let (lines, length) = (header.scanlines, header.length);
@@ -63,14 +70,19 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<EnvironmentMap> {
     if width * height > data.len().saturating_mul(64) {
         return Err(invalid("the pixels end before the map does".into()));
     }
+    // Whatever its first pixels look like: run lengths have another length, or are longer than that.
+    let is_flat = data.len() == 4 * width * height;
     let mut scanline = vec![[0u8; 4]; length];
     let mut stored = Vec::new();
     for line in 0..lines {
-        read_scanline(&mut data, &mut scanline)
-            .map_err(|problem| invalid(format!("{problem} in scanline {line} of {lines}")))?;
+        let read = match is_flat {
+            true => read_flat(&mut data, &mut scanline),
+            false => read_scanline(&mut data, &mut scanline),
+        };
+        read.map_err(|problem| invalid(format!("{problem} in scanline {line} of {lines}")))?;
         stored.extend_from_slice(&scanline);
     }
-    let gain = 1.0 / header.exposure;
+    let gain = header.exposure.map(|exposure| 1.0 / exposure);
     let mut pixels = Vec::with_capacity(stored.len());
     for y in 0..height {
         let y = if header.flip_y { height - 1 - y } else { y };
@@ -84,21 +96,31 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<EnvironmentMap> {
             pixels.push(decode_pixel(stored[index], gain, header.xyz));
         }
     }
-    Ok(EnvironmentMap::new(width, height, pixels))
+    if let Some(primaries) = header.primaries.filter(|_| !header.xyz)
+        && let Some(matrix) = rec_709_from(&primaries, None)
+    {
+        apply(&matrix, &mut pixels);
+    }
+    let mut image = Image::new(width, height, pixels);
+    image.provenance.warnings = header.warnings;
+    Ok(image)
 }
 
 fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let mut rest = bytes;
-    let mut exposure = 1f32;
-    let mut xyz = false;
-    let mut next_line = || -> Result<&str, String> {
+    let mut exposure = [1f32; 3];
+    let (mut xyz, mut primaries, mut warnings) = (false, None, Vec::new());
+    let mut next_line = || -> Result<Cow<'_, str>, String> {
         let end = rest.iter().take(4096).position(|b| *b == b'\n');
         let Some(end) = end else {
             return Err("the header does not end".into());
         };
-        let line = std::str::from_utf8(&rest[..end]).map_err(|_| "the header is not text")?;
+        // Comments are in whatever encoding their writer had.
+        let line = &rest[..end];
         rest = &rest[end + 1..];
-        Ok(line.trim_end_matches('\r'))
+        Ok(String::from_utf8_lossy(
+            line.strip_suffix(b"\r").unwrap_or(line),
+        ))
     };
     loop {
         let line = next_line()?;
@@ -116,15 +138,37 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
                 }
             };
         } else if let Some(value) = line.strip_prefix("EXPOSURE=") {
-            let value: f32 = value.trim().parse().unwrap_or(f32::NAN);
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(format!("{line} is not a positive number"));
+            match numbers::<1>(value) {
+                Some([value]) if value > 0.0 => exposure = exposure.map(|e| e * value),
+                _ => warnings.push(format!("{line} is no exposure, and is ignored")),
             }
-            exposure *= value;
+        } else if let Some(value) = line.strip_prefix("COLORCORR=") {
+            match numbers::<3>(value) {
+                Some(by) if by.iter().all(|v| *v > 0.0) => {
+                    exposure = std::array::from_fn(|c| exposure[c] * by[c]);
+                }
+                _ => warnings.push(format!("{line} is no colour correction, and is ignored")),
+            }
+        } else if let Some(value) = line.strip_prefix("PRIMARIES=") {
+            match numbers::<8>(value) {
+                Some(v) => {
+                    let at = |i: usize| DVec2::new(v[2 * i].into(), v[2 * i + 1].into());
+                    primaries = Some(Chromaticities {
+                        red: at(0),
+                        green: at(1),
+                        blue: at(2),
+                        white: at(3),
+                    });
+                }
+                None => warnings.push(format!("{line} are no primaries, and are ignored")),
+            }
         }
     }
-    if !(exposure > 0.0 && exposure.is_finite()) {
-        return Err("the EXPOSURE lines multiply to nothing usable".into());
+    if !exposure.iter().all(|e| *e > 1e-30 && *e < 1e30) {
+        warnings.push(
+            "its EXPOSURE and COLORCORR lines multiply to nothing usable, and are ignored".into(),
+        );
+        exposure = [1.0; 3];
     }
     let resolution = next_line()?;
     let words: Vec<&str> = resolution.split_whitespace().collect();
@@ -142,6 +186,8 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let header = Header {
         exposure,
         xyz,
+        primaries,
+        warnings,
         scanlines: size(lines)?,
         length: size(length)?,
         transposed,
@@ -150,6 +196,14 @@ fn parse_header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
         flip_y: !negative(y),
     };
     Ok((header, rest))
+}
+
+/// Finite numbers of a line, and no other.
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let values = text.split_whitespace().map(|word| word.parse::<f32>().ok());
+    let values: Vec<f32> = values.collect::<Option<_>>()?;
+    let is_finite = values.iter().all(|v| v.is_finite());
+    values.try_into().ok().filter(|_| is_finite)
 }
 
 /// Takes `n` bytes from the front.
@@ -188,6 +242,12 @@ fn read_scanline(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'sta
     Ok(())
 }
 
+fn read_flat(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'static str> {
+    let bytes = take(data, 4 * scanline.len())?;
+    scanline.copy_from_slice(bytes.as_chunks().0);
+    Ok(())
+}
+
 fn read_flat_or_old(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'static str> {
     let mut x = 0;
     let mut shift = 0;
@@ -212,12 +272,13 @@ fn read_flat_or_old(data: &mut &[u8], scanline: &mut [[u8; 4]]) -> Result<(), &'
     Ok(())
 }
 
-fn decode_pixel([r, g, b, exponent]: [u8; 4], gain: f32, xyz: bool) -> [f32; 3] {
+fn decode_pixel([r, g, b, exponent]: [u8; 4], gain: [f32; 3], xyz: bool) -> [f32; 3] {
     if exponent == 0 {
         return [0.0; 3];
     }
-    let scale = (f32::from(exponent) - 136.0).exp2() * gain;
-    let c = [r, g, b].map(|v| f32::from(v) * scale);
+    let scale = (f32::from(exponent) - 136.0).exp2();
+    let stored = [r, g, b];
+    let c: [f32; 3] = std::array::from_fn(|c| f32::from(stored[c]) * (scale * gain[c]));
     if !xyz {
         return c;
     }
@@ -235,7 +296,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn parse(header: &str, data: &[u8]) -> Result<EnvironmentMap> {
+    fn parse(header: &str, data: &[u8]) -> Result<Image> {
         super::parse(Path::new("a.hdr"), &[header.as_bytes(), data].concat())
     }
 
@@ -248,8 +309,8 @@ mod tests {
             &data,
         )
         .expect("a good file");
-        assert_eq!((map.width(), map.height()), (2, 1));
-        assert_eq!(map.pixels(), [[0.25, 0.125, 0.0625], [0.0; 3]]);
+        assert_eq!((map.width, map.height), (2, 1));
+        assert_eq!(map.pixels, [[0.25, 0.125, 0.0625], [0.0; 3]]);
     }
 
     #[test]
@@ -291,7 +352,7 @@ mod tests {
             for y in 0..h {
                 for x in 0..w {
                     assert_eq!(
-                        map.pixels()[y * w + x][0],
+                        map.pixels[y * w + x][0],
                         f32::from(red(x, y)),
                         "{first} {second}"
                     );
@@ -304,15 +365,57 @@ mod tests {
     fn old_and_new_run_lengths() {
         let old = [5, 6, 7, 136, 1, 1, 1, 3, 9, 9, 9, 136];
         let map = parse("#?RADIANCE\n\n-Y 1 +X 5\n", &old).expect("old run lengths");
-        assert_eq!(map.pixels()[3], [5.0, 6.0, 7.0]);
-        assert_eq!(map.pixels()[4], [9.0; 3]);
+        assert_eq!(map.pixels[3], [5.0, 6.0, 7.0]);
+        assert_eq!(map.pixels[4], [9.0; 3]);
         // Ten pixels: a run of 10, a literal of 10, a run of 4 and one of 6, an exponent run.
         let mut new = vec![2, 2, 0, 10, 138, 7, 10];
         new.extend(1..=10);
         new.extend([132, 1, 134, 2, 138, 136]);
         let map = parse("#?RADIANCE\n\n-Y 1 +X 10\n", &new).expect("new run lengths");
-        assert_eq!(map.pixels()[9], [7.0, 10.0, 2.0]);
-        assert_eq!(map.pixels()[0], [7.0, 1.0, 1.0]);
+        assert_eq!(map.pixels[9], [7.0, 10.0, 2.0]);
+        assert_eq!(map.pixels[0], [7.0, 1.0, 1.0]);
+    }
+
+    /// Headers as programs write them: comments in any encoding, factors that are none, other primaries.
+    #[test]
+    fn what_a_header_says_is_honoured_or_ignored_with_a_word() {
+        let flat = [128, 64, 32, 129];
+        let head = |line: &[u8]| [b"#?RADIANCE\n", line, b"\n\n-Y 1 +X 1\n"].concat();
+        let load = |line: &[u8]| {
+            let bytes = [&head(line)[..], &flat].concat();
+            super::parse(Path::new("a.hdr"), &bytes).expect("a good file")
+        };
+        for line in [
+            &b"EXPOSURE=0.0"[..],
+            b"EXPOSURE=nan",
+            b"COLORCORR=1 1",
+            b"PRIMARIES=x",
+        ] {
+            let image = load(line);
+            assert_eq!(image.pixels[0], [1.0, 0.5, 0.25]);
+            assert_eq!(image.provenance.warnings.len(), 1, "{line:?}");
+        }
+        let image = load(b"SOFTWARE=f\xfcr alle");
+        assert!(image.pixels[0] == [1.0, 0.5, 0.25] && image.provenance.warnings.is_empty());
+        assert_eq!(load(b"COLORCORR=2 0.5 1").pixels[0], [0.5, 1.0, 0.25]);
+        // ITU-R BT.2020: grey stays grey, and green is more than ours.
+        let wide = b"PRIMARIES=0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290";
+        let [r, g, b] = load(wide).pixels[0];
+        let sum = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let own = 0.2627 + 0.5 * 0.6780 + 0.25 * 0.0593;
+        assert!(r > 1.0 && (sum - own).abs() < 2e-3, "{r} {g} {b}");
+    }
+
+    /// A pixel of a flat file may be what run lengths begin with.
+    #[test]
+    fn the_length_of_a_flat_file_tells_that_it_is_flat() {
+        let mut data = vec![2, 2, 0, 10];
+        data.extend((0..36u8).map(|i| 100 + i));
+        let map = parse("#?RADIANCE\n\n-Y 1 +X 10\n", &data).expect("a good file");
+        assert_eq!(
+            map.pixels[1],
+            decode_pixel([100, 101, 102, 103], [1.0; 3], false)
+        );
     }
 
     #[test]
@@ -325,7 +428,6 @@ mod tests {
             "#?RADIANCE\n\n-Y 100 +X 60000\n",
             "#?RADIANCE\n\n-Y 8192 +X 16384\n",
             "#?RADIANCE\n\n-Y 2 X 2\n",
-            "#?RADIANCE\nEXPOSURE=nan\n\n-Y 1 +X 1\n",
             "#?RADIANCE\nFORMAT=banana\n\n-Y 1 +X 1\n",
             "#?RADIANCE\n",
         ] {
@@ -338,7 +440,7 @@ mod tests {
         fn garbage_is_an_error_or_a_map(width in 1usize..40, height in 1usize..4, data in proptest::collection::vec(any::<u8>(), 0..400)) {
             let header = format!("#?RADIANCE\n\n-Y {height} +X {width}\n");
             if let Ok(map) = parse(&header, &data) {
-                prop_assert!(map.pixels().iter().flatten().all(|v| v.is_finite()));
+                prop_assert!(map.pixels.iter().flatten().all(|v| v.is_finite()));
             }
         }
     }

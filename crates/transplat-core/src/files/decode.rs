@@ -1,0 +1,316 @@
+//! The one door to third-party decoders: whatever a file holds, a decoder that panics is an error here, and none takes more memory than its
+//! caller allows. No other module of `files` calls one (`tests/architecture.rs` holds that).
+
+mod json;
+
+use std::cell::Cell;
+use std::fmt::Display;
+use std::io::{BufRead, Cursor, Read, Seek};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use exr::block::UncompressedBlock;
+use exr::block::chunk::Chunk;
+use exr::meta::MetaData;
+use exr::meta::attribute::SampleType;
+use exr::meta::header::Header;
+use exr::prelude::f16;
+use flate2::bufread::GzDecoder;
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use rayon::prelude::*;
+use zip::ZipArchive;
+
+pub use json::from_slice as json;
+
+/// Result with what is wrong, in words.
+type Result<T> = std::result::Result<T, String>;
+
+/// Chunks of an OpenEXR file that are held at once: enough for all cores, and little memory.
+const CHUNKS_AT_ONCE: usize = 64;
+
+thread_local! {
+    /// Decoders that run on this thread, one within the other.
+    static RUNNING: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Runs a decoder. A panic in it becomes an error, and nothing of it is printed.
+fn guarded<T, E: Display>(
+    what: &str,
+    decode: impl FnOnce() -> std::result::Result<T, E>,
+) -> Result<T> {
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let usual = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if RUNNING.get() == 0 {
+                usual(panic);
+            }
+        }));
+    });
+    RUNNING.set(RUNNING.get() + 1);
+    let decoded = catch_unwind(AssertUnwindSafe(decode));
+    RUNNING.set(RUNNING.get() - 1);
+    match decoded {
+        Ok(decoded) => decoded.map_err(|e| e.to_string()),
+        Err(_) => Err(format!(
+            "{what} is broken, or of a variant that is not read"
+        )),
+    }
+}
+
+/// A stream whose decoder is guarded at each read.
+pub struct Guarded<R>(R);
+
+impl<R: Read> Read for Guarded<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        let mut failed = None;
+        let read = guarded("the compressed stream", || {
+            self.0.read(bytes).map_err(|e| {
+                let text = e.to_string();
+                failed = Some(e);
+                text
+            })
+        });
+        read.map_err(|why| failed.unwrap_or_else(|| std::io::Error::other(why)))
+    }
+}
+
+impl<R> Guarded<R> {
+    /// The stream behind it.
+    pub fn into_inner(self) -> R {
+        self.0
+    }
+}
+
+/// What a gzip stream holds, to be read in as small a part as is wanted.
+pub fn gunzip<R: BufRead>(packed: R) -> Guarded<GzDecoder<R>> {
+    Guarded(GzDecoder::new(packed))
+}
+
+/// The decoder of a zstd frame.
+pub type Zstd<R> = ruzstd::decoding::StreamingDecoder<R, ruzstd::decoding::FrameDecoder>;
+
+/// What a zstd frame holds, to be read in as small a part as is wanted.
+pub fn unzstd<R: Read>(packed: R) -> Result<Guarded<Zstd<R>>> {
+    let decoder = || ruzstd::decoding::StreamingDecoder::new(packed);
+    guarded("the zstd frame", decoder).map(Guarded)
+}
+
+/// Bytes of a text in base64.
+pub fn base64(text: &str) -> Result<Vec<u8>> {
+    guarded("the base64 text", || STANDARD.decode(text))
+}
+
+/// A zip archive.
+pub struct Archive<R>(ZipArchive<R>);
+
+impl<R: Read + Seek> Archive<R> {
+    pub fn open(file: R) -> Result<Self> {
+        guarded("the zip archive", || ZipArchive::new(file)).map(Self)
+    }
+
+    /// Names of its files, without those that systems add (`__MACOSX`, `.DS_Store`).
+    pub fn names(&self) -> Vec<String> {
+        let is_file = |name: &String| {
+            let mut parts = name.split('/');
+            !name.ends_with('/') && !parts.any(|part| part == "__MACOSX" || part.starts_with('.'))
+        };
+        let names = self
+            .0
+            .file_names()
+            .filter_map(|name| Some(name.ok()?.into_owned()));
+        names.filter(is_file).collect()
+    }
+
+    /// A file of it, of at most so many bytes.
+    pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        guarded(name, || {
+            let file = self.0.by_name(name).map_err(|e| e.to_string())?;
+            let read = file.take(limit + 1).read_to_end(&mut bytes);
+            read.map_err(|e| e.to_string())
+        })?;
+        if bytes.len() as u64 > limit {
+            return Err(format!("is larger than {} MB", limit >> 20));
+        }
+        Ok(bytes)
+    }
+
+    /// Bytes that a file of it claims to have, unpacked.
+    pub fn size(&mut self, name: &str) -> Option<u64> {
+        guarded(name, || self.0.by_name(name).map(|file| file.size())).ok()
+    }
+
+    /// The first bytes of a file of it.
+    pub fn start(&mut self, name: &str, count: u64) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        guarded(name, || {
+            let file = self.0.by_name(name).map_err(|e| e.to_string())?;
+            let read = file.take(count).read_to_end(&mut bytes);
+            read.map_err(|e| e.to_string())
+        })?;
+        Ok(bytes)
+    }
+}
+
+/// A PNG, JPEG or WebP image that was not decoded yet.
+pub struct Picture<D> {
+    decoder: D,
+    /// Width and height of what is decoded, before it is turned.
+    stored: [usize; 2],
+}
+
+/// Reads the header of a PNG, JPEG or WebP image.
+pub fn picture<'a>(file: impl BufRead + Seek + 'a) -> Result<Picture<impl ImageDecoder + 'a>> {
+    guarded("the image", || {
+        let reader = ImageReader::new(file).with_guessed_format();
+        let decoder = reader
+            .map_err(|e| e.to_string())?
+            .into_decoder()
+            .map_err(|e| e.to_string())?;
+        let (width, height) = decoder.dimensions();
+        let stored = [width as usize, height as usize];
+        Ok::<_, String>(Picture { decoder, stored })
+    })
+}
+
+impl<D: ImageDecoder> Picture<D> {
+    /// Width and height as it is meant to be seen (EXIF orientation).
+    pub fn size(&mut self) -> [usize; 2] {
+        use image::metadata::Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+        let orientation = guarded("the orientation", || self.decoder.orientation());
+        let [width, height] = self.stored;
+        match orientation {
+            Ok(Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH) => [height, width],
+            _ => [width, height],
+        }
+    }
+
+    /// Decodes it in at most so many bytes, turned as it is meant to be seen.
+    pub fn decode(mut self, limit: u64) -> Result<DynamicImage> {
+        let orientation = guarded("the orientation", || self.decoder.orientation());
+        let mut image = guarded("the image", || {
+            let mut limits = Limits::default();
+            limits.max_alloc = Some(limit);
+            self.decoder.set_limits(limits)?;
+            DynamicImage::from_decoder(self.decoder)
+        })?;
+        if let Ok(orientation) = orientation {
+            image.apply_orientation(orientation);
+        }
+        Ok(image)
+    }
+}
+
+/// Decodes an image in memory of which the size was checked.
+pub fn small_picture(
+    bytes: &[u8],
+    check: impl FnOnce([usize; 2]) -> Result<u64>,
+) -> Result<DynamicImage> {
+    let mut picture = picture(Cursor::new(bytes))?;
+    let limit = check(picture.size())?;
+    picture.decode(limit)
+}
+
+/// Headers of an OpenEXR file, one a part.
+pub fn exr_headers(file: impl Read + Seek) -> Result<Vec<Header>> {
+    let read = || MetaData::read_from_buffered(file, false);
+    let meta = guarded("the OpenEXR header", read).map_err(of_exr)?;
+    Ok(meta.headers.into_vec())
+}
+
+fn of_exr(why: String) -> String {
+    format!("OpenEXR: {why}")
+}
+
+/// Reads channels of a part of an OpenEXR file, at its largest level: `[channel][height][width]`, of the header's own size.
+///
+/// Channels must not be subsampled, and the size of the part was checked.
+pub fn exr_channels(
+    file: impl Read + Seek,
+    part: usize,
+    channels: &[usize],
+) -> Result<Vec<Vec<f32>>> {
+    guarded("the OpenEXR file", || {
+        read_exr_channels(file, part, channels)
+    })
+    .map_err(of_exr)
+}
+
+fn read_exr_channels(
+    file: impl Read + Seek,
+    part: usize,
+    channels: &[usize],
+) -> exr::error::Result<Vec<Vec<f32>>> {
+    let reader = exr::block::read(file, false)?;
+    let meta = reader.meta_data().clone();
+    let header = &meta.headers[part];
+    let [width, height] = [header.layer_size.width(), header.layer_size.height()];
+    let mut planes = vec![vec![0f32; width * height]; channels.len()];
+    let mut chunks = reader.filter_chunks(false, |_, _, block| {
+        block.layer == part && block.level == exr::prelude::Vec2(0, 0)
+    })?;
+    loop {
+        let some: Vec<Chunk> = chunks
+            .by_ref()
+            .take(CHUNKS_AT_ONCE)
+            .collect::<exr::error::Result<_>>()?;
+        if some.is_empty() {
+            return Ok(planes);
+        }
+        let decoded = some.into_par_iter().map(|chunk| {
+            // On a thread of the pool, where it must be as quiet.
+            let decode = || UncompressedBlock::decompress_chunk(chunk, &meta, false);
+            guarded("a block", decode).map_err(|why| exr::error::Error::Invalid(why.into()))
+        });
+        for block in decoded.collect::<exr::error::Result<Vec<_>>>()? {
+            for line in block.lines(&header.channels) {
+                let Some(plane) = channels.iter().position(|c| *c == line.location.channel) else {
+                    continue;
+                };
+                let at = line.location.position;
+                let row =
+                    &mut planes[plane][at.y() * width + at.x()..][..line.location.sample_count];
+                match header.channels.list[line.location.channel].sample_type {
+                    SampleType::F16 => fill(row, line.read_samples::<f16>(), f16::to_f32)?,
+                    SampleType::F32 => fill(row, line.read_samples::<f32>(), |v| v)?,
+                    SampleType::U32 => fill(row, line.read_samples::<u32>(), |v| v as f32)?,
+                }
+            }
+        }
+    }
+}
+
+fn fill<T>(
+    row: &mut [f32],
+    samples: impl Iterator<Item = exr::error::Result<T>>,
+    value: impl Fn(T) -> f32,
+) -> exr::error::Result<()> {
+    for (out, sample) in row.iter_mut().zip(samples) {
+        *out = value(sample?);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_that_panics_is_an_error() {
+        let failed = guarded("the thing", || -> Result<()> { panic!("as decoders do") });
+        assert!(failed.is_err_and(|why| why.contains("the thing is broken")));
+        let mut stream = Guarded(Panics);
+        assert!(stream.read(&mut [0; 4]).is_err());
+    }
+
+    struct Panics;
+
+    impl Read for Panics {
+        fn read(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
+            panic!("as decoders do")
+        }
+    }
+}
