@@ -169,6 +169,52 @@ fn no_module_is_explained_by_itself() {
     }
 }
 
+/// Third-party decoders panic on some files and allocate what others claim: `files::decode` is where they are called, and nowhere else.
+#[test]
+fn decoders_are_called_through_their_guard_alone() {
+    const DECODERS: [&str; 9] = [
+        "ImageReader",
+        "ImageDecoder",
+        "ZipArchive",
+        "GzDecoder",
+        "ZlibDecoder",
+        "StreamingDecoder",
+        "MetaData",
+        "UncompressedBlock",
+        "STANDARD",
+    ];
+    let calls = |path: &[String]| {
+        let has = |name: &str| path.iter().any(|p| p == name);
+        let is_json = has("serde_json") && path.last().is_some_and(|f| f.starts_with("from_"));
+        is_json || DECODERS.into_iter().any(has) || path.first().is_some_and(|p| p == "ruzstd")
+    };
+    let mut callers = BTreeSet::new();
+    for folder in ["transplat-core/src/files", "transplat/src"] {
+        let mut files = BTreeMap::new();
+        modules(&root().join("crates").join(folder), &Vec::new(), &mut files);
+        for (module, file) in &files {
+            let is_test = module.iter().any(|m| m == "tests" || m == "fuzz");
+            let mut paths = Paths::default();
+            paths.visit_file(file);
+            if !is_test && paths.0.iter().any(|path| calls(path)) {
+                callers.insert(module.join("::"));
+            }
+        }
+    }
+    // Those besides read what the program itself wrote or is built with.
+    let known = [
+        "cli::values",
+        "decode",
+        "decode::json",
+        "commands::batch",
+        "commands::info",
+        "viewer::app",
+        "viewer::history",
+    ];
+    let known: BTreeSet<String> = known.map(String::from).into();
+    assert_eq!(callers, known);
+}
+
 #[test]
 fn a_ring_is_found() {
     let of = |name: &str, taken: &[&str]| {

@@ -128,6 +128,18 @@ impl Bake {
             // An object's own rays are told of where it is baked.
             Self::Scene(_) => (None, [0.0; 3]),
         };
+        if let Self::Directional(bake) = self
+            && bake.tracer.thinning > 1
+        {
+            let why = format!(
+                "the splats are so large that each ray would cross hundreds of them: it meets every {}th",
+                bake.tracer.thinning
+            );
+            out.push(Skipped {
+                max_error: None,
+                ..Skipped::exact(Stage::Bake, "most of what rays meet", why)
+            });
+        }
         if open_object.is_some() {
             let why = "no surfel blocks the light of another in any direction that was asked";
             out.push(Skipped {

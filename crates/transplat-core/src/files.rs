@@ -46,6 +46,14 @@ pub use write::{
     write_atomically, write_environment, write_exr, write_layers, write_png,
 };
 
+/// Reads a value from a text in JSON.
+///
+/// # Errors
+/// What is wrong with it, and where.
+pub fn parse_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    decode::json(text.as_bytes())
+}
+
 /// Reads a value from a file in JSON of at most 256 MB; `what` is what it should be.
 ///
 /// # Errors

@@ -101,6 +101,28 @@ pub(super) fn ellipse_box(center: Vec3, [a, b]: [Vec3; 2]) -> Aabb {
     }
 }
 
+/// A ray that crosses more boxes than this on its way through the object is too slow: captures have 3 to 17.
+const MOST_CROSSED: f32 = 256.0;
+
+/// How many it crosses then.
+const CROSSED: f32 = 96.0;
+
+/// Every how many-th of some boxes is enough: 1, but where they overlap so much that a ray through the object would cross thousands. A ray
+/// crosses a box as often as that is large (Cauchy's formula), within the cube from -1 to 1 that holds the object.
+pub(super) fn thinning(boxes: &[Aabb]) -> usize {
+    let area = |b: &Aabb| {
+        let inside = |v: Vec3A| v.clamp(Vec3A::NEG_ONE, Vec3A::ONE);
+        let edges = (inside(b.max) - inside(b.min)).max(Vec3A::ZERO);
+        edges.x * edges.y + edges.y * edges.z + edges.z * edges.x
+    };
+    let crossed = boxes.iter().map(area).sum::<f32>() / 12.0;
+    if crossed > MOST_CROSSED {
+        (crossed / CROSSED).ceil() as usize
+    } else {
+        1
+    }
+}
+
 impl Hierarchy {
     /// Over things that lie in these boxes, and the order, leaf by leaf, that the things have to be brought into.
     pub fn new(boxes: &[Aabb]) -> (Self, Vec<u32>) {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::front::Fronts;
 pub use super::hierarchy::{BoxInOrder, PACKET, Stack};
-use super::hierarchy::{Ellipses, Hierarchy, Ray, WIDE, Wide, ellipse_box};
+use super::hierarchy::{Ellipses, Hierarchy, Ray, WIDE, Wide, ellipse_box, thinning};
 use super::scaled::ScaledObject;
 use crate::error::{Error, Result};
 use crate::morton::neighborhood_order;
@@ -119,6 +119,8 @@ pub struct Tracer {
     pub fronts: Fronts,
     /// Indices of the surfels so that neighbours follow each other. `[n]`
     pub order: Vec<u32>,
+    /// Rays are traced against every how many-th disc: 1, but where they overlap so much that each would cross thousands.
+    pub thinning: usize,
     /// Where these coordinates have their origin, in the asset's.
     pub center: Vec3,
     /// What 1 in these coordinates is, in the asset's units.
@@ -162,6 +164,9 @@ impl Tracer {
             .par_iter()
             .map(|i| ellipse_box(surfels[*i as usize].position, surfels[*i as usize].axes))
             .collect();
+        let thinning = thinning(&boxes);
+        let casting: Vec<u32> = casting.into_iter().step_by(thinning).collect();
+        let boxes: Vec<_> = boxes.into_iter().step_by(thinning).collect();
         let (hierarchy, order) = Hierarchy::new(&boxes);
         Self {
             center: object.center,
@@ -175,6 +180,7 @@ impl Tracer {
                 })
                 .collect(),
             hierarchy,
+            thinning,
             order: neighborhood_order(&surfels.iter().map(|s| s.position).collect::<Vec<_>>()),
             surfels,
             fronts,

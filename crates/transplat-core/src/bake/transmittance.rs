@@ -10,7 +10,7 @@ use multiversion::multiversion;
 use obvhs::aabb::Aabb;
 
 use super::hierarchy::{
-    Ellipses, Hierarchy, LEAST_FACING, PACKET, Ray, Stack, WIDE, Wide, ellipse_box,
+    Ellipses, Hierarchy, LEAST_FACING, PACKET, Ray, Stack, WIDE, Wide, ellipse_box, thinning,
 };
 use super::scaled::ScaledObject;
 use crate::morton::neighborhood_order;
@@ -129,9 +129,20 @@ impl Veils {
             let (all, boxes): (Vec<&Veil>, Vec<Aabb>) = cover
                 .map(|veil| (veil, ellipse_box(veil.center, veil.half_axes())))
                 .unzip();
+            // Each that is kept lets through what those do together that it stands for.
+            let thinning = thinning(&boxes);
+            let boxes: Vec<Aabb> = boxes.into_iter().step_by(thinning).collect();
+            let kept = all.into_iter().step_by(thinning).map(|veil| Veil {
+                opacity: match thinning {
+                    1 => veil.opacity,
+                    many => 1.0 - (1.0 - veil.opacity).powi(many as i32),
+                },
+                ..*veil
+            });
+            let all: Vec<Veil> = kept.collect();
             let (hierarchy, order) = Hierarchy::new(&boxes);
             let leaf = |things: Range<usize>| {
-                let veils = order[things].iter().map(|i| all[*i as usize]);
+                let veils = order[things].iter().map(|i| &all[*i as usize]);
                 Leaf::of(&veils.collect::<Vec<_>>())
             };
             let leaves = hierarchy.leaves().map(leaf).collect();

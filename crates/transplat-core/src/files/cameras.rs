@@ -10,10 +10,8 @@ use super::read::read_all;
 use super::write::folder_of;
 use crate::error::{Error, Result};
 
+use frame::MOST_BYTES;
 pub use frame::{CameraFile, CameraFrame};
-
-/// The most bytes of a file in JSON.
-const MOST_BYTES: u64 = 1 << 28;
 
 /// Folders of a capture that hold a COLMAP model.
 const MODELS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];

@@ -1,13 +1,10 @@
 //! The one door to third-party decoders: whatever a file holds, a decoder that panics is an error here, and none takes more memory than its
 //! caller allows. No other module of `files` calls one (`tests/architecture.rs` holds that).
 
+mod guard;
 mod json;
 
-use std::cell::Cell;
-use std::fmt::Display;
 use std::io::{BufRead, Cursor, Read, Seek};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -22,6 +19,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
 use zip::ZipArchive;
 
+use guard::guarded;
 pub use json::from_slice as json;
 
 /// Result with what is wrong, in words.
@@ -30,50 +28,18 @@ type Result<T> = std::result::Result<T, String>;
 /// Chunks of an OpenEXR file that are held at once: enough for all cores, and little memory.
 const CHUNKS_AT_ONCE: usize = 64;
 
-thread_local! {
-    /// Decoders that run on this thread, one within the other.
-    static RUNNING: Cell<usize> = const { Cell::new(0) };
-}
-
-/// Runs a decoder. A panic in it becomes an error, and nothing of it is printed.
-fn guarded<T, E: Display>(
-    what: &str,
-    decode: impl FnOnce() -> std::result::Result<T, E>,
-) -> Result<T> {
-    static QUIET: Once = Once::new();
-    QUIET.call_once(|| {
-        let usual = std::panic::take_hook();
-        std::panic::set_hook(Box::new(move |panic| {
-            if RUNNING.get() == 0 {
-                usual(panic);
-            }
-        }));
-    });
-    RUNNING.set(RUNNING.get() + 1);
-    let decoded = catch_unwind(AssertUnwindSafe(decode));
-    RUNNING.set(RUNNING.get() - 1);
-    match decoded {
-        Ok(decoded) => decoded.map_err(|e| e.to_string()),
-        Err(_) => Err(format!(
-            "{what} is broken, or of a variant that is not read"
-        )),
-    }
-}
-
 /// A stream whose decoder is guarded at each read.
 pub struct Guarded<R>(R);
 
 impl<R: Read> Read for Guarded<R> {
     fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
-        let mut failed = None;
-        let read = guarded("the compressed stream", || {
-            self.0.read(bytes).map_err(|e| {
-                let text = e.to_string();
-                failed = Some(e);
-                text
+        let read = guarded("the stream", || Ok::<_, String>(self.0.read(bytes)));
+        read.map_err(std::io::Error::other)?
+            .map_err(|e| match e.kind() {
+                std::io::ErrorKind::UnexpectedEof => e,
+                // Decoders say where in their own code.
+                kind => std::io::Error::new(kind, "the packed data is broken"),
             })
-        });
-        read.map_err(|why| failed.unwrap_or_else(|| std::io::Error::other(why)))
     }
 }
 
@@ -95,7 +61,10 @@ pub type Zstd<R> = ruzstd::decoding::StreamingDecoder<R, ruzstd::decoding::Frame
 /// What a zstd frame holds, to be read in as small a part as is wanted.
 pub fn unzstd<R: Read>(packed: R) -> Result<Guarded<Zstd<R>>> {
     let decoder = || ruzstd::decoding::StreamingDecoder::new(packed);
-    guarded("the zstd frame", decoder).map(Guarded)
+    let opened = guarded("the zstd frame", decoder);
+    opened
+        .map(Guarded)
+        .map_err(|_| "the zstd frame is broken".into())
 }
 
 /// Bytes of a text in base64.

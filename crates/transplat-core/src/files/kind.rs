@@ -7,7 +7,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer};
 
 use super::format::SplatFormat;
-use super::read::{ZIP, first_bytes, read_all};
+use super::read::{SPZ, ZIP, first_bytes, read_all};
 use super::{bake, cameras, decode, gltf, ksplat, lut, sog, splat, spz};
 use crate::error::{Error, Result};
 
@@ -102,7 +102,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
             FileKind::Picture
         }
         _ if start.starts_with(bake::ANY_MAGIC) => FileKind::Bake,
-        _ if start.starts_with(spz::MAGIC) || start.starts_with(spz::GZIP) => {
+        _ if start.starts_with(SPZ) || start.starts_with(spz::GZIP) => {
             FileKind::Splat(SplatFormat::Spz)
         }
         // Of other archives that is what is in them.

@@ -1,5 +1,6 @@
 //! Splats in PLY: 2DGS and 3DGS of any SH degree to 8, properties found by name in any order; and compressed, by [`compressed`].
 
+mod colors;
 mod comments;
 pub(super) mod compressed;
 mod header;
@@ -14,6 +15,7 @@ use super::rows::{AssetKind, Builder, Finished, StoredRow};
 use crate::error::{Error, Result};
 use crate::sh::{MAX_DEGREE, coefficient_count};
 
+use colors::SHOWN;
 use comments::{says_antialiased, up_of};
 pub(super) use header::Header;
 use header::{Format, ScalarType};
@@ -231,41 +233,6 @@ fn read_ascii(
     }
     Ok(())
 }
-
-/// The colour that a property is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum ColorOf {
-    /// Of a channel, an SH coefficient.
-    Sh(usize, usize),
-    /// A channel as it is shown, and nothing else: where there is no SH.
-    Shown(usize),
-}
-
-impl ColorOf {
-    /// What a property of that name is in a file of so many coefficients; in the file, all of red's higher ones come first, then green's, then
-    /// blue's.
-    fn of_name(name: &str, coefficients: usize, has_sh: bool) -> Option<Self> {
-        let number = |prefix: &str| name.strip_prefix(prefix)?.parse::<usize>().ok();
-        if let Some(channel) = number("f_dc_") {
-            return (channel < 3).then_some(Self::Sh(0, channel));
-        }
-        if let (Some(i), 2..) = (number("f_rest_"), coefficients) {
-            let rest = coefficients - 1;
-            return Some(Self::Sh(i % rest + 1, i / rest));
-        }
-        let shown = SHOWN
-            .iter()
-            .find_map(|names| names.iter().position(|n| *n == name));
-        shown.filter(|_| !has_sh).map(Self::Shown)
-    }
-}
-
-/// Names of the channels of a colour that is no SH.
-const SHOWN: [[&str; 3]; 3] = [
-    ["red", "green", "blue"],
-    ["diffuse_red", "diffuse_green", "diffuse_blue"],
-    ["r", "g", "b"],
-];
 
 /// Indices of the properties that make a surfel.
 struct Layout {

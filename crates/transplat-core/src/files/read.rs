@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::decode::{self, Archive};
-use super::{sog, spz};
+use super::sog::layout::meta_in;
 use crate::error::{Error, Result};
 
 /// Maps of more pixels than this are refused: 16384 x 8192, 1.6 GB in memory.
@@ -16,6 +16,9 @@ pub const MAX_ENVIRONMENT_EDGE: usize = 1 << 16;
 
 /// What a gzip stream begins with.
 const GZIP: &[u8] = &[0x1f, 0x8b];
+
+/// What an SPZ splat begins with: in the clear in version 4, inside the gzip stream before.
+pub(super) const SPZ: &[u8] = b"NGSP";
 
 /// What a zip archive begins with.
 pub(super) const ZIP: &[u8] = b"PK\x03\x04";
@@ -138,7 +141,7 @@ fn packing(path: &Path) -> Result<(File, Packing)> {
         let mut head = Vec::new();
         let read = decode::gunzip(again(&file)?).take(4).read_to_end(&mut head);
         // What is broken already here is told by the reader of what it claims to be.
-        match read.is_ok() && !head.starts_with(spz::MAGIC) {
+        match read.is_ok() && !head.starts_with(SPZ) {
             true => Packing::Gzip,
             false => Packing::None,
         }
@@ -148,7 +151,7 @@ fn packing(path: &Path) -> Result<(File, Packing)> {
         let archive = archive.map_err(|why| invalid(format!("is no whole zip archive: {why}")))?;
         let names = archive.names();
         match &names[..] {
-            _ if sog::meta_in(&names).is_some() => Packing::None,
+            _ if meta_in(&names).is_some() => Packing::None,
             [name] => Packing::Zip(archive, name.clone()),
             _ => {
                 let some: Vec<&str> = names.iter().take(8).map(String::as_str).collect();

@@ -2,7 +2,7 @@
 //! stand for; in a folder, or bundled in a zip archive.
 
 mod codebook;
-mod layout;
+pub(super) mod layout;
 mod write;
 
 use std::fs::File;
@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 
 pub(super) use layout::META;
-use layout::{CODES, ENTRIES_IN_A_ROW, ROTATION_MODE};
+use layout::{CODES, ENTRIES_IN_A_ROW, ROTATION_MODE, meta_in};
 pub(super) use write::{MAX_DEGREE, write};
 
 /// `meta.json` holds two tables of 256 numbers and little else.
@@ -171,13 +171,6 @@ impl Source {
                 .map_err(|why| format!("{name}: {why}")),
         }
     }
-}
-
-/// The `meta.json` among the files of an archive: the one that is in the fewest folders.
-pub(super) fn meta_in(names: &[String]) -> Option<String> {
-    let is_meta = |name: &&String| name.rsplit('/').next() == Some(META);
-    let metas = names.iter().filter(is_meta);
-    metas.min_by_key(|name| name.matches('/').count()).cloned()
 }
 
 /// Reads a splat from its `meta.json`, or from a bundle.

@@ -10,15 +10,13 @@ use flate2::write::GzEncoder;
 
 use super::decode;
 use super::packed::{Fields, logit, with_largest, without_largest};
-use super::read::read_exactly;
+use super::read::{SPZ as MAGIC, read_exactly};
 use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
 use super::written::Written;
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
 use crate::surfels::UpAxis;
 
-/// What the header begins with: in the clear in version 4, inside the gzip stream before.
-pub(super) const MAGIC: &[u8; 4] = b"NGSP";
 /// What a gzip stream begins with.
 pub(super) const GZIP: &[u8; 2] = &[0x1f, 0x8b];
 
@@ -59,7 +57,7 @@ impl Header {
     fn parse(bytes: &[u8; 16]) -> std::result::Result<Self, String> {
         let mut fields = Fields(bytes);
         let magic = fields.u32().to_le_bytes();
-        if &magic != MAGIC {
+        if magic != MAGIC {
             return Err("not an SPZ splat: its content does not begin with \"NGSP\"".into());
         }
         let (version, points) = (fields.u32(), fields.u32());

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::camera::APERTURE;
+use transplat_core::files::parse_json;
 use transplat_core::present::Background;
 use transplat_core::scene::Light;
 use transplat_core::settings::{EPSILON, GLOW_RANGE};
@@ -60,7 +61,7 @@ pub(super) fn parse_rows(text: &str) -> Result<usize, String> {
 }
 
 pub(super) fn parse_light(text: &str) -> Result<Light, String> {
-    serde_json::from_str(text).map_err(|why| {
+    parse_json(text).map_err(|why| {
         format!("not a light as a rig lists them ({why}); a file of lights is for --rig")
     })
 }

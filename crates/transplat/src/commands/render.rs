@@ -137,6 +137,11 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     // What is wrong with it is told before the work.
     let lut = pipeline.scene.lut.as_ref().map(|path| load_lut(path));
     let lut = lut.transpose()?.map(Arc::new);
+    if let (Some(lut), Some(path)) = (&lut, &pipeline.scene.lut) {
+        for warning in &lut.warnings {
+            summary.warn(format!("{}: {warning}", path.display()));
+        }
+    }
     let linear = output.format == PictureFormat::Exr;
     let is_plain = pipeline.scene.display.is_identity() && pipeline.scene.lut.is_none();
     if linear && (pipeline.scene.false_color || !is_plain) {

@@ -28,6 +28,9 @@ pub(super) struct Placement {
     pub what: String,
 }
 
+/// The most bytes of a file in JSON.
+pub(super) const MOST_BYTES: u64 = 1 << 28;
+
 /// Surfels that are looked for, at most.
 const LOOKED_FOR: usize = 2000;
 

@@ -5,8 +5,7 @@ use std::path::Path;
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
 use serde::Deserialize;
 
-use super::MOST_BYTES;
-use super::frame::{CameraFile, CameraFrame, Offsets, Placement, UNSEEN};
+use super::frame::{CameraFile, CameraFrame, MOST_BYTES, Offsets, Placement, UNSEEN};
 use crate::error::{Error, Result};
 use crate::files::decode;
 use crate::files::read::read_all;

@@ -10,7 +10,7 @@ use serde_json::error::Category;
 /// It is no JSON, or another value is expected somewhere: what and where, in words.
 pub fn from_slice<T: DeserializeOwned>(text: &[u8]) -> Result<T, String> {
     let text = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text);
-    match super::guarded("the text", || Ok::<_, String>(serde_json::from_slice(text)))? {
+    match super::guard::guarded("the text", || Ok::<_, String>(serde_json::from_slice(text)))? {
         Ok(value) => Ok(value),
         Err(error) if error.classify() == Category::Syntax => match without_nan(text) {
             None => Err(in_words(&error)),

@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, Read, Seek, SeekFrom, Write};
 
-use super::ColorOf;
+use super::colors::ColorOf;
 use super::header::{Format, Header};
 use crate::error::{Error, Result};
 use crate::files::packed::color_of_dc;

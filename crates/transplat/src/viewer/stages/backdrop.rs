@@ -128,9 +128,16 @@ impl Session {
         // The last one that is asked for is taken, however long each takes to read.
         self.jobs.cancel(Kind::Lut(TARGET));
         let (context, file) = (self.context.clone(), path.clone());
-        let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
+        let work = move |_: &_| {
+            let lut = load_lut(&file)?;
+            Ok((ResidentLut::new(&context, &lut), lut.warnings))
+        };
         let label = tr_format!("reading {}", path.display());
-        self.start(Kind::Lut(TARGET), label, work, move |session, lut| {
+        self.start(Kind::Lut(TARGET), label, work, move |session, read| {
+            let (lut, warnings) = read;
+            for warning in warnings {
+                session.info(format!("{}: {warning}", path.display()));
+            }
             // The file may be another one than when it was last read.
             session.luts[SOURCE].clear();
             session.luts[TARGET].set(path.clone(), ());
