@@ -13,7 +13,9 @@ use crate::bake::directional::DirectionalBake;
 use crate::environment::Illumination;
 use crate::estimate::estimate_light;
 use crate::extremes::properties::config;
-use crate::files::{ExrFloats, PngBits, save_bake, save_estimate, save_look, write_exr, write_png};
+use crate::files::{
+    ExrFloats, PngBits, save_bake, save_estimate, save_look, write_exr, write_layers, write_png,
+};
 use crate::progress::no_progress;
 use crate::rasterize::Raster;
 use crate::scene::Scene;
@@ -400,6 +402,50 @@ fn pictures() {
     }
 }
 
+/// Several layers in one part, as renderers write them.
+#[test]
+fn environments_in_layers() {
+    let layer = |name: &str| {
+        let channel = |letter: &str| Channel {
+            name: format!("{name}{letter}"),
+            values: (0..32).map(|i| i as f32).collect(),
+        };
+        ["R", "G", "B"].map(channel)
+    };
+    let channels = ["view.AO.", "view.Combined."].map(layer);
+    let whole = written(|path| {
+        write_layers(
+            path,
+            [8, 4],
+            channels.clone().into_iter().flatten().collect(),
+            "{}",
+        )
+    });
+    fuzz(&whole, light_of);
+    fuzz(&whole, |path| image_size(path).map(drop));
+}
+
+#[test]
+fn packed_splats() {
+    let plain = ply("ascii");
+    fuzz(&spz::tests::gzip(&plain), splat);
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default();
+    archive
+        .start_file("scan/splat.ply", options)
+        .expect("memory");
+    std::io::Write::write_all(&mut archive, &plain).expect("memory");
+    fuzz(&archive.finish().expect("memory").into_inner(), splat);
+}
+
+#[test]
+fn tables_of_colours() {
+    let text =
+        "TITLE \"a\"\nLUT_3D_SIZE 2\nDOMAIN_MIN 0 0 0\nDOMAIN_MAX 1 1 2\nLUT_IN_VIDEO_RANGE\n";
+    let colors = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 0 1\n1 0 1\n0 1 1\n1 1 1\n";
+    fuzz(format!("{text}{colors}").as_bytes(), load_lut);
+}
+
 #[test]
 fn bakes() {
     let cloud = synthetic::sphere_over_plate(12);
@@ -446,9 +492,31 @@ fn cameras() {
     let text = format!(
         "{{\"camera_angle_x\": 0.7, \"w\": 80, \"h\": 60, \"frames\": [{frame}, {frame}]}}"
     );
-    fuzz(text.as_bytes(), |path| {
-        let file = load_cameras(path)?;
+    let cloud = synthetic::sphere(20);
+    let load = |path: &Path| {
+        let file = load_cameras(path)?.placed_for(&cloud);
         assert!(!file.frames.is_empty());
         Ok::<_, Error>(())
-    });
+    };
+    fuzz(text.as_bytes(), load);
+    let camera = r#"{"img_name": "a", "width": 80, "height": 60, "position": [0, 1, -3],
+        "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 90, "fy": 90}"#;
+    fuzz(format!("[{camera}, {camera}]").as_bytes(), load);
+}
+
+#[test]
+fn cameras_of_colmap() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let lenses = "1 PINHOLE 200 100 150 150 100 50\n7 OPENCV 80 60 90 90 40 30 0.1 0 0 0\n";
+    let images = "2 0.5 0.5 -0.5 0.5 1 2 3 7 b c.jpg\n1 2 -1\n1 1 0 0 0 0 0 4 1 a.jpg\n\n";
+    for (harmed, other) in [("images.txt", "cameras.txt"), ("cameras.txt", "images.txt")] {
+        let of = |name: &str| if name == "images.txt" { images } else { lenses };
+        std::fs::write(folder.path().join(other), of(other)).expect("room for it");
+        fuzz(of(harmed).as_bytes(), |path| {
+            std::fs::copy(path, folder.path().join(harmed)).map_err(Error::io(path))?;
+            let loaded = load_cameras(folder.path());
+            // The harmed one is what is loaded here.
+            loaded.map_err(|e| Error::invalid(path, e.to_string()))
+        });
+    }
 }
