@@ -131,20 +131,20 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
         (folder.write("empty.ply", ""), "empty"),
         (
             folder.write("picture.ply", [0x89, b'P', b'N', b'G', 13, 10, 26, 10]),
-            "a picture, where a splat",
+            "an image, where a splat",
         ),
         (
             folder.write("type.ply", good.replace("float opacity", "uchar opacity")),
             "integer",
         ),
         (folder.write("nan.ply", nan), "no numbers"),
-        (folder.write("huge.ply", huge), "no property"),
+        (folder.write("huge.ply", huge), "not a splat"),
         (folder.write("huge2.ply", huge_all), "1099511627776"),
         (
             folder.write("short.ply", good.replace("vertex 100", "vertex 101")),
             "ends after 100",
         ),
-        (folder.name("missing.ply"), "No such file"),
+        (folder.name("missing.ply"), "no such file"),
         (folder.name(""), "directory"),
     ];
     let mut environments = vec![
@@ -159,10 +159,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
             "broken.png",
         ),
         (folder.write("text.hdr", "hello"), "of no kind"),
-        (folder.name("missing.hdr"), "No such file"),
-        (good_ply.clone(), "is a splat"),
+        (folder.name("missing.hdr"), "no such file"),
+        (good_ply.clone(), "a splat, where an image"),
     ];
-    environments.push((folder.name("nothing-here/"), "No such file"));
+    environments.push((folder.name("nothing-here/"), "no such file"));
     let of_harmonic = folder.name("paper.bake");
     let bake = ["bake", &good_ply, "--preset", "paper", "--device", "cpu"];
     run_told(&[&bake[..], &["-o", &of_harmonic]].concat(), 0, &[]);
@@ -186,7 +186,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     for (path, expected) in &assets {
         let relight = "relight {} --source even --target even --device cpu -o {}";
         check(&args(relight, &[path, &out]), expected);
-        if expected != &"a picture, where a splat" {
+        if expected != &"an image, where a splat" {
             check(&["info", path], "");
         }
     }
@@ -225,7 +225,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     check(&["report", "-o", &good_ply], "is a file");
     for (lut, expected) in [
         (&asset("teapot_cameras.json"), "is expected here"),
-        (&missing_lut, "No such file"),
+        (&missing_lut, "no such file"),
         (&cut_lut, "colours where its sizes ask for 30"),
     ] {
         let line = "render {} --turntable 1 --lut {} --device cpu -o {}";
@@ -246,11 +246,11 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
             "render {} --cameras {} --device cpu -o {}",
             &[&good_ply, &good_ply, &folder.name("pictures")],
         ),
-        "camera file",
+        "no file of cameras",
     );
     // A disk that is full.
     #[cfg(target_os = "linux")]
-    relight("-o /dev/full", &[], "No space left");
+    relight("-o /dev/full", &[], "no room is left");
 }
 
 /// Not the one that another frame is drawn over, nor one that a look names and this picture does without.
@@ -311,7 +311,7 @@ fn a_wrong_batch_is_told_and_a_wrong_splat_keeps_no_other_from_being_drawn() {
         (r#"{"splats": []}"#, "names no splats"),
         (
             r#"{"splats": ["a.ply"], "turntible": 2}"#,
-            "unknown field `turntible`",
+            "\"turntible\" is no field",
         ),
         (r#"{"splats": ["a.ply"]}"#, "a camera is needed"),
         (

@@ -264,7 +264,7 @@ fn blobs_as_large_as_the_object_are_relit_in_a_bounded_time() {
     let folder = Folder::empty();
     let blobs = ball(6000, DVec3::ZERO, |i, row| {
         row[6] = (i % 7) as f64 - 2.0;
-        row[7..9].fill(0.02);
+        row[7..9].fill(-0.5);
     });
     let splat = folder.write("blobs.ply", blobs);
     let out = folder.name("out.ply");

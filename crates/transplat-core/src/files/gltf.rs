@@ -54,14 +54,14 @@ struct Document {
     extensions_required: Vec<String>,
 }
 
-/// Extensions that a file may require: those that are read, and others that change nothing of a splat.
-const UNDERSTOOD: [&str; 5] = [
-    EXTENSION,
-    SPZ_EXTENSIONS[0],
-    SPZ_EXTENSIONS[1],
-    SPZ_EXTENSIONS[2],
-    "KHR_mesh_quantization",
-];
+/// Whether a file may require an extension: it is read, or changes nothing of a splat.
+fn is_understood(extension: &str) -> bool {
+    const OF_OTHERS: [&str; 4] = ["KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp"];
+    extension == EXTENSION
+        || SPZ_EXTENSIONS.contains(&extension)
+        || extension == "KHR_mesh_quantization"
+        || OF_OTHERS.iter().any(|other| extension.starts_with(other))
+}
 
 #[derive(Deserialize)]
 struct Buffer {
@@ -156,7 +156,7 @@ pub(super) fn read(path: &Path) -> Result<Finished> {
     let document: Document =
         decode::json(text).map_err(|e| Error::invalid(path, format!("not a glTF splat: {e}")))?;
     let mut required = document.extensions_required.iter();
-    if let Some(other) = required.find(|name| !UNDERSTOOD.contains(&name.as_str())) {
+    if let Some(other) = required.find(|name| !is_understood(name)) {
         return Err(not_supported(path, other));
     }
     let buffers = load_buffers(path, &document, binary)?;

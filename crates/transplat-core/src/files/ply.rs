@@ -249,8 +249,10 @@ struct Layout {
     /// What 1 is stored as, where colour is no SH and stored as it is shown.
     shown: Option<f32>,
     degree: usize,
-    /// Whether scales are lengths, not logarithms, and opacities shares, not logits.
-    is_activated: bool,
+    /// Whether scales are lengths, not logarithms.
+    are_lengths: bool,
+    /// Whether opacities are shares, not logits.
+    are_shares: bool,
 }
 
 impl Layout {
@@ -309,7 +311,8 @@ impl Layout {
             shown: shown.map(|[red, ..]| scalar(red).most()),
             sh,
             degree,
-            is_activated: false,
+            are_lengths: false,
+            are_shares: false,
         };
         // Integers cannot hold logits, logarithms and SH: such a file is packed in a way of its own.
         let colors = layout.sh.iter().flatten().filter(|_| shown.is_none());
@@ -344,12 +347,15 @@ impl Layout {
             );
             return true;
         }
-        if found.is_activated && !self.is_activated {
-            self.is_activated = true;
-            warnings.push(
-                "its scales and opacities look already exponentiated, and are read so: as the logarithms and logits that a PLY stores, its Gaussians would be as large as the object"
-                    .into(),
-            );
+        if found.are_lengths && !self.are_lengths {
+            (self.are_lengths, self.are_shares) = (true, found.are_shares);
+            let which = match found.are_shares {
+                true => "scales and opacities",
+                false => "scales",
+            };
+            warnings.push(format!(
+                "its {which} look already exponentiated, and are read so: as the logarithms that a PLY stores, its Gaussians would be as large as the object"
+            ));
             return true;
         }
         false
@@ -374,8 +380,10 @@ impl Layout {
             log_scales,
             logit: get(self.opacity),
         };
-        if self.is_activated {
+        if self.are_lengths {
             row.log_scales = row.log_scales.map(f32::ln);
+        }
+        if self.are_shares {
             row.logit = logit(row.logit);
         }
         if let (Some(filter), AssetKind::Gaussians3d) = (self.filter, self.kind()) {

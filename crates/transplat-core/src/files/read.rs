@@ -103,7 +103,7 @@ impl Seek for Input {
 }
 
 /// Opens a file for reading as it is; a directory is an error here, not at the first read.
-pub(super) fn open_packed(path: &Path) -> Result<File> {
+fn open_packed(path: &Path) -> Result<File> {
     // Asked before it is opened: opening a pipe waits for ever.
     let metadata = std::fs::metadata(path).map_err(Error::io(path))?;
     if metadata.is_dir() {
@@ -117,6 +117,11 @@ pub(super) fn open_packed(path: &Path) -> Result<File> {
     }
     File::open(path).map_err(Error::io(path))
 }
+
+/// Endings of the files that are found in an archive.
+const PACKED: [&str; 9] = [
+    "ply", "spz", "sog", "splat", "ksplat", "glb", "gltf", "hdr", "exr",
+];
 
 /// How a file packs another one.
 enum Packing {
@@ -150,9 +155,20 @@ fn packing(path: &Path) -> Result<(File, Packing)> {
         let archive = Archive::open(again(&file)?);
         let archive = archive.map_err(|why| invalid(format!("is no whole zip archive: {why}")))?;
         let names = archive.names();
-        match &names[..] {
+        // What a splat or a light is called, among whatever else lies beside it.
+        let is_one = |name: &&String| {
+            let end = name
+                .rsplit('.')
+                .next()
+                .unwrap_or_default()
+                .to_ascii_lowercase();
+            PACKED.contains(&end.as_str())
+        };
+        let known: Vec<&String> = names.iter().filter(is_one).collect();
+        match (&known[..], &names[..]) {
             _ if meta_in(&names).is_some() => Packing::None,
-            [name] => Packing::Zip(archive, name.clone()),
+            ([name], _) => Packing::Zip(archive, (*name).clone()),
+            (_, [name]) => Packing::Zip(archive, name.clone()),
             _ => {
                 let some: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
                 return Err(invalid(format!(

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use crate::color::Encoding;
 use crate::memory::ensure_room;
 use crate::morton::neighborhood_order;
-use crate::numeric::quantile;
 use crate::sh::coefficient_count;
 use crate::surfels::{Bounds, SurfelCloud, Thickness, UpAxis};
 
@@ -223,8 +222,10 @@ impl Tally {
 /// How rows are stored, by all of them.
 pub(super) struct Found {
     pub third_scale_is_zero: bool,
-    /// Scales as lengths, and opacities as shares.
-    pub is_activated: bool,
+    /// Scales are lengths, not logarithms.
+    pub are_lengths: bool,
+    /// Opacities are shares, not logits.
+    pub are_shares: bool,
 }
 
 /// What loading takes for a surfel beside its colour: its geometry, twice while it is rearranged, and where its row went.
@@ -279,16 +280,18 @@ impl Builder {
     /// How the rows are stored, by all of them.
     pub(super) fn found(&self) -> Found {
         let tally = &self.tally;
-        let is_plain =
-            tally.least_log >= 0.0 && tally.least_logit >= 0.0 && tally.most_logit <= 1.0;
+        // As logarithms they would be as large as the object, and as lengths they are not.
         let is_large = || {
-            let sizes = self.cloud.scales.iter().map(|s| s.max_element());
-            let radius = Bounds::of(&self.cloud.positions).radius;
-            quantile(sizes.collect(), 0.5).is_some_and(|s| s > AS_LARGE_AS_IT * radius)
+            let radius = AS_LARGE_AS_IT * Bounds::of(&self.cloud.positions).radius;
+            let size = self.cloud.median_size();
+            size.is_some_and(|size| size > radius && size.ln() < radius)
         };
+        let is_activated = tally.least_log >= 0.0 && is_large();
+        let has_shares = tally.least_logit >= 0.0 && tally.most_logit <= 1.0;
         Found {
             third_scale_is_zero: tally.third_scale_is_zero && tally.least_log < 0.0,
-            is_activated: is_plain && is_large(),
+            are_lengths: is_activated,
+            are_shares: is_activated && has_shares,
         }
     }
 

@@ -5,8 +5,7 @@ mod codebook;
 pub(super) mod layout;
 mod write;
 
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 
 use image::RgbaImage;
@@ -15,7 +14,7 @@ use serde::Deserialize;
 
 use super::decode::{self, Archive};
 use super::packed::{component, logit, share, with_largest};
-use super::read::{self, ZIP};
+use super::read::{self, Input, ZIP};
 use super::rows::{AssetKind, Builder, Finished, StoredRow, check_count};
 use crate::error::{Error, Result};
 use crate::sh::coefficient_count;
@@ -71,7 +70,6 @@ struct Values {
 
 #[derive(Deserialize)]
 struct Higher {
-    bands: Option<usize>,
     codebook: Option<Codebook>,
     mins: Option<f32>,
     maxs: Option<f32>,
@@ -135,13 +133,13 @@ fn lerp(a: f32, b: f32, share: f32) -> f32 {
 enum Source {
     Folder(PathBuf),
     /// An archive, and the folder in it that holds them, with its slash.
-    Bundle(Box<Archive<BufReader<File>>>, String),
+    Bundle(Box<Archive<Input>>, String),
 }
 
 impl Source {
     fn open(path: &Path) -> Result<Self> {
         let invalid = |why: String| Error::invalid(path, why);
-        let mut file = BufReader::new(read::open_packed(path)?);
+        let mut file = read::open(path)?;
         let mut start = Vec::new();
         let read = file.by_ref().take(4).read_to_end(&mut start);
         read.and_then(|_| file.rewind()).map_err(Error::io(path))?;
@@ -328,7 +326,7 @@ impl<'a> Palette<'a> {
     ) -> std::result::Result<Self, String> {
         let in_a_row = centroids.width() as usize / ENTRIES_IN_A_ROW;
         let fits = |l: &usize| coefficient_count(*l) - 1 == in_a_row;
-        // The palette tells the degree; some writers say 0 bands beside one.
+        // Some writers say another degree (`bands`) beside it.
         let degree = (1..=3).find(fits);
         let degree = degree.ok_or_else(|| {
             format!(
@@ -336,11 +334,6 @@ impl<'a> Palette<'a> {
                 centroids.width()
             )
         })?;
-        if let Some(bands) = higher.bands.filter(|b| *b > 0 && *b != degree) {
-            return Err(format!(
-                "says SH of degree {bands} beside a palette of degree {degree}"
-            ));
-        }
         let values = match (&higher.codebook, higher.mins, higher.maxs) {
             (Some(codebook), ..) => codebook.table()?,
             (None, Some(least), Some(most)) => {

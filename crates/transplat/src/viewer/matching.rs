@@ -57,7 +57,10 @@ impl Session {
         if let Some(asset) = first {
             self.set_upright_by_cameras(&asset);
         }
-        self.look_through(0);
+        // One that sees nothing shows nothing, and what is seen now would be lost.
+        if placed.is_none_or(|file| file.sees) {
+            self.look_through(0);
+        }
     }
 
     /// Sets the first object upright as the cameras that are open were held, where nobody said which way is up; what was proposed before was a

@@ -91,6 +91,7 @@ pub fn load(folder: &Path) -> Result<CameraFile> {
     Ok(CameraFile {
         frames,
         warnings: off.warnings(&lenses),
+        sees: true,
         path: pictures,
         placements: Vec::new(),
     })

@@ -14,6 +14,8 @@ pub struct CameraFile {
     pub frames: Vec<CameraFrame>,
     /// What of it this program's cameras cannot be, for the user.
     pub warnings: Vec<String>,
+    /// Whether any of them sees anything of the splat that they were placed for.
+    pub sees: bool,
     /// Where it was read.
     pub path: PathBuf,
     /// Where its splat may be in other coordinates, the likeliest first.
@@ -102,10 +104,13 @@ impl CameraFile {
                         placement.what
                     )
                 }
-                None => format!(
-                    "{path}: its {} cameras see nothing of the splat: they are in other coordinates, or of another capture; put the dataparser_transforms.json of its training beside them, or frame it otherwise (--turntable, --eye)",
-                    frames.len()
-                ),
+                None => {
+                    self.sees = false;
+                    format!(
+                        "{path}: its {} cameras see nothing of the splat: they are in other coordinates, or of another capture; put the dataparser_transforms.json of its training beside them, or frame it otherwise (--turntable, --eye)",
+                        frames.len()
+                    )
+                }
             };
             self.warnings.push(warning);
         }

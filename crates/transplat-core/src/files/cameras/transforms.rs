@@ -1,5 +1,6 @@
 //! Cameras in JSON: `transforms.json` (NeRF-synthetic, nerfstudio), and `cameras.json` of the reference trainer.
 
+use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
@@ -182,8 +183,13 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<CameraFile> {
         }
         off.distorted |= lens.is_distorted();
         off.stretched |= lens.is_stretched();
-        let fov_x = lens.fov_x().map_err(invalid)?;
-        if let Some(model) = lens.unlike_pinhole() {
+        let other = lens.unlike_pinhole();
+        let fov_x = match (lens.fov_x(), &other) {
+            // A panorama has no focal length.
+            (Err(_), Some(model)) if !lens.has_view() && model == "EQUIRECTANGULAR" => FRAC_PI_2,
+            (fov_x, _) => fov_x.map_err(invalid)?,
+        };
+        if let Some(model) = other {
             off.other_lens(&model, fov_x);
         }
         frames.push(CameraFrame {
@@ -202,6 +208,7 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<CameraFile> {
     Ok(CameraFile {
         frames,
         warnings: off.warnings(path),
+        sees: true,
         path: path.to_owned(),
         placements: placements.into_iter().flatten().collect(),
     })
@@ -262,6 +269,7 @@ pub fn of_reference(path: &Path, text: &[u8]) -> Result<CameraFile> {
     Ok(CameraFile {
         frames,
         warnings: off.warnings(path),
+        sees: true,
         path: path.to_owned(),
         placements: Vec::new(),
     })

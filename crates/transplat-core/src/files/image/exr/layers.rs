@@ -3,12 +3,16 @@
 use exr::meta::header::Header;
 
 /// Layers that are called like this are the whole image, in this order: the last part of the name, in lower case.
-const WHOLE: [&str; 8] = [
+const WHOLE: [&str; 12] = [
     "combined",
     "beauty",
     "rgba",
     "rgb",
     "composite",
+    "image",
+    "final",
+    "ci",
+    "c",
     "color",
     "main",
     "default",
