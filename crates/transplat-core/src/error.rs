@@ -51,6 +51,8 @@ pub fn refusal(reason: &std::io::Error) -> String {
         ErrorKind::IsADirectory => "is a directory where a file is expected".into(),
         ErrorKind::UnexpectedEof => "the file ends too early: it is truncated".into(),
         ErrorKind::InvalidFilename => "no file can be called like this".into(),
+        // Not the system's words.
+        _ if reason.raw_os_error().is_none() => reason.to_string(),
         _ => {
             let said = reason.to_string();
             let number = said.find(" (os error").unwrap_or(said.len());

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::color::srgb_encode;
+use crate::environment::INFINITE_RADIANCE;
 use crate::images::Image;
 use crate::rasterize::ColorSpace;
 
@@ -17,16 +18,18 @@ pub struct Plate {
     pub height: usize,
     /// Linear. `[height][width]`
     pub pixels: Vec<[f32; 3]>,
+    /// What reading it assumed, for the user.
+    pub warnings: Vec<String>,
 }
 
 impl Plate {
     /// An image; what is no number or below black in it is black.
     pub fn of(mut image: Image) -> Self {
         let shown = |v: &mut f32| {
-            *v = if v.is_nan() {
-                0.0
-            } else {
-                v.clamp(0.0, f32::MAX)
+            *v = match *v {
+                f32::INFINITY => INFINITE_RADIANCE,
+                _ if v.is_nan() => 0.0,
+                v => v.max(0.0),
             }
         };
         image.pixels.iter_mut().flatten().for_each(shown);
@@ -34,6 +37,7 @@ impl Plate {
             width: image.width,
             height: image.height,
             pixels: image.pixels,
+            warnings: image.provenance.warnings,
         }
     }
 
@@ -70,6 +74,7 @@ impl Plate {
             width,
             height,
             pixels: (0..width * height).into_par_iter().map(pixel).collect(),
+            warnings: self.warnings.clone(),
         }
     }
 
@@ -111,6 +116,7 @@ mod tests {
     fn plate(width: usize, height: usize) -> Plate {
         let pixel = |i: usize| [(i % width) as f32, (i / width) as f32, 0.25];
         Plate {
+            warnings: Vec::new(),
             width,
             height,
             pixels: (0..width * height).map(pixel).collect(),

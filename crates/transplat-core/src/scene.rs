@@ -80,6 +80,16 @@ pub struct Scene {
 /// How many views, and how many looks, a scene may keep.
 pub const MOST_KEPT: usize = 500;
 
+/// Lights that stand elsewhere by a step in the coordinates of a scene of which that axis is up.
+pub fn moved_lights(lights: &[Light], by: DVec3, up: UpAxis) -> Vec<Light> {
+    let by_in_world = up.asset_from_world().transpose() * by;
+    let mut lights = lights.to_vec();
+    for light in &mut lights {
+        light.source.move_by(by_in_world);
+    }
+    lights
+}
+
 /// A view to come back to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bookmark {
@@ -211,37 +221,36 @@ impl Scene {
         }
     }
 
-    /// Takes over the origin of an object's splat as it was read: what the scene says in the splat's coordinates is relative to that from then
-    /// on. The scene's own are those of the first object.
-    pub fn take_origin(&mut self, at: usize, origin: DVec3) {
+    /// Takes over the origin of an object's splat as it was read, whose file or settings say `file_up` is up: what the scene says in the splat's
+    /// coordinates is relative to that from then on. The scene's own are those of the first object; yields by how much what stands in it is
+    /// moved.
+    pub fn take_origin(&mut self, at: usize, origin: DVec3, file_up: UpAxis) -> DVec3 {
         let moved = origin - self.objects[at].origin;
         if moved == DVec3::ZERO {
-            return;
+            return DVec3::ZERO;
         }
-        self.objects[at].take_origin(origin);
-        if at == 0 {
-            self.move_by(-self.objects[0].transform.moved(moved));
+        let by = match at {
+            0 => -self.objects[0].transform.moved(moved),
+            _ => DVec3::ZERO,
+        };
+        for (i, object) in self.objects.iter_mut().enumerate() {
+            if i != at {
+                object.transform.translation =
+                    (object.transform.translation.as_dvec3() + by).as_vec3();
+            }
         }
-    }
-
-    /// Moves all that stands in the scene.
-    fn move_by(&mut self, by: DVec3) {
+        self.objects[at].take_origin(origin, by);
         let place = |place: &mut Vec3| *place = (place.as_dvec3() + by).as_vec3();
-        for object in &mut self.objects {
-            place(&mut object.transform.translation);
-        }
         let cameras = self.bookmarks.iter_mut().map(|b| &mut b.camera);
         for camera in cameras.chain(&mut self.camera) {
             place(&mut camera.pivot);
         }
-        let up = self.objects[0].up.unwrap_or_default();
-        let by_in_world = up.asset_from_world().transpose() * by;
-        for light in &mut self.lights {
-            light.source.move_by(by_in_world);
-        }
+        let up = self.objects[0].up.unwrap_or(file_up);
+        self.lights = moved_lights(&self.lights, by, up);
         for variant in &mut self.variants {
-            variant.look.move_by(by);
+            variant.look.lights = moved_lights(&variant.look.lights, by, up);
         }
+        by
     }
 
     /// What an object was captured under and what it is relit by, as its asset sees them, from the light of the two maps: the environment

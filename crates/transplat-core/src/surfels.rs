@@ -305,10 +305,14 @@ impl SurfelCloud {
         (1..=self.sh_degree).rev().find(holds).unwrap_or(0)
     }
 
-    /// Median of the surfels' larger standard deviations; none of none.
+    /// Median of the larger standard deviations of all that is drawn at all; none of none.
     pub fn median_size(&self) -> Option<f32> {
-        let sizes = self.scales.iter().map(|s| s.max_element());
-        quantile(sizes.collect(), 0.5)
+        let drawn = self
+            .scales
+            .iter()
+            .zip(&self.opacities)
+            .filter(|(_, o)| **o > 0.0);
+        quantile(drawn.map(|(s, _)| s.max_element()).collect(), 0.5)
     }
 
     /// Where the object is, robust against floaters far away; surfels that are never drawn do not count.
@@ -319,18 +323,33 @@ impl SurfelCloud {
         let drawn = || (0..self.len()).filter(|i| self.opacities[*i] > 0.0);
         let seen: Vec<Vec3> = drawn().map(|i| self.positions[i]).collect();
         let counted = Bounds::of(&seen);
+        // Half of it lies much nearer where something floats far away, and seldom otherwise.
+        let distances = seen.iter().map(|p| p.distance(counted.center)).collect();
+        let middle = quantile(distances, 0.5).unwrap_or(0.0);
+        if counted.radius <= FAR_OUT * middle {
+            return counted;
+        }
         let largest = MOST_SEEN * self.median_size().unwrap_or(0.0);
         let weight = |i: usize| {
             let area = self.scales[i].min(Vec2::splat(largest)).element_product();
             f64::from(self.opacities[i] * area)
         };
-        let visible = Bounds::of_visible(&seen, &drawn().map(weight).collect::<Vec<_>>());
-        match visible {
+        let step = self.len().div_ceil(MOST_WEIGHED).max(1);
+        let some: Vec<usize> = drawn().step_by(step).collect();
+        let places: Vec<Vec3> = some.iter().map(|i| self.positions[*i]).collect();
+        let weights: Vec<f64> = some.into_iter().map(weight).collect();
+        match Bounds::of_visible(&places, &weights) {
             Some(visible) if counted.radius > 1.5 * visible.radius => visible,
             _ => counted,
         }
     }
 }
+
+/// A radius of more than so many times the median distance from the middle may be one of floaters.
+const FAR_OUT: f32 = 2.5;
+
+/// Surfels that are weighed, at most.
+const MOST_WEIGHED: usize = 1 << 16;
 
 /// A surfel counts as so many times as large as the median at most.
 const MOST_SEEN: f32 = 8.0;

@@ -154,10 +154,9 @@ pub struct CaptureArgs {
     /// corners tell]
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub source_layout: Option<Layout>,
-    /// Of an OpenEXR light with several layers or parts, the one that is read [default: the unnamed one, or the one that is called as the whole
-    /// image usually is]
+    /// Which layer or part of an OpenEXR file that light is [default: the unnamed one, or the one that is called as the whole image usually is]
     #[arg(long, value_name = "NAME")]
-    pub layer: Option<String>,
+    pub source_layer: Option<String>,
     /// Turn the source light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_source: Option<f64>,
@@ -207,6 +206,9 @@ pub struct LightArgs {
     /// How the pictures of these lights are laid out, as --source-layout
     #[arg(long, value_name = "LAYOUT", value_parser = parse_named::<Layout>)]
     pub target_layout: Option<Layout>,
+    /// Which layer or part of an OpenEXR file these lights are, as --source-layer
+    #[arg(long, value_name = "NAME")]
+    pub layer: Option<String>,
     /// Turn the target light about the up axis
     #[arg(long, value_name = "DEG", value_parser = parse_finite, allow_hyphen_values = true)]
     pub rotate_target: Option<f64>,

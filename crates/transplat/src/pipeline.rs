@@ -102,6 +102,7 @@ impl Pipeline {
         let cloud = match &unshown_first {
             Some(first) => Arc::new(SurfelCloud {
                 up: first.cloud.up,
+                origin: first.cloud.origin,
                 ..(*cloud).clone()
             }),
             None => cloud,
@@ -564,12 +565,12 @@ fn take_origins(
     unshown_first: Option<&LoadedObject>,
 ) {
     if let Some(first) = unshown_first {
-        scene.take_origin(0, first.cloud.origin);
+        scene.take_origin(0, first.cloud.origin, first.cloud.up);
     }
     let shown = (0..scene.objects.len()).filter(|at| scene.objects[*at].shown);
     let shown: Vec<usize> = shown.collect();
     for (at, object) in shown.iter().zip(&*objects) {
-        scene.take_origin(*at, object.cloud.origin);
+        scene.take_origin(*at, object.cloud.origin, object.cloud.up);
     }
     for (at, object) in shown.iter().zip(objects) {
         object.settings.transform = scene.objects[*at].transform;

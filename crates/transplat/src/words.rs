@@ -21,12 +21,16 @@ pub fn milliseconds(ms: f64) -> String {
     }
 }
 
-/// What went wrong and why, outermost first; a refusal of the system in plain words, and before the file that it is of.
+/// What went wrong and why, outermost first; a refusal of the system in plain words, before the file where that is all that is said.
 pub fn of_error(error: &anyhow::Error) -> String {
     let mut said: Vec<String> = error.chain().map(ToString::to_string).collect();
     if let Some(reason) = error.root_cause().downcast_ref::<std::io::Error>() {
         said.pop();
-        said.insert(0, transplat_core::refusal(reason));
+        let reason = transplat_core::refusal(reason);
+        match &said[..] {
+            [path] if !path.contains(": ") => said.insert(0, reason),
+            _ => said.push(reason),
+        }
     }
     said.dedup();
     said.join(": ")

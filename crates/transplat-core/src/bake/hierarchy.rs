@@ -111,6 +111,9 @@ const CROSSED: f32 = 96.0;
 /// crosses a box as often as that is large (Cauchy's formula), within the cube from -1 to 1 that holds the object.
 pub(super) fn thinning(boxes: &[Aabb]) -> usize {
     let area = |b: &Aabb| {
+        if b.max.cmplt(Vec3A::NEG_ONE).any() || b.min.cmpgt(Vec3A::ONE).any() {
+            return 0.0;
+        }
         let inside = |v: Vec3A| v.clamp(Vec3A::NEG_ONE, Vec3A::ONE);
         let edges = (inside(b.max) - inside(b.min)).max(Vec3A::ZERO);
         edges.x * edges.y + edges.y * edges.z + edges.z * edges.x

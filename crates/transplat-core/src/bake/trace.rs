@@ -407,6 +407,7 @@ mod tests {
     use crate::bake::directional::DirectionalBake;
     use crate::bake::hierarchy::LEAST_FACING;
     use crate::progress::no_progress;
+    use crate::sh::lattice;
     use crate::synthetic;
 
     /// Whether a ray comes to its end, by every disc in turn.
@@ -460,5 +461,38 @@ mod tests {
             blocked * 5 > all && blocked * 5 < 4 * all,
             "{blocked} of {all}"
         );
+    }
+
+    /// Of splats as large as the object every few are enough: rays that any of them blocks are blocked by one of those, and others leave.
+    #[test]
+    fn thinned_discs_block_what_all_block() {
+        let mut cloud = synthetic::sphere(4000);
+        assert_eq!(Tracer::new(&cloud, Fronts::unknown(&cloud)).thinning, 1);
+        cloud.scales.fill(glam::Vec2::splat(0.5));
+        let tracer = Tracer::new(&cloud, Fronts::unknown(&cloud));
+        assert!(tracer.thinning > 4, "{}", tracer.thinning);
+        assert!(tracer.disc_count() < 1200);
+        let is_blocked = |i: u32, d: Vec3| {
+            let start = tracer.surfels[i as usize].start(d);
+            tracer.surfels.iter().any(|s| {
+                let over = s.normal.dot(d);
+                let distance = (s.position - start.origin).dot(s.normal) / over;
+                let at = start.origin + distance * d - s.position;
+                let [u, v] = s.axes.map(|a| at.dot(a) / a.length_squared());
+                distance > start.stack && u * u + v * v <= 1.0
+            })
+        };
+        let (mut agree, mut count) = (0, 0);
+        for d in lattice(12) {
+            for of in tracer.order.chunks(PACKET).step_by(40) {
+                let met = tracer.hits(of, d, true, &mut Vec::new());
+                for (i, met) in of.iter().zip(met) {
+                    agree += u32::from((met != MISS) == is_blocked(*i, d));
+                    count += 1;
+                }
+            }
+        }
+        // Rays that graze the object meet few.
+        assert!(20 * agree > 19 * count, "{agree} of {count}");
     }
 }

@@ -64,6 +64,7 @@ pub(super) fn file_in(folder: &Path) -> Option<PathBuf> {
 
 /// The cameras that the reference trainer wrote for a splat: beside it, or above the folders of its iteration.
 pub fn cameras_of_training(splat: &Path) -> Option<PathBuf> {
+    let splat = std::path::absolute(splat).ok()?;
     let folders = splat.parent()?.ancestors().take(3);
     let mut files = folders.map(|folder| folder.join(REFERENCE));
     let found = files.find(|file| file.is_file())?;

@@ -14,7 +14,7 @@ use exr::meta::MetaData;
 use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 use exr::prelude::f16;
-use flate2::bufread::GzDecoder;
+use flate2::bufread::{GzDecoder, MultiGzDecoder};
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
 use zip::ZipArchive;
@@ -53,6 +53,11 @@ impl<R> Guarded<R> {
 /// What a gzip stream holds, to be read in as small a part as is wanted.
 pub fn gunzip<R: BufRead>(packed: R) -> Guarded<GzDecoder<R>> {
     Guarded(GzDecoder::new(packed))
+}
+
+/// What the streams of a gzip file hold one after the other.
+pub fn gunzip_all<R: BufRead>(packed: R) -> Guarded<MultiGzDecoder<R>> {
+    Guarded(MultiGzDecoder::new(packed))
 }
 
 /// The decoder of a zstd frame.

@@ -186,7 +186,8 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
     let step = match format {
         // They have 64 bits where 32 do not do.
         SplatFormat::Ply | SplatFormat::Gltf | SplatFormat::Ksplat => return None,
-        SplatFormat::Splat => each(&|i| in_floats(place(i)))?,
+        // Within a chunk it is as fine as the chunk is small, whose corner is in floats.
+        SplatFormat::Splat | SplatFormat::CompressedPly => each(&|i| in_floats(place(i)))?,
         SplatFormat::Spz => spz::position_step(splat),
         SplatFormat::Sog => {
             let log = |v: f64| v.signum() * v.abs().ln_1p();
@@ -197,24 +198,6 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
             }
             let span = (most - least) / f64::from(u16::MAX);
             each(&|i| (span * (place(i).abs() + 1.0)).max_element())?
-        }
-        SplatFormat::CompressedPly => {
-            let chunks = splat.order.chunks(ply::compressed::CHUNK);
-            let steps = chunks.flat_map(|chunk| {
-                let least = chunk
-                    .iter()
-                    .map(|i| place(*i))
-                    .fold(DVec3::INFINITY, DVec3::min);
-                let most = chunk
-                    .iter()
-                    .map(|i| place(*i))
-                    .fold(DVec3::NEG_INFINITY, DVec3::max);
-                let step = (most - least).max_element() / 1023.0;
-                chunk
-                    .iter()
-                    .map(move |i| step.max(in_floats(place(*i))) as f32)
-            });
-            f64::from(quantile(steps.collect(), 0.5)?)
         }
     };
     Some(Rounding { step, size })

@@ -366,10 +366,10 @@ fn together(mut parts: Vec<(Finished, DAffine3)>) -> Option<Finished> {
     for ((cloud, ..), place) in &parts {
         let moved = place.transform_point3(cloud.origin) - origin;
         let local = DAffine3::from_mat3_translation(place.matrix3, moved);
-        if !local.is_finite() {
+        let map = Affine3A::from_mat3_translation(local.matrix3.as_mat3(), moved.as_vec3());
+        if !(map.is_finite() && map.matrix3.determinant() != 0.0) {
             return None;
         }
-        let map = Affine3A::from_mat3_translation(local.matrix3.as_mat3(), moved.as_vec3());
         mapped.push(match scales_evenly(local) {
             true => cloud.transformed(map),
             false => cloud.mapped(map)?,
@@ -389,6 +389,12 @@ fn together(mut parts: Vec<(Finished, DAffine3)>) -> Option<Finished> {
     for ((part, told, rows), _) in &parts {
         let (first_row, first) = (surfel_of_row.len(), surfel_of_row.len() as u32);
         debug_assert_eq!(part.len(), rows.len());
+        let others = told
+            .warnings
+            .iter()
+            .filter(|w| !report.warnings.contains(w));
+        let others: Vec<String> = others.cloned().collect();
+        report.warnings.extend(others);
         report
             .left_out
             .extend(told.left_out.iter().map(|row| first_row + row));

@@ -21,8 +21,12 @@ use crate::rasterize::Raster;
 /// The file cannot be read, is broken, is no image, or has no such layer.
 pub fn load_image(path: &Path, layer: Option<&str>) -> Result<Image> {
     match file_kind(path)? {
-        FileKind::Hdr => hdr::load(path),
         FileKind::Exr => exr::load(path, layer),
+        FileKind::Hdr | FileKind::Picture if layer.is_some() => Err(Error::invalid(
+            path,
+            "has no layers, of which one is named (--layer); OpenEXR files may have some",
+        )),
+        FileKind::Hdr => hdr::load(path),
         FileKind::Picture => ldr::load(path),
         other => Err(Error::invalid(
             path,

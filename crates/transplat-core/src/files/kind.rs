@@ -118,9 +118,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
             return Err(Error::invalid(path, message));
         }
         _ if ksplat::begins_as_one(start) => FileKind::Splat(SplatFormat::Ksplat),
-        _ if file_bytes.is_some_and(|n| splat::begins_as_one(start, n)) => {
-            FileKind::Splat(SplatFormat::Splat)
-        }
+        _ if splat::begins_as_one(start, file_bytes) => FileKind::Splat(SplatFormat::Splat),
         _ => {
             let what = match start {
                 _ if start.starts_with(b"PXR-USDC") || start.starts_with(b"#usda") => {

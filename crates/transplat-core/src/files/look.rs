@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::decode;
@@ -14,6 +14,7 @@ use super::write::{folder_of, write_atomically};
 use crate::camera::CameraPose;
 use crate::color::Display;
 use crate::error::{self, Error};
+use crate::images::Layout;
 use crate::present::{Background, View};
 use crate::scene::{
     Animation, Bookmark, Cut, EnvironmentLight, Light, MOST_OBJECTS, Object, Rig, Scene, Variant,
@@ -23,7 +24,10 @@ use crate::settings::{Method, TransferSettings};
 use crate::surfels::{Hide, UpAxis};
 
 /// The version of looks that this program writes; it reads all up to it.
-const LOOK_VERSION: u32 = 5;
+const LOOK_VERSION: u32 = 6;
+
+/// The version of those that name neither a layer of a light's file nor a cube below each other, and none of whose splats has an origin.
+const VERSION_WITHOUT_LAYERS: u32 = 5;
 
 /// The version of those that have neither lights beside the environment nor a sky nor keys of the light, and the suns of their pictures.
 const VERSION_WITHOUT_LIGHTS: u32 = 4;
@@ -87,11 +91,20 @@ struct Look {
     variants: Vec<Kept>,
 }
 
-/// Whether a scene has what looks have from the newest version on.
+/// Whether a scene has what looks have from version 5 on.
 fn is_lit_anew(scene: &Scene) -> bool {
     let environment = &scene.environment;
     let has_sky = environment.sky().is_some() || environment.without_suns;
     has_sky || !scene.lights.is_empty() || !scene.animation.is_empty()
+}
+
+/// Whether a scene says how files are read that older looks cannot say.
+fn is_read_anew(scene: &Scene) -> bool {
+    let is_new = |light: &EnvironmentLight| {
+        light.layer.is_some() || light.layout == Some(Layout::CubeColumn)
+    };
+    let has_origin = |object: &Object| object.origin != DVec3::ZERO;
+    scene.environment_lights().any(is_new) || scene.objects.iter().any(has_origin)
 }
 
 /// A [`Bookmark`].
@@ -127,6 +140,8 @@ impl Look {
 
     fn of(scene: Scene) -> Self {
         let is_of_newest = is_lit_anew(&scene);
+        let is_read_anew =
+            is_read_anew(&scene) || scene.variants.iter().any(|v| is_read_anew(&v.look));
         let mut objects = scene.objects;
         let is_one = objects.len() == 1 && objects[0].is_where_it_was_captured();
         let one = objects.pop_if(|_| is_one);
@@ -143,8 +158,10 @@ impl Look {
             look: Self::of_none(look),
         };
         Self {
-            version: if is_of_newest || scene.variants.iter().any(|v| is_lit_anew(&v.look)) {
+            version: if is_read_anew {
                 LOOK_VERSION
+            } else if is_of_newest || scene.variants.iter().any(|v| is_lit_anew(&v.look)) {
+                VERSION_WITHOUT_LAYERS
             } else if is_newest {
                 VERSION_WITHOUT_LIGHTS
             } else if is_new || has_plate {
@@ -397,6 +414,18 @@ mod tests {
     use crate::surfels::{Bounds, UpAxis};
 
     #[test]
+    fn an_origin_and_a_layer_come_back() {
+        let mut scene = Scene::default();
+        scene.objects[0].asset = Some("a.ply".into());
+        scene.objects[0].origin = DVec3::new(500_123.25, 5_600_456.5, 312.0);
+        scene.environment.set_file("a.exr".into());
+        scene.environment.layer = Some("view.Combined".into());
+        let text = look_text(&scene).expect("of characters");
+        assert!(text.contains("\"version\": 6"), "{text}");
+        assert_eq!(parse(text.as_bytes()), Ok(scene));
+    }
+
+    #[test]
     fn what_is_cut_out_is_listed_and_comes_back() {
         let cut = r#""cut": [{"keep": "inside", "min": [0, 0, 0], "max": [1, 2, 3]}]"#;
         let alone = parse(format!(r#"{{"asset": "a.ply", {cut}}}"#).as_bytes()).expect("a look");
@@ -440,7 +469,7 @@ mod tests {
             r#"{"objects": []}"#,
             r#"{"environment": {}}"#,
             r#"{"display": {"exposure": 500}}"#,
-            r#"{"version": 6}"#,
+            r#"{"version": 7}"#,
             r#"{"lights": [{"type": "lamp"}]}"#,
             r#"{"variants": [{"name": "a", "look": {"asset": "a.ply"}}]}"#,
             r#"{"variants": [{"name": "a", "look": {"variants": [{"name": "b", "look": {}}]}}]}"#,

@@ -211,7 +211,11 @@ fn read_ascii(
             let wrong = || invalid(format!("vertex {rows}: {word:?} is not a number"));
             values.push(word.parse::<f32>().map_err(|_| wrong())?);
             if let Some(axis) = layout.position.iter().position(|i| *i == column) {
-                position[axis] = word.parse().map_err(|_| wrong())?;
+                // As exact as the header says that it is.
+                position[axis] = match header.properties[column].scalar {
+                    ScalarType::F32 => values[values.len() - 1].into(),
+                    _ => word.parse().map_err(|_| wrong())?,
+                };
             }
         }
         positions.push(position);

@@ -195,9 +195,16 @@ pub(super) fn open(path: &Path) -> Result<Input> {
         Packing::None => Ok(Input::file(file, length)),
         Packing::Gzip => {
             let mut bytes = Vec::new();
-            let packed = decode::gunzip(BufReader::with_capacity(BUFFER, file));
-            let read = packed.take(most_unpacked(length)).read_to_end(&mut bytes);
+            let packed = decode::gunzip_all(BufReader::with_capacity(BUFFER, file));
+            let most = most_unpacked(length);
+            let read = packed.take(most + 1).read_to_end(&mut bytes);
             read.map_err(|e| invalid(format!("the gzip stream is broken: {e}")))?;
+            if bytes.len() as u64 > most {
+                let mb = most >> 20;
+                return Err(invalid(format!(
+                    "unpacks to more than {mb} MB; unpack it first"
+                )));
+            }
             Ok(Input::unpacked(bytes))
         }
         Packing::Zip(mut archive, name) => {

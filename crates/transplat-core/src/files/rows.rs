@@ -201,7 +201,8 @@ impl Tally {
 
     /// What is no number counts for nothing.
     fn add(&mut self, row: &StoredRow, axes: usize) {
-        self.third_scale_is_zero &= axes < 3 || row.log_scales[2] == 0.0;
+        let third = row.log_scales[2];
+        self.third_scale_is_zero &= axes < 3 || third == 0.0 || third.is_nan();
         for log in &row.log_scales[..axes] {
             self.least_log = self.least_log.min(*log);
         }
@@ -286,7 +287,7 @@ impl Builder {
             let size = self.cloud.median_size();
             size.is_some_and(|size| size > radius && size.ln() < radius)
         };
-        let is_activated = tally.least_log >= 0.0 && is_large();
+        let is_activated = tally.least_log > 0.0 && is_large();
         let has_shares = tally.least_logit >= 0.0 && tally.most_logit <= 1.0;
         Found {
             third_scale_is_zero: tally.third_scale_is_zero && tally.least_log < 0.0,

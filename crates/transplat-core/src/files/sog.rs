@@ -70,6 +70,7 @@ struct Values {
 
 #[derive(Deserialize)]
 struct Higher {
+    bands: Option<usize>,
     codebook: Option<Codebook>,
     mins: Option<f32>,
     maxs: Option<f32>,
@@ -278,7 +279,14 @@ fn read_source(path: &Path, source: &mut Source) -> std::result::Result<Finished
             logit: logits[usize::from(opacity)],
         }
     });
-    rows.finish(format!("SOG, version {version}"), None)
+    let mut finished = rows.finish(format!("SOG, version {version}"), None)?;
+    let bands = meta.higher.as_ref().and_then(|h| h.bands);
+    if let Some(bands) = bands.filter(|bands| *bands != degree) {
+        finished.1.warnings.push(format!(
+            "says that its SH is of degree {bands}; its palette is of degree {degree}, which is taken"
+        ));
+    }
+    Ok(finished)
 }
 
 /// Quaternion w, x, y, z.
@@ -326,7 +334,6 @@ impl<'a> Palette<'a> {
     ) -> std::result::Result<Self, String> {
         let in_a_row = centroids.width() as usize / ENTRIES_IN_A_ROW;
         let fits = |l: &usize| coefficient_count(*l) - 1 == in_a_row;
-        // Some writers say another degree (`bands`) beside it.
         let degree = (1..=3).find(fits);
         let degree = degree.ok_or_else(|| {
             format!(

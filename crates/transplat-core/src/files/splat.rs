@@ -14,8 +14,8 @@ pub(super) const ROW: usize = 32;
 /// Rows are read and converted in blocks of this size.
 const BLOCK_ROWS: usize = 1 << 16;
 
-/// Whether a file of so many bytes that begins like this can be one: there is nothing else that it could be known by.
-pub(super) fn begins_as_one(start: &[u8], file_bytes: u64) -> bool {
+/// Whether a file that begins like this can be one, of so many bytes where that is known: there is nothing else that it could be known by.
+pub(super) fn begins_as_one(start: &[u8], file_bytes: Option<u64>) -> bool {
     let is_row = |row: &[u8]| {
         let mut fields = Fields(row);
         let position: [f32; 3] = fields.each(Fields::f32);
@@ -29,8 +29,7 @@ pub(super) fn begins_as_one(start: &[u8], file_bytes: u64) -> bool {
                 .all(|s| (0.0..1e5).contains(s) && (*s == 0.0 || *s > 1e-20))
             && rotation.iter().any(|r| *r != 128)
     };
-    file_bytes > 0
-        && file_bytes.is_multiple_of(ROW as u64)
+    file_bytes.is_none_or(|n| n > 0 && n.is_multiple_of(ROW as u64))
         && start.len() >= ROW
         && start.chunks_exact(ROW).all(is_row)
 }

@@ -78,8 +78,8 @@ fn is_none(origin: &DVec3) -> bool {
 }
 
 impl Object {
-    /// Takes over another origin of its splat: it stands where it stood, cut and seen as before.
-    pub fn take_origin(&mut self, origin: DVec3) {
+    /// Takes over another origin of its splat, in a scene that is moved by a step: it stands where it stood, cut and seen as before.
+    pub fn take_origin(&mut self, origin: DVec3, scene_step: DVec3) {
         let moved = origin - self.origin;
         let place = |place: &mut Vec3| *place = (place.as_dvec3() - moved).as_vec3();
         for cut in &mut self.cut {
@@ -87,7 +87,8 @@ impl Object {
             place(&mut cut.max);
         }
         self.outside_from.iter_mut().for_each(place);
-        let there = self.transform.moved(moved) + self.transform.translation.as_dvec3();
+        let there =
+            self.transform.moved(moved) + scene_step + self.transform.translation.as_dvec3();
         self.transform.translation = there.as_vec3();
         self.origin = origin;
     }
@@ -250,6 +251,53 @@ mod tests {
             assert!(placed.positions[i].distance(place) < 1e-5);
             assert!(placed.scales[i].distance(1.7 * cloud.scales[i]) < 1e-6);
         }
+    }
+
+    /// What a scene says in a georeferenced file's coordinates is said of the same places once they are relative to a point in it.
+    #[test]
+    fn another_origin_changes_no_place() {
+        let far = DVec3::new(500_000.0, 5_600_000.0, 300.0);
+        let mut scene = crate::scene::Scene::default();
+        let places = |scene: &crate::scene::Scene| {
+            let origin = scene.objects[0].origin;
+            let of = |o: &Object, place: Vec3| {
+                let there = o.transform.scene_from_object().as_daffine3();
+                origin + there.transform_point3(place.as_dvec3())
+            };
+            let [first, second] = [&scene.objects[0], &scene.objects[1]];
+            let camera = scene
+                .camera
+                .map_or(DVec3::ZERO, |c| c.pivot.as_dvec3() + origin);
+            [of(first, first.cut[0].min), of(second, Vec3::ONE), camera]
+        };
+        scene.objects[0].cut.push(Cut {
+            keep: crate::scene::Keep::Inside,
+            min: far.as_vec3(),
+            max: far.as_vec3() + 2.0,
+        });
+        scene.objects.push(Object {
+            transform: Transform {
+                translation: far.as_vec3() + Vec3::new(3.0, 0.0, 0.5),
+                ..somewhere()
+            },
+            ..Object::default()
+        });
+        let around = crate::surfels::Bounds {
+            center: far.as_vec3(),
+            radius: 2.0,
+        };
+        scene.camera = Some(crate::camera::CameraPose::around(
+            &around, 10.0, 20.0, 2.0, 40.0,
+        ));
+        let before = places(&scene);
+        let moved = scene.take_origin(0, far, UpAxis::PlusZ);
+        assert_eq!((moved, scene.objects[0].origin), (-far, far));
+        // Those that were said in 32 bits were off by up to a half.
+        for (a, b) in before.into_iter().zip(places(&scene)) {
+            assert!(a.distance(b) < 1e-3, "{a} {b}");
+        }
+        assert_eq!(scene.objects[0].transform, Transform::default());
+        assert_eq!(scene.take_origin(0, far, UpAxis::PlusZ), DVec3::ZERO);
     }
 
     #[test]

@@ -103,7 +103,7 @@ pub(super) fn parse_point(text: &str) -> Result<[f64; 3], String> {
     values
         .ok()
         .and_then(|v| <[f64; 3]>::try_from(v).ok())
-        .filter(|v| v.iter().all(|v| v.is_finite()))
+        .filter(|v| v.iter().all(|v| (*v as f32).is_finite()))
         .ok_or_else(|| "three numbers X,Y,Z are expected".into())
 }
 

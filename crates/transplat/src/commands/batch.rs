@@ -110,7 +110,7 @@ pub fn run(file: &Path, args: &RenderArgs) -> Result<()> {
         let (name, path) = &lights[at];
         let reading = ImageReading {
             layout: args.light.target_layout,
-            layer: args.light.capture.layer.clone(),
+            layer: args.light.layer.clone(),
         };
         if let Some(Err(why)) = is_file(path).then(|| load_environment_as(path, &reading)) {
             failed.push(format!("{name}: {why}"));

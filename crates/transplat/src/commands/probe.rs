@@ -105,7 +105,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
         );
         summary.time("export", || write_environment(output, &probe.map))?;
         told.push(serde_json::json!({
-            "at": place.at.to_array(),
+            "at": (pipeline.first().cloud.origin + place.at.as_dvec3()).to_array(),
             "open_share": probe.open_share,
             "clipped_share": probe.clipped_share,
             "clipped_light": probe.clipped_light,

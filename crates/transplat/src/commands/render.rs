@@ -475,9 +475,16 @@ impl Shots<'_> {
             return self.take(None, &Lit::default(), summary);
         }
         let mut written = 0;
-        for (i, (name, path)) in targets.iter().enumerate() {
+        for (name, path) in targets {
             let mut lit = Lit::default();
-            let maps = lights.map(|l| l.maps(&l.targets[i]));
+            let target = lights.map(|l| l.targets.iter().find(|t| t.name == *name));
+            if target.is_some_and(|target| target.is_none()) {
+                // It could not be read, which is said.
+                continue;
+            }
+            let maps = lights
+                .zip(target.flatten())
+                .map(|(l, target)| l.maps(target));
             let scene = &self.pipeline.scene;
             self.surround(&mut lit, scene, path, maps, summary)?;
             written += self.take(Some(name), &lit, summary)?;
@@ -570,7 +577,7 @@ impl Shots<'_> {
         let middle = pipeline.cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
         for frame in self.frames {
-            self.set_plate(frame)?;
+            self.set_plate(frame, summary)?;
             look.camera = Some(CameraPose::of(&frame.camera, pipeline.cloud.up, middle));
             look.plate = frame.plate.clone().or(look.plate);
             let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
@@ -585,10 +592,15 @@ impl Shots<'_> {
     }
 
     /// Puts the frame's photograph behind it, where there is one.
-    fn set_plate(&mut self, frame: &Frame) -> Result<()> {
+    fn set_plate(&mut self, frame: &Frame, summary: &mut Summary) -> Result<()> {
         if frame.plate != self.plate && self.studio.scene.background == Background::Plate {
             let photograph = frame.plate.as_ref().map(|path| load_plate(path));
             self.studio.plate = photograph.transpose()?;
+            if let (Some(plate), Some(path)) = (&self.studio.plate, &frame.plate) {
+                for warning in &plate.warnings {
+                    summary.warn(format!("{}: {warning}", path.display()));
+                }
+            }
             self.plate = frame.plate.clone();
         }
         Ok(())
@@ -624,7 +636,7 @@ impl Shots<'_> {
         sink: &mut Sink,
         summary: &mut Summary,
     ) -> Result<()> {
-        self.set_plate(frame)?;
+        self.set_plate(frame, summary)?;
         let path = self.output.picture(target, frame.number);
         let factor = usize::from(self.args.supersample);
         let raster = summary.time("rasterize", || {

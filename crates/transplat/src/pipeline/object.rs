@@ -8,7 +8,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::patches::DIRECTIONS;
@@ -79,7 +79,7 @@ impl LoadedObject {
             }
         };
         let mut settings = settings;
-        settings.take_origin(whole.cloud.origin);
+        settings.take_origin(whole.cloud.origin, DVec3::ZERO);
         let surfels = part_of(asset, &settings, &whole.cloud)?;
         Ok(Self {
             cloud: Arc::new(whole.cloud.selected(&surfels)),
@@ -127,7 +127,7 @@ impl LoadedObject {
 
     /// A splat as its settings say.
     pub fn of(mut cloud: SurfelCloud, file: AssetFile, mut settings: Object) -> Self {
-        settings.take_origin(cloud.origin);
+        settings.take_origin(cloud.origin, DVec3::ZERO);
         if let Some(up) = settings.up {
             cloud.up = up;
         }
@@ -301,8 +301,10 @@ pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc
     let surfels = kept(&object.cut, &whole.positions).unwrap_or_default();
     if surfels.is_empty() {
         let places = || whole.positions.iter().copied();
-        let low = places().reduce(Vec3::min).unwrap_or_default();
-        let high = places().reduce(Vec3::max).unwrap_or_default();
+        let [low, high] = [Vec3::min, Vec3::max].map(|end| {
+            let end = places().reduce(end).unwrap_or_default();
+            whole.origin + end.as_dvec3()
+        });
         bail!(
             "{}: nothing of it is on the kept side of its cut; its surfels lie between {low} and {high}",
             asset.display()

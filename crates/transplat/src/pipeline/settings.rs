@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use transplat_core::files::{FileKind, check_readable, file_kind, load_look, load_rig};
-use transplat_core::scene::{EVEN, EnvironmentLight, Scene};
+use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
 use transplat_core::settings::skips::Skips;
 
 use super::object::name_of;
@@ -87,7 +87,8 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     object.linear |= asset.linear;
     if !asset.outside_from.is_empty() {
         let places = asset.outside_from.iter();
-        object.outside_from = places.map(|p| DVec3::from_array(*p).as_vec3()).collect();
+        let local = |p: &[f64; 3]| (DVec3::from_array(*p) - object.origin).as_vec3();
+        object.outside_from = places.map(local).collect();
     }
     put(&mut scene.directions, asset.directions);
     let Some(light) = light else {
@@ -114,10 +115,21 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     if let Some(source) = &light.capture.source {
         scene.objects[0].source.set_file(source.clone());
     }
+    let of_look = scene.lights.clone();
     if let Some(rig) = &light.rig {
         take_rig(&mut scene, rig, light.target.is_empty())?;
     }
-    scene.lights.extend(light.light.iter().cloned());
+    let kept = if light.rig.is_some() {
+        Vec::new()
+    } else {
+        of_look
+    };
+    let mut named = scene.lights.split_off(kept.len());
+    named.extend(light.light.iter().cloned());
+    // What is named here is in the coordinates of the splat's file.
+    let first = &scene.objects[0];
+    let up = first.up.unwrap_or_default();
+    scene.lights.extend(moved_lights(&named, -first.origin, up));
     // What the look says of its own light's picture is nothing to others.
     if let Some(target) = light.target.first() {
         scene.environment.set_file(target.clone());
@@ -139,10 +151,9 @@ pub fn look_over(base: Scene, asset: &AssetOptions, light: Option<&LightArgs>) -
     scene.objects[0].source.layout = told.or(scene.objects[0].source.layout);
     let of_look = scene.environment.layout.filter(|_| light.target.len() < 2);
     scene.environment.layout = light.target_layout.or(of_look);
-    if let Some(layer) = &light.capture.layer {
-        scene.objects[0].source.layer = Some(layer.clone());
-        scene.environment.layer = Some(layer.clone());
-    }
+    let layer = light.capture.source_layer.clone();
+    scene.objects[0].source.layer = layer.or(scene.objects[0].source.layer.take());
+    scene.environment.layer = light.layer.clone().or(scene.environment.layer.take());
     let strength = light.strength_target.map(|stops| stops as f32);
     put(&mut scene.environment.strength, strength);
     scene.match_strength |= light.match_strength;

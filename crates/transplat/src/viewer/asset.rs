@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use transplat_core::camera::CameraPose;
 use transplat_core::color::Encoding;
 use transplat_core::crop::proposed_crop;
@@ -70,7 +70,7 @@ impl Asset {
             None => {
                 let (mut cloud, file) = load_asset(&path)?;
                 let mut object = object.clone();
-                object.take_origin(cloud.origin);
+                object.take_origin(cloud.origin, DVec3::ZERO);
                 object.apply_to(&mut cloud);
                 let warnings = asset_warnings(&path, &file);
                 let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
@@ -81,7 +81,7 @@ impl Asset {
             None
         } else {
             let mut object = object.clone();
-            object.take_origin(capture.cloud.origin);
+            object.take_origin(capture.cloud.origin, DVec3::ZERO);
             let surfels = part_of(&path, &object, &capture.cloud)?;
             let capture = capture.clone();
             Some(Part { capture, surfels })

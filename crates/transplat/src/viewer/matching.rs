@@ -53,6 +53,7 @@ impl Session {
             file,
             at: 0,
             photograph: None,
+            is_found: false,
         });
         if let Some(asset) = first {
             self.set_upright_by_cameras(&asset);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
 
+use glam::DVec3;
 use transplat_core::camera::{CameraPose, first_pose, framed};
 use transplat_core::environment::ImageReading;
 use transplat_core::estimate::Estimate;
@@ -346,12 +347,14 @@ impl Session {
             OpenedWith::Listed => self.states[at].seeks_room.is_some(),
             OpenedWith::Again | OpenedWith::Scene(_) => false,
         };
-        if self.cameras.is_none() && at == 0 {
+        if at == 0 && self.cameras.as_ref().is_none_or(|c| c.is_found) {
+            // Those of the last one are nothing to this one.
             self.cameras = asset.cameras.clone().map(|file| OpenCameras {
                 path: file.path.clone(),
                 file,
                 at: 0,
                 photograph: None,
+                is_found: true,
             });
         }
         let origin = asset.cloud.origin;
@@ -359,11 +362,12 @@ impl Session {
             // What is there stays around it, wherever its file's coordinates have it.
             let object = &mut self.scene.objects[at];
             let transform = object.transform;
-            object.take_origin(origin);
+            object.take_origin(origin, DVec3::ZERO);
             object.transform = transform;
             self.propose(at, &asset);
         } else {
-            self.scene.take_origin(at, origin);
+            let moved = self.scene.take_origin(at, origin, asset.cloud.up);
+            self.pose.pivot = (self.pose.pivot.as_dvec3() + moved).as_vec3();
         }
         let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());

@@ -10,7 +10,7 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::environment::MOST_LIGHTS;
 use transplat_core::files::{FileKind, file_kind, load_rig, save_rig, write_environment};
 use transplat_core::scene::{
-    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, is_even,
+    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, is_even, moved_lights,
 };
 use transplat_core::surfels::UpAxis;
 
@@ -196,8 +196,11 @@ impl Session {
             return self.error(format!("{}: {why}", path.display()));
         }
         match load_rig(path) {
-            Ok(rig) => {
+            Ok(mut rig) => {
                 self.opened.push(path.to_owned());
+                // A file has them in the coordinates of the splat's.
+                rig.lights =
+                    moved_lights(&rig.lights, -self.scene.objects[0].origin, self.scene_up());
                 self.take_rig(rig, Some(path));
             }
             Err(error) => self.error(error.to_string()),
@@ -212,7 +215,12 @@ impl Session {
             uniform: around.gain(),
         });
         let sky = around.sky().map(|sky| Around::Sky { sky });
-        let rig = Rig::of(self.scene.lights.clone(), uniform.or(sky));
+        let lights = moved_lights(
+            &self.scene.lights,
+            self.scene.objects[0].origin,
+            self.scene_up(),
+        );
+        let rig = Rig::of(lights, uniform.or(sky));
         match save_rig(path, &rig) {
             Ok(()) => self.info(tr_format!("saved {}", path.display())),
             Err(error) => self.error(error.to_string()),

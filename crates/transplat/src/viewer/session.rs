@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use eframe::egui;
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, DVec3, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
@@ -171,16 +171,19 @@ pub struct Pinned {
 /// All that is shown, to be put together beside the interface.
 pub struct Whole {
     each: Vec<(Arc<SurfelCloud>, Affine3A)>,
+    /// Those of the first object, in whose coordinates they stand.
     up: UpAxis,
+    origin: DVec3,
 }
 
 impl Whole {
     /// As one splat; none where nothing is shown.
     pub fn cloud(&self) -> Option<Arc<SurfelCloud>> {
         let whole = SurfelCloud::whole(&self.each)?;
-        let is_upright = whole.up == self.up;
+        let is_upright = whole.up == self.up && whole.origin == self.origin;
         let turned = || SurfelCloud {
             up: self.up,
+            origin: self.origin,
             ..(*whole).clone()
         };
         Some(if is_upright {
@@ -199,6 +202,8 @@ pub struct OpenCameras {
     pub at: usize,
     /// The photograph that was shown with it, if that was found.
     pub photograph: Option<PathBuf>,
+    /// Whether nobody opened it: it lies beside the first object's splat.
+    pub is_found: bool,
 }
 
 /// Everything that is open, and the settings.
@@ -419,6 +424,7 @@ impl Session {
         Whole {
             each: each.collect(),
             up: self.scene_up(),
+            origin: self.scene.objects[0].origin,
         }
     }
 

@@ -310,8 +310,9 @@ fn a_bundle_is_found_below_a_folder() {
     let bytes = below.finish().expect("memory").into_inner();
     let path = made.folder.path().join("below.zip");
     std::fs::write(&path, bytes).expect("room for it");
-    let (back, _) = load_asset(&path).expect("a good file");
+    let (back, asset) = load_asset(&path).expect("a good file");
     assert_eq!((back.len(), back.sh_degree), (cloud.len(), 1));
+    assert!(asset.report.warnings[0].contains("palette is of degree 1"));
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub fn load(path: &Path, named: Option<&str>) -> Result<Image> {
     }
     let layers = layers_of(&headers);
     let (at, is_clear) = match named {
-        Some(name) if layers.len() > 1 => (named_layer(&layers, name).map_err(invalid)?, true),
+        Some(name) if !layers.is_empty() => (named_layer(&layers, name).map_err(invalid)?, true),
         _ => default_layer(&layers).ok_or_else(|| invalid(no_color(&headers)))?,
     };
     let layer = &layers[at];
@@ -60,7 +60,7 @@ pub fn load(path: &Path, named: Option<&str>) -> Result<Image> {
         };
         if named.is_none() {
             warnings.push(format!(
-                "has {} layers; {chosen} is read{doubt}; --layer NAME (Layer in the panel Light) takes another: {}",
+                "has {} layers; {chosen} is read{doubt}; --layer NAME (--source-layer; Layer in the panel Light) takes another: {}",
                 layers.len(),
                 others.join(", ")
             ));

@@ -77,15 +77,23 @@ impl Session {
         let work = move |_: &_| {
             let plate = load_plate(&file)?;
             let backdrop = Backdrop::of_plate(&context, &plate);
-            Ok(([plate.width, plate.height], backdrop))
+            Ok(([plate.width, plate.height], backdrop, plate.warnings))
         };
         let label = tr_format!("reading {}", path.display());
-        self.start(kind, label, work, move |session, (size, backdrop)| {
-            if session.plate.accept(path, size) {
-                session.live().set_backdrop(TARGET, backdrop);
-                session.backdrops[TARGET].clear();
-            }
-        });
+        self.start(
+            kind,
+            label,
+            work,
+            move |session, (size, backdrop, warnings)| {
+                for warning in warnings {
+                    session.info(format!("{}: {warning}", path.display()));
+                }
+                if session.plate.accept(path, size) {
+                    session.live().set_backdrop(TARGET, backdrop);
+                    session.backdrops[TARGET].clear();
+                }
+            },
+        );
     }
 
     /// The tables of colours of the pinned look and of the scene.
