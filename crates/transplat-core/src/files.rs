@@ -59,6 +59,7 @@ pub fn parse_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Strin
 /// # Errors
 /// The file cannot be read, or is nothing of that kind.
 pub fn load_json<T: serde::de::DeserializeOwned>(path: &Path, what: &str) -> Result<T> {
+    kind::expect_json(path, &format!("a {what}"))?;
     let text = read::read_all(path, 1 << 28)?;
     decode::json(&text).map_err(|why| Error::invalid(path, format!("no {what}: {why}")))
 }

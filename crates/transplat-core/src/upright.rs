@@ -13,6 +13,9 @@ const MOST_SURFELS: usize = 50_000;
 /// What is fainter is no ground.
 const LEAST_OPACITY: f32 = 0.1;
 
+/// Pieces are at most so many radii from the middle.
+const FAR: f32 = 2.0;
+
 /// Cosine between an axis and the normals of what lies flat across it.
 const FLAT: f32 = 0.9;
 
@@ -200,7 +203,14 @@ impl Piece {
     fn of(cloud: &SurfelCloud, most: usize) -> Vec<Self> {
         let step = cloud.len().div_ceil(most).max(1);
         let seen = (0..cloud.len()).step_by(step);
+        // What floats far outside, or is as large as all of it, is no piece of it.
+        let bounds = cloud.bounds();
+        let is_of_it = |i: &usize| {
+            cloud.positions[*i].distance(bounds.center) <= FAR * bounds.radius
+                && cloud.scales[*i].max_element() <= bounds.radius
+        };
         seen.filter(|i| cloud.opacities[*i] > LEAST_OPACITY)
+            .filter(is_of_it)
             .map(|i| Self {
                 position: cloud.positions[i],
                 normal: cloud.stored_normal(i),

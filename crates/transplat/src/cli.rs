@@ -99,7 +99,7 @@ pub enum Command {
 
 #[derive(Clone, Debug, Args)]
 pub struct OutputArgs {
-    /// Show no progress and no summary
+    /// Show no progress, no summary and no warnings
     #[arg(long, short)]
     pub quiet: bool,
     /// Print one JSON object on stdout: timings, memory, what was left out, warnings

@@ -152,8 +152,11 @@ pub fn load_asset(path: &Path) -> Result<(SurfelCloud, AssetFile)> {
 pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<String> {
     let format = SplatFormat::of_name(path).filter(|f| *f != asset.format)?;
     let mut losses = format.losses(cloud);
-    let splat = Written::new(cloud, &cloud.sh, asset.order());
-    let rounding = format::rounding(format, &splat).filter(format::Rounding::is_seen);
+    let mut splat = Written::new(cloud, &cloud.sh, asset.order());
+    format::arrange(format, &mut splat);
+    // What is too coarse is not written at all.
+    let is_told = |r: &format::Rounding| r.is_seen() && !r.is_too_coarse();
+    let rounding = format::rounding(format, &splat).filter(is_told);
     losses.extend(rounding.map(|r| {
         format!(
             "positions in steps of {:.4}, of splats that are {:.4} large",
@@ -191,17 +194,19 @@ pub fn write_splat(cloud: &SurfelCloud, stored: &[[f32; 3]], path: &Path) -> Res
         is_linear: false,
         ..Written::new(cloud, stored, order)
     };
-    write_checked(format, &splat, path)
+    write_checked(format, splat, path)
 }
 
 /// Writes a splat in a format that holds where its Gaussians are.
-fn write_checked(format: SplatFormat, splat: &Written<'_>, path: &Path) -> Result<()> {
+fn write_checked(format: SplatFormat, mut splat: Written<'_>, path: &Path) -> Result<()> {
+    format::arrange(format, &mut splat);
+    let splat = &splat;
     let rounding = format::rounding(format, splat).filter(format::Rounding::is_too_coarse);
     if let Some(format::Rounding { step, size }) = rounding {
         return Err(Error::invalid(
             path,
             format!(
-                "{} would hold positions in steps of {step:.3} here, and the splats are {size:.3} large: write it as .ply or .glb, or move the object nearer to the origin",
+                "{} would hold positions in steps of {step:.3} here, and the splats are {size:.3} large: write it as .ply or .glb; what floats far away, or a far origin, makes it so coarse",
                 format.name()
             ),
         ));
@@ -271,7 +276,7 @@ fn write_anew(
             materials: materials.map(|m| &m.each[..]),
             ..Written::new(cloud, stored, asset.order())
         };
-        return write_checked(format, &splat, path);
+        return write_checked(format, splat, path);
     };
     let colored = SurfelCloud {
         sh: stored.to_vec().into(),
@@ -287,7 +292,7 @@ fn write_anew(
         materials: materials.as_ref().map(|m| &m.each[..]),
         ..Written::new(&turned, &turned.sh, asset.order())
     };
-    write_checked(format, &splat, path)
+    write_checked(format, splat, path)
 }
 
 /// How a splat has to be turned that goes from one format to another whose files have another axis up, and what is up then.

@@ -28,6 +28,8 @@ const REFERENCE: &str = "cameras.json";
 /// It cannot be read, is no such file, has no frame, or a pose that cannot be inverted.
 pub fn load_cameras(path: &Path) -> Result<CameraFile> {
     if path.is_dir() {
+        // One that may not be read is not empty.
+        std::fs::read_dir(path).map_err(Error::io(path))?;
         return match file_in(path) {
             Some(found) if is_colmap(&found) => colmap::load(folder_of(&found)),
             Some(found) => load_cameras(&found),

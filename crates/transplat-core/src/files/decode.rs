@@ -15,6 +15,7 @@ use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
 use exr::prelude::f16;
 use flate2::bufread::{GzDecoder, MultiGzDecoder};
+use half::slice::HalfFloatSliceExt;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
 use zip::ZipArchive;
@@ -36,7 +37,9 @@ impl<R: Read> Read for Guarded<R> {
         let read = guarded("the stream", || Ok::<_, String>(self.0.read(bytes)));
         read.map_err(std::io::Error::other)?
             .map_err(|e| match e.kind() {
-                std::io::ErrorKind::UnexpectedEof => e,
+                kind @ std::io::ErrorKind::UnexpectedEof => {
+                    std::io::Error::new(kind, "it is cut off")
+                }
                 // Decoders say where in their own code.
                 kind => std::io::Error::new(kind, "the packed data is broken"),
             })
@@ -82,7 +85,10 @@ pub struct Archive<R>(ZipArchive<R>);
 
 impl<R: Read + Seek> Archive<R> {
     pub fn open(file: R) -> Result<Self> {
-        guarded("the zip archive", || ZipArchive::new(file)).map(Self)
+        let opened = guarded("the zip archive", || ZipArchive::new(file));
+        opened
+            .map(Self)
+            .map_err(|_| "it is cut off or broken; copy it again".into())
     }
 
     /// Names of its files, without those that systems add (`__MACOSX`, `.DS_Store`).
@@ -102,9 +108,10 @@ impl<R: Read + Seek> Archive<R> {
     pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         guarded(name, || {
-            let file = self.0.by_name(name).map_err(|e| e.to_string())?;
+            let file = self.0.by_name(name);
+            let file = file.map_err(|_| "is not in the archive, or packed in an unknown way")?;
             let read = file.take(limit + 1).read_to_end(&mut bytes);
-            read.map_err(|e| e.to_string())
+            read.map_err(|_| "is cut off or broken in the archive")
         })?;
         if bytes.len() as u64 > limit {
             return Err(format!("is larger than {} MB", limit >> 20));
@@ -195,8 +202,12 @@ pub fn exr_headers(file: impl Read + Seek) -> Result<Vec<Header>> {
     Ok(meta.headers.into_vec())
 }
 
+/// The decoder's words where it lacks something; those for what is wrong say where in its own code.
 fn of_exr(why: String) -> String {
-    format!("OpenEXR: {why}")
+    match why.strip_prefix("not supported: ") {
+        Some(what) => format!("OpenEXR: not read: {what}"),
+        None => "no whole OpenEXR file: it is cut off or broken; save or copy it again".into(),
+    }
 }
 
 /// Reads channels of a part of an OpenEXR file, at its largest level: `[channel][height][width]`, of the header's own size.
@@ -223,6 +234,7 @@ fn read_exr_channels(
     let header = &meta.headers[part];
     let [width, height] = [header.layer_size.width(), header.layer_size.height()];
     let mut planes = vec![vec![0f32; width * height]; channels.len()];
+    let mut halves = Vec::new();
     let mut chunks = reader.filter_chunks(false, |_, _, block| {
         block.layer == part && block.level == exr::prelude::Vec2(0, 0)
     })?;
@@ -248,24 +260,21 @@ fn read_exr_channels(
                 let row =
                     &mut planes[plane][at.y() * width + at.x()..][..line.location.sample_count];
                 match header.channels.list[line.location.channel].sample_type {
-                    SampleType::F16 => fill(row, line.read_samples::<f16>(), f16::to_f32)?,
-                    SampleType::F32 => fill(row, line.read_samples::<f32>(), |v| v)?,
-                    SampleType::U32 => fill(row, line.read_samples::<u32>(), |v| v as f32)?,
+                    SampleType::F16 => {
+                        halves.resize(row.len(), f16::ZERO);
+                        line.read_samples_into_slice(&mut halves)?;
+                        halves.convert_to_f32_slice(row);
+                    }
+                    SampleType::F32 => line.read_samples_into_slice(row)?,
+                    SampleType::U32 => {
+                        for (out, sample) in row.iter_mut().zip(line.read_samples::<u32>()) {
+                            *out = sample? as f32;
+                        }
+                    }
                 }
             }
         }
     }
-}
-
-fn fill<T>(
-    row: &mut [f32],
-    samples: impl Iterator<Item = exr::error::Result<T>>,
-    value: impl Fn(T) -> f32,
-) -> exr::error::Result<()> {
-    for (out, sample) in row.iter_mut().zip(samples) {
-        *out = value(sample?);
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -173,6 +173,15 @@ impl Rounding {
     }
 }
 
+/// Brings Gaussians into an order that a format holds well: the file's own, or that in which neighbours follow each other where its chunks would
+/// span the whole scene.
+pub(super) fn arrange(format: SplatFormat, splat: &mut Written<'_>) {
+    let is_seen = || rounding(format, splat).is_some_and(|r| r.is_seen());
+    if format == SplatFormat::CompressedPly && is_seen() {
+        splat.order.sort_unstable();
+    }
+}
+
 /// How coarse a format holds the positions of a splat.
 pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Rounding> {
     let cloud = splat.cloud;
@@ -186,8 +195,7 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
     let step = match format {
         // They have 64 bits where 32 do not do.
         SplatFormat::Ply | SplatFormat::Gltf | SplatFormat::Ksplat => return None,
-        // Within a chunk it is as fine as the chunk is small, whose corner is in floats.
-        SplatFormat::Splat | SplatFormat::CompressedPly => each(&|i| in_floats(place(i)))?,
+        SplatFormat::Splat => each(&|i| in_floats(place(i)))?,
         SplatFormat::Spz => spz::position_step(splat),
         SplatFormat::Sog => {
             let log = |v: f64| v.signum() * v.abs().ln_1p();
@@ -198,6 +206,17 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
             }
             let span = (most - least) / f64::from(u16::MAX);
             each(&|i| (span * (place(i).abs() + 1.0)).max_element())?
+        }
+        SplatFormat::CompressedPly => {
+            let chunks = splat.order.chunks(ply::compressed::CHUNK);
+            let steps = chunks.flat_map(|chunk| {
+                let places = || chunk.iter().map(|i| place(*i));
+                let least = places().fold(DVec3::INFINITY, DVec3::min);
+                let most = places().fold(DVec3::NEG_INFINITY, DVec3::max);
+                let step = (most - least).max_element() / 1023.0;
+                places().map(move |p| step.max(in_floats(p)) as f32)
+            });
+            f64::from(quantile(steps.collect(), 0.5)?)
         }
     };
     Some(Rounding { step, size })

@@ -136,6 +136,20 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
     })
 }
 
+/// Refuses a file that is known to be something else than a text in JSON, where `what` is expected.
+pub(super) fn expect_json(path: &Path, what: &str) -> Result<()> {
+    match file_kind(path) {
+        Ok(FileKind::Look | FileKind::Rig | FileKind::Cameras) => Ok(()),
+        Ok(other) => {
+            let why = format!("{}, where {what} is expected", other.called());
+            Err(Error::invalid(path, why))
+        }
+        Err(error @ Error::Io { .. }) => Err(error),
+        // Its own reader says what is wrong.
+        Err(_) => Ok(()),
+    }
+}
+
 /// What a text in JSON is known by; what is none of the others is a look, or nothing.
 #[derive(Default, Deserialize)]
 #[serde(default)]

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::decode;
-use super::kind::{FileKind, file_kind};
+use super::kind::{FileKind, expect_json, file_kind};
 use super::read::read_all;
 use super::write::{folder_of, write_atomically};
 use crate::camera::CameraPose;
@@ -271,6 +271,7 @@ impl Look {
 /// # Errors
 /// The file cannot be read or is no rig.
 pub fn load_rig(path: &Path) -> error::Result<Rig> {
+    expect_json(path, "a rig of lights")?;
     let text = read_all(path, 1 << 24)?;
     let rig: Rig =
         decode::json(&text).map_err(|e| Error::invalid(path, format!("not a rig: {e}")))?;
@@ -298,6 +299,7 @@ pub fn load_look(path: &Path) -> error::Result<Scene> {
         let message = "a rig of lights, where a look is expected (--rig takes it)";
         return Err(Error::invalid(path, message));
     }
+    expect_json(path, "a look")?;
     let scene = parse(&read_all(path, 1 << 24)?).map_err(|e| Error::invalid(path, e))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     // Without `..` where it can be: a path is compared with others.

@@ -145,7 +145,7 @@ fn parse(text: &str) -> Result<Lut, String> {
 /// Whether a word is written as keywords of the format are.
 fn is_keyword(word: &str) -> bool {
     let is_letter = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_';
-    word.len() > 3 && word.contains('_') && word.chars().all(is_letter)
+    word.len() > 1 && word.chars().all(is_letter)
 }
 
 fn size(word: Option<&str>, most: usize) -> Result<usize, String> {

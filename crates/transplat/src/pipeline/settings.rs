@@ -247,6 +247,9 @@ fn why_no_environment(path: &Path) -> Option<&'static str> {
     if name.starts_with('.') {
         return Some("hidden");
     }
+    if path.is_dir() {
+        return Some("a folder");
+    }
     (extension != "hdr" && extension != "exr").then_some("neither .hdr nor .exr")
 }
 

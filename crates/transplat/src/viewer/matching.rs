@@ -108,6 +108,12 @@ impl Session {
             self.scene.background = Background::default();
         }
         if let Some(photograph) = &found {
+            if last.as_ref() != found.as_ref() {
+                self.info(tr_format!(
+                    "{}: the photograph of this camera is shown behind",
+                    photograph.display()
+                ));
+            }
             self.set_plate(photograph.clone());
         } else if let Some(picture) = &frame.picture {
             self.info(tr_format!(

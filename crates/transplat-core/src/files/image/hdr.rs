@@ -96,13 +96,19 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Image> {
             pixels.push(decode_pixel(stored[index], gain, header.xyz));
         }
     }
+    let mut warnings = header.warnings;
+    if let Some(primaries) = header.primaries
+        && !(primaries.red.y > 0.0 && primaries.white.y > 0.0)
+    {
+        warnings.push("its PRIMARIES are of no colours, and are ignored".into());
+    }
     if let Some(primaries) = header.primaries.filter(|_| !header.xyz)
         && let Some(matrix) = rec_709_from(&primaries, None)
     {
         apply(&matrix, &mut pixels);
     }
     let mut image = Image::new(width, height, pixels);
-    image.provenance.warnings = header.warnings;
+    image.provenance.warnings = warnings;
     Ok(image)
 }
 

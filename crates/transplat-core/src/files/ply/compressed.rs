@@ -20,7 +20,7 @@ use crate::sh::coefficient_count;
 pub(in crate::files) const MAX_DEGREE: usize = 3;
 
 /// Gaussians that share ranges.
-const CHUNK: usize = 256;
+pub(in crate::files) const CHUNK: usize = 256;
 
 /// Bits of x, y and z, of positions and of scales.
 const BITS: [u32; 3] = [11, 10, 11];

@@ -102,7 +102,10 @@ pub fn layers_of(headers: &[Header]) -> Vec<Layer> {
             let all = |of: [&[&str]; 3]| Some([find(of[0])?, find(of[1])?, find(of[2])?]);
             let rgb = || all([&["r", "red"], &["g", "green"], &["b", "blue"]]).map(Colors::Rgb);
             let chroma = || all([&["y"], &["ry"], &["by"]]).map(Colors::LuminanceChroma);
-            let grey = || find(&["y", "l", "luminance"]).map(Colors::Luminance);
+            // Beside X and Z, Y is a coordinate.
+            let is_vector = find(&["x"]).is_some() && find(&["z"]).is_some();
+            let grey = || find(&["y", "l", "luminance"]).filter(|_| !is_vector);
+            let grey = || grey().map(Colors::Luminance);
             let Some(colors) = rgb().or_else(chroma).or_else(grey) else {
                 continue;
             };
