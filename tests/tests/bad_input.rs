@@ -237,7 +237,7 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
     let relight_lut = "relight {} --source even --target even --device cpu -o {}";
     check(
         &args(relight_lut, &[&cut_lut, &out]),
-        "a table of colours, where a splat",
+        "a table of colours (--lut takes it), where a splat",
     );
     let city = asset("city.hdr");
     relight("--target {} -o {}", &[&city, &out], "give a folder");
