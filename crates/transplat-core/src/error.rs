@@ -33,7 +33,7 @@ pub enum Error {
 /// `Result` with the core's [`enum@Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What the system's refusal means, and what to do, without its numbers.
+/// Explains a refusal of the system in plain words, with what to do and without its numbers.
 pub fn refusal(reason: &std::io::Error) -> String {
     use std::io::ErrorKind;
     match reason.kind() {

@@ -49,7 +49,7 @@ pub use write::{
 /// Reads a value from a text in JSON.
 ///
 /// # Errors
-/// What is wrong with it, and where.
+/// The text is no JSON, or holds another value than is expected: what and where.
 pub fn parse_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     decode::json(text.as_bytes())
 }

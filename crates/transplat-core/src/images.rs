@@ -21,7 +21,7 @@ pub struct Image {
     pub provenance: Provenance,
 }
 
-/// Which part of a file an image is, and what reading it assumed.
+/// The part of a file that an image is, and what reading it assumed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Provenance {
     /// Names of all colour layers of the file, where it has several.

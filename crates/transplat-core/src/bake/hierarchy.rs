@@ -104,7 +104,7 @@ pub(super) fn ellipse_box(center: Vec3, [a, b]: [Vec3; 2]) -> Aabb {
 /// A ray that crosses more boxes than this on its way through the object is too slow: captures have 3 to 17.
 const MOST_CROSSED: f32 = 256.0;
 
-/// How many it crosses then.
+/// Boxes that a ray crosses once they are thinned.
 const CROSSED: f32 = 96.0;
 
 /// Every how many-th of some boxes is enough: 1, but where they overlap so much that a ray through the object would cross thousands. A ray

@@ -463,7 +463,7 @@ mod tests {
         );
     }
 
-    /// Of splats as large as the object every few are enough: rays that any of them blocks are blocked by one of those, and others leave.
+    /// Thinned discs of splats as large as the object block the rays that all of them block, and no others.
     #[test]
     fn thinned_discs_block_what_all_block() {
         let mut cloud = synthetic::sphere(4000);

@@ -22,7 +22,7 @@ pub struct EnvironmentMap {
     provenance: Provenance,
 }
 
-/// What a pixel is read as that is infinitely bright: the largest number of 16 bits, since suns are written by overflowing those.
+/// Radiance of an infinitely bright pixel: the largest number of 16 bits, since suns are written by overflowing those.
 pub const INFINITE_RADIANCE: f32 = 65504.0;
 
 impl EnvironmentMap {
@@ -106,7 +106,7 @@ impl EnvironmentMap {
         self.picture_size
     }
 
-    /// Which part of its file it is, and what reading it assumed.
+    /// The part of its file that was read, and what reading it assumed.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
@@ -157,7 +157,7 @@ impl EnvironmentMap {
         self.repaired
     }
 
-    /// How many pixels were infinitely bright, and are read as [`INFINITE_RADIANCE`].
+    /// Number of pixels that were infinitely bright, and are read as [`INFINITE_RADIANCE`].
     pub fn infinite(&self) -> usize {
         self.infinite
     }

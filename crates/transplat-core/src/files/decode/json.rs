@@ -91,6 +91,7 @@ fn of_data(said: &str) -> String {
     }
     if let Some((found, expected)) = said
         .strip_prefix("invalid type: ")
+        .or_else(|| said.strip_prefix("invalid value: "))
         .and_then(found_and_expected)
     {
         return format!(
@@ -105,16 +106,6 @@ fn of_data(said: &str) -> String {
     {
         return format!(
             "a list of {found} stands where {} is expected",
-            kind(&expected)
-        );
-    }
-    if let Some((found, expected)) = said
-        .strip_prefix("invalid value: ")
-        .and_then(found_and_expected)
-    {
-        return format!(
-            "{} stands where {} is expected",
-            kind(&found),
             kind(&expected)
         );
     }
