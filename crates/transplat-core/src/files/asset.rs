@@ -159,8 +159,8 @@ pub fn losses(asset: &AssetFile, cloud: &SurfelCloud, path: &Path) -> Option<Str
     let rounding = format::rounding(format, &splat).filter(is_told);
     losses.extend(rounding.map(|r| {
         format!(
-            "positions in steps of {:.4}, of splats that are {:.4} large",
-            r.step, r.size
+            "positions of {:.0} % of the splats in steps as large as they are",
+            100.0 * r.blurred
         )
     }));
     (!losses.is_empty()).then(|| format!("{} holds {}", format.name(), losses.join("; ")))
@@ -202,7 +202,7 @@ fn write_checked(format: SplatFormat, mut splat: Written<'_>, path: &Path) -> Re
     format::arrange(format, &mut splat);
     let splat = &splat;
     let rounding = format::rounding(format, splat).filter(format::Rounding::is_too_coarse);
-    if let Some(format::Rounding { step, size }) = rounding {
+    if let Some(format::Rounding { step, size, .. }) = rounding {
         return Err(Error::invalid(
             path,
             format!(

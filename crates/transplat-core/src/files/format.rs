@@ -3,7 +3,7 @@
 use std::io::{Seek, Write};
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::written::Written;
@@ -156,10 +156,12 @@ pub(super) struct Rounding {
     pub step: f64,
     /// Median of the splats' larger standard deviations.
     pub size: f64,
+    /// Share of the splats that are rounded to their own size and more.
+    pub blurred: f64,
 }
 
-/// A step of this share of the splats' size is seen.
-const SEEN_STEP: f64 = 0.5;
+/// Where so many of the splats are rounded to their own size, that is seen.
+const SEEN_SHARE: f64 = 0.02;
 
 impl Rounding {
     /// Whether half of the splats may be off by half of their own size and more.
@@ -167,18 +169,34 @@ impl Rounding {
         self.step > self.size
     }
 
-    /// Whether that is seen.
+    /// Whether the picture shows it.
     pub fn is_seen(&self) -> bool {
-        self.step > SEEN_STEP * self.size
+        self.blurred > SEEN_SHARE
     }
 }
 
-/// Brings Gaussians into an order that a format holds well: the file's own, or that in which neighbours follow each other where its chunks would
-/// span the whole scene.
+/// Brings Gaussians into an order that a format holds well: the file's own, or one in which chunks are small where they would span far too much.
+///
+/// What lies far off comes last, each octave of distance by itself: a chunk with one floater in it spans the way there.
 pub(super) fn arrange(format: SplatFormat, splat: &mut Written<'_>) {
     let is_seen = || rounding(format, splat).is_some_and(|r| r.is_seen());
     if format == SplatFormat::CompressedPly && is_seen() {
-        splat.order.sort_unstable();
+        let positions = || {
+            splat
+                .order
+                .iter()
+                .map(|i| splat.cloud.positions[*i as usize])
+        };
+        let median = |values: Vec<f32>| quantile(values, 0.5).unwrap_or(0.0);
+        let center =
+            Vec3::from_array([0, 1, 2].map(|a| median(positions().map(|p| p[a]).collect())));
+        let near = median(positions().map(|p| p.distance(center)).collect());
+        let octave = |i: u32| {
+            let distance = splat.cloud.positions[i as usize].distance(center);
+            (distance / near.max(f32::MIN_POSITIVE)).max(1.0).log2() as u32
+        };
+        // Surfels are stored along a Morton curve.
+        splat.order.sort_by_cached_key(|i| (octave(*i), *i));
     }
 }
 
@@ -188,15 +206,12 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
     let place = |i: u32| cloud.origin + cloud.positions[i as usize].as_dvec3();
     let in_floats = |p: DVec3| 2.0 * (p - p.as_vec3().as_dvec3()).abs().max_element();
     let size = f64::from(cloud.median_size()?);
-    let each = |step: &dyn Fn(u32) -> f64| {
-        let steps = splat.order.iter().map(|i| step(*i) as f32);
-        quantile(steps.collect(), 0.5).map(f64::from)
-    };
-    let step = match format {
+    let order = splat.order.iter().copied();
+    let steps: Vec<f64> = match format {
         // They have 64 bits where 32 do not do.
         SplatFormat::Ply | SplatFormat::Gltf | SplatFormat::Ksplat => return None,
-        SplatFormat::Splat => each(&|i| in_floats(place(i)))?,
-        SplatFormat::Spz => spz::position_step(splat),
+        SplatFormat::Splat => order.map(|i| in_floats(place(i))).collect(),
+        SplatFormat::Spz => vec![spz::position_step(splat); splat.len()],
         SplatFormat::Sog => {
             let log = |v: f64| v.signum() * v.abs().ln_1p();
             let logs = |i: u32| DVec3::from_array(place(i).to_array().map(log));
@@ -205,7 +220,9 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
                 (least, most) = (least.min(logs(*i)), most.max(logs(*i)));
             }
             let span = (most - least) / f64::from(u16::MAX);
-            each(&|i| (span * (place(i).abs() + 1.0)).max_element())?
+            order
+                .map(|i| (span * (place(i).abs() + 1.0)).max_element())
+                .collect()
         }
         SplatFormat::CompressedPly => {
             let chunks = splat.order.chunks(ply::compressed::CHUNK);
@@ -214,12 +231,26 @@ pub(super) fn rounding(format: SplatFormat, splat: &Written<'_>) -> Option<Round
                 let least = places().fold(DVec3::INFINITY, DVec3::min);
                 let most = places().fold(DVec3::NEG_INFINITY, DVec3::max);
                 let step = (most - least).max_element() / 1023.0;
-                places().map(move |p| step.max(in_floats(p)) as f32)
+                places().map(move |p| step.max(in_floats(p)))
             });
-            f64::from(quantile(steps.collect(), 0.5)?)
+            steps.collect()
         }
     };
-    Some(Rounding { step, size })
+    let own_size = |i: u32| f64::from(cloud.scales[i as usize].max_element());
+    let is_blurred = |(i, step): (&u32, &f64)| *step > own_size(*i);
+    let blurred = splat
+        .order
+        .iter()
+        .zip(&steps)
+        .filter(|s| is_blurred(*s))
+        .count();
+    let blurred = blurred as f64 / splat.len().max(1) as f64;
+    let step = quantile(steps.into_iter().map(|s| s as f32).collect(), 0.5)?;
+    Some(Rounding {
+        step: step.into(),
+        size,
+        blurred,
+    })
 }
 
 /// Writes a splat in a format that is written.

@@ -327,3 +327,29 @@ fn a_streamed_bundle_names_its_parts() {
         "{why}"
     );
 }
+
+#[test]
+fn a_compressed_ply_keeps_the_object_among_floaters() {
+    let n = 3000;
+    let mut cloud = gaussians(n, 0);
+    for i in (0..n).step_by(50) {
+        cloud.positions[i] *= 2e4;
+    }
+    let (made, back, _) = through(&cloud, ".compressed.ply");
+    // The file's order is another one. A chunk of the object at most is shared with what floats.
+    let is_off = |i: usize| {
+        let distances = back
+            .positions
+            .iter()
+            .map(|p| p.distance(cloud.positions[i]));
+        distances.fold(f32::INFINITY, f32::min) > cloud.scales[i].max_element()
+    };
+    let off = (0..n).filter(|i| i % 50 != 0 && is_off(*i)).count();
+    println!("{off} of the object are off");
+    assert!(off < ply::compressed::CHUNK, "{off} of the object are off");
+    let ply = made.folder.path().join("splat.ply");
+    write_splat(&cloud, &cloud.sh, &ply).expect("room for it");
+    let (cloud, asset) = load_asset(&ply).expect("a good file");
+    let said = crate::files::losses(&asset, &cloud, &made.name).expect("another format");
+    assert!(said.contains("of the splats in steps"), "{said}");
+}
