@@ -1,5 +1,5 @@
 //! The one door to third-party decoders: whatever a file holds, a decoder that panics is an error here, and none takes more memory than its
-//! caller allows. No other module of `files` calls one (`tests/architecture.rs` holds that).
+//! caller allows. No other module of `files` calls one (`tests/architecture` holds that).
 
 mod guard;
 mod json;
