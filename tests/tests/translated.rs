@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{Event, Key, Shape};
 use egui_kittest::kittest::Queryable as _;
 use proc_macro2::{TokenStream, TokenTree};
-use transplat::viewer::language;
+use transplat::language;
 use transplat_core::present::View;
 use transplat_core::scene::{LightKind, SKY};
 use transplat_tests::driver::Driver;

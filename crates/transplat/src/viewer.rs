@@ -1,7 +1,6 @@
 //! The viewer: live relighting in a window.
 
 mod actions;
-mod adapter;
 mod annotations;
 mod app;
 mod asset;
@@ -15,14 +14,11 @@ mod gestures;
 mod gizmo;
 mod history;
 mod inspecting;
-mod jobs;
 mod kept;
-pub mod language;
 mod light_handles;
 mod light_map;
 mod matching;
 mod measuring;
-mod memory;
 mod menus;
 mod navigation;
 mod object;
@@ -79,7 +75,7 @@ pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
 /// # Errors
 /// There is no display, or no adapter that can draw.
 pub fn open(startup: Startup, software_only: bool) -> Result<()> {
-    memory::keep_few_arenas();
+    crate::engine::memory::keep_few_arenas();
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")

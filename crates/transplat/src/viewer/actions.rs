@@ -7,11 +7,11 @@ use transplat_core::scene::Scene;
 use super::app::Viewer;
 use super::export::Task;
 use super::files::ask;
-use super::jobs::Kind;
 use super::menus::COMPARE;
 use super::navigation;
 use super::session::{Dialog, SaveKind, TARGET};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
+use crate::engine::jobs::Kind;
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {

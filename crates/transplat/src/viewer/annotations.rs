@@ -5,8 +5,8 @@ use glam::Vec3;
 use transplat_core::camera::Camera;
 use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, glow_color, tau_colors};
 
-use super::language::{tr, tr_format};
 use super::session::Session;
+use crate::language::{tr, tr_format};
 
 /// Height of a legend's line in points.
 const LEGEND_LINE: f32 = 18.0;

@@ -15,7 +15,6 @@ use super::export::{self, Task};
 use super::files::{PathField, ask};
 use super::history::History;
 use super::kept::Pictures;
-use super::language::{tr, tr_format};
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
@@ -27,6 +26,7 @@ use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
 use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::language::{tr, tr_format};
 use crate::pipeline::delight::DelitAs;
 use crate::pipeline::settings::{environments_in, not_environments};
 use crate::savings::Saved;
@@ -150,10 +150,11 @@ impl Viewer {
         let preferences: Preferences = kept
             .and_then(|text| serde_json::from_str(&text).ok())
             .unwrap_or_default();
+        let egui = cc.egui_ctx.clone();
         let mut session = Session::new(
             context,
             state.target_format,
-            &cc.egui_ctx,
+            Arc::new(move |after| egui.request_repaint_after(after)),
             preferences.scene(),
         );
         session.overlays.grid = preferences.grid;
@@ -523,7 +524,7 @@ impl Viewer {
         &mut self.preferences.export
     }
 
-    pub(super) fn deal_with(&mut self, event: Event) {
+    pub(super) fn deal_with(&mut self, context: &egui::Context, event: Event) {
         match event {
             Event::Files(paths) => {
                 self.open_all(paths);
@@ -555,7 +556,6 @@ impl Viewer {
             Event::Preview(size, bytes) => {
                 let picture = egui::ColorImage::from_rgba_unmultiplied(size, &bytes);
                 let options = egui::TextureOptions::LINEAR;
-                let context = self.session.jobs.context();
                 self.preview = Some(context.load_texture("preview", picture, options));
                 self.previewed = self.asked_preview.clone();
             }

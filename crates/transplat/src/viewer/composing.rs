@@ -11,8 +11,8 @@ use transplat_core::scene::{
 
 use transplat_core::surfels::{Bounds, Hide};
 
-use super::language::{tr, tr_format};
 use super::session::Session;
+use crate::language::{tr, tr_format};
 use crate::pipeline::object::{name_of, told_apart};
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.

@@ -17,9 +17,9 @@ use transplat_core::scene::{
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
-use super::adapter::BackgroundDevice;
-use super::language::tr;
 use crate::device::Device;
+use crate::engine::adapter::BackgroundDevice;
+use crate::language::tr;
 use crate::pipeline::SKY_COLUMNS;
 use crate::pipeline::warnings::map_warnings;
 

@@ -22,15 +22,15 @@ use transplat_core::scene::Scene;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
-use super::adapter::BackgroundDevice;
 use super::asset::reading_of;
 use super::capture::Part;
 use super::environments::Environment;
-use super::jobs::{Handle, Kind};
-use super::language::{tr, tr_format, tr_later};
 use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET, Whole};
 use crate::device::Transfer;
+use crate::engine::adapter::BackgroundDevice;
+use crate::engine::jobs::{Handle, Kind};
 use crate::film::{FRAME_RATE, FilmFormat};
+use crate::language::{tr, tr_format, tr_later};
 use crate::pipeline::delight::DelitAs;
 use crate::pipeline::object::name_of;
 

@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::time::Instant;
 
-use super::jobs::Kind;
-use super::language::tr;
 use super::session::{Dialog, Event, SaveKind, Session};
+use crate::engine::jobs::Kind;
+use crate::language::tr;
 
 /// What the window "By path" asks for.
 pub struct PathField {

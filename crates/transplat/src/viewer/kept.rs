@@ -8,10 +8,10 @@ use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
 use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform, Variant};
 
-use super::language::{tr, tr_format};
 use super::session::Session;
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
+use crate::language::{tr, tr_format};
 
 /// Pixels of a picture.
 const PIXELS: [usize; 2] = [224, 112];

@@ -10,11 +10,11 @@ use transplat_core::scene::EnvironmentLight;
 use transplat_core::surfels::UpAxis;
 
 use super::environments::Environment;
-use super::language::tr;
 use super::navigation;
 use super::probes::{color, image};
 use super::session::{Session, TARGET};
 use super::widgets::{Grab, named};
+use crate::language::tr;
 
 /// Pixels across.
 const WIDTH: usize = 256;

@@ -9,9 +9,9 @@ use transplat_core::present::Background;
 use transplat_core::upright::up_from_cameras;
 
 use super::asset::Asset;
-use super::jobs::Kind;
-use super::language::{tr, tr_format};
 use super::session::{Event, OpenCameras, Session};
+use crate::engine::jobs::Kind;
+use crate::language::{tr, tr_format};
 use crate::picture::photographs_named;
 
 /// Folders, seen from that of a camera file, in which photographs lie.

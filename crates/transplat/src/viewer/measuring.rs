@@ -4,11 +4,11 @@ use anyhow::{Context as _, bail};
 use transplat_core::extremes;
 use transplat_core::settings::Method;
 
-use super::jobs::{Handle, Kind, Work};
-use super::language::{tr, tr_format};
 use super::object::Measured;
 use super::session::{Outcome, Session};
 use crate::device::Device;
+use crate::engine::jobs::{Handle, Kind, Work};
+use crate::language::{tr, tr_format};
 use crate::savings;
 use crate::sweep::{Effort, Setting, Subject, Sweep, in_words};
 

@@ -11,12 +11,12 @@ use transplat_core::surfels::Hide;
 use super::app::Viewer;
 use super::export::Task;
 use super::files::{PathField, ask};
-use super::language::{self, tr, tr_format, tr_later};
 use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
 use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
+use crate::language::{self, tr, tr_format, tr_later};
 use crate::words::of_error;
 
 impl Viewer {

@@ -1,6 +1,6 @@
 //! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
 
-use super::language::tr_later;
+use crate::language::tr_later;
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV};
 use transplat_core::scene::EnvironmentLight;

@@ -17,11 +17,11 @@ use transplat_gpu::live::{Drawing, LiveAsset};
 use super::asset::{Asset, OpenedWith, name_of, reading_of, told};
 use super::capture::Capture;
 use super::environments::{Environment, light_name};
-use super::jobs::{Kind, Work};
-use super::language::{tr, tr_format};
 use super::object::ObjectState;
 use super::session::{Event, OpenCameras, SOURCE, Session, TARGET};
 use super::stages::DROP_IT;
+use crate::engine::jobs::{Kind, Work};
+use crate::language::{tr, tr_format};
 use crate::pipeline::estimate;
 use crate::words::of_error;
 

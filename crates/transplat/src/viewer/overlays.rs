@@ -14,13 +14,13 @@ use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
 use super::export::Task;
-use super::jobs::{Job, Kind, TOLD_EVERY, Work};
-use super::language::{tr, tr_format};
 use super::navigation;
 use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
 use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
+use crate::engine::jobs::{Job, Kind, TOLD_EVERY, Work};
+use crate::language::{tr, tr_format};
 use crate::words::milliseconds;
 
 /// Points across a ball in the corner.

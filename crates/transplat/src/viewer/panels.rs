@@ -13,9 +13,9 @@ mod transfer;
 use eframe::egui::{self, Align2, Sense, Ui};
 
 use super::app::Viewer;
-use super::language::tr;
 use super::style;
 use super::tabs::{TABS, Tab};
+use crate::language::tr;
 
 /// The tabs, and what the chosen one has.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

@@ -8,8 +8,8 @@ use transplat_core::scene::Scene;
 use transplat_core::transfer::{Part, Relit};
 use transplat_gpu::live::{Drawing, LiveSh};
 
-use super::language::tr;
 use super::session::{Pinned, Session};
+use crate::language::tr;
 
 impl Session {
     /// The pinned look, where that is compared with.

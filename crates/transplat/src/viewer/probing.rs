@@ -10,9 +10,9 @@ use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
 
 use super::environments::load_map;
 use super::export::free_name;
-use super::jobs::Kind;
-use super::language::{tr, tr_format};
 use super::session::{Event, Session};
+use crate::engine::jobs::Kind;
+use crate::language::{tr, tr_format};
 use crate::picture::light_at;
 use crate::pipeline::object::{as_file_name, name_of};
 use crate::words::percent;

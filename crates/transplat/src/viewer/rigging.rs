@@ -15,11 +15,11 @@ use transplat_core::scene::{
 use transplat_core::surfels::UpAxis;
 
 use super::environments::load_map;
-use super::jobs::Kind;
 use super::kept::free;
-use super::language::{tr, tr_format, tr_later};
 use super::object::Followed;
 use super::session::{Event, Session};
+use crate::engine::jobs::Kind;
+use crate::language::{tr, tr_format, tr_later};
 use crate::pipeline::SKY_COLUMNS;
 use crate::pipeline::settings::beside;
 

@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::Instant;
 
 use anyhow::Result;
-use eframe::egui;
 use glam::{Affine3A, DVec3, Vec3};
 use transplat_core::bake::Bake;
 use transplat_core::bake::insertion::InsertionBake;
@@ -21,16 +20,16 @@ use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Drawing, Live, Passes};
 
-use super::adapter::{BackgroundDevice, GpuTimer};
 use super::asset::Asset;
 use super::capture::Capture;
 use super::environments::{Environment, Environments, Resolved};
-use super::jobs::{Handle, Jobs, Kind};
-use super::language::tr_later;
 use super::object::{
     Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight,
     Surroundings, TogetherKey,
 };
+use crate::engine::adapter::{BackgroundDevice, GpuTimer};
+use crate::engine::jobs::{Handle, Jobs, Kind, Wake};
+use crate::language::tr_later;
 use crate::pipeline::bake::Baked;
 use crate::words::of_error;
 
@@ -277,7 +276,7 @@ impl Session {
     pub fn new(
         context: Arc<Context>,
         window: eframe::wgpu::TextureFormat,
-        egui: &egui::Context,
+        wake: Wake,
         scene: Scene,
     ) -> Self {
         Self {
@@ -288,7 +287,7 @@ impl Session {
             ))),
             background: BackgroundDevice::new(&context),
             context,
-            jobs: Jobs::new(egui),
+            jobs: Jobs::new(wake),
             timers: Timers::default(),
             states: scene
                 .objects

@@ -2,10 +2,10 @@
 
 use transplat_core::present::View;
 
-use super::jobs::{Kind, Work};
-use super::language::tr;
 use super::object::ObjectState;
 use super::session::Session;
+use crate::engine::jobs::{Kind, Work};
+use crate::language::tr;
 
 impl Session {
     /// What a view lacks that shows what is relit, in words.

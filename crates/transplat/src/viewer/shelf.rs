@@ -8,11 +8,11 @@ use transplat_core::scene::is_even;
 
 use super::environments::{Environment, light_name};
 use super::kept::Pictures;
-use super::language::{tr, tr_format};
 use super::probes::thumbnail;
 use super::session::{SIDES, SOURCE, Session, TARGET};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named, waiting};
+use crate::language::{tr, tr_format};
 
 /// Pixels across a thumbnail.
 const THUMBNAIL_PIXELS: usize = 224;

@@ -2,8 +2,8 @@
 
 use eframe::egui::{Key, Modifiers};
 
-use super::language::{tr, tr_later};
 use super::tabs::Tab;
+use crate::language::{tr, tr_later};
 
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

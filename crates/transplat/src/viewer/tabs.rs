@@ -1,6 +1,6 @@
 //! The tabs of the panel, and how they are named.
 
-use super::language::tr_later;
+use crate::language::tr_later;
 use lucide_icons::Icon;
 use serde::{Deserialize, Serialize};
 

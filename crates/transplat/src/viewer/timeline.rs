@@ -4,10 +4,10 @@ use eframe::egui::{self, Align2, Color32, Rect, RichText, Role, Sense, Stroke, U
 use lucide_icons::Icon;
 use transplat_core::scene::{Ease, LONGEST, LightKey, MOST_KEYS};
 
-use super::language::{tr, tr_format};
 use super::session::Session;
 use super::style;
 use super::widgets::{named, number};
+use crate::language::{tr, tr_format};
 
 /// Height of the panel.
 pub const HEIGHT: f32 = 48.0;

@@ -14,13 +14,13 @@ use transplat_gpu::live::Live;
 use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
 use super::gestures::{Gesture, Gestures, Press, Step};
 use super::gizmo::Gizmo;
-use super::language::tr;
 use super::light_handles::LightHandles;
 use super::navigation;
 use super::rigging::mirrored;
 use super::screen::Screen;
 use super::session::{Session, TARGET};
 use super::widgets::named;
+use crate::language::tr;
 
 /// Cosine to where a highlight is wanted from which it is there.
 const NEAR_ENOUGH: f64 = 0.999;
@@ -165,7 +165,7 @@ impl Viewport {
             let ran = session.live().frame(&frame);
             if ran {
                 let timer = &session.timers.frame;
-                timer.measure(&session.context, start, ui.ctx());
+                timer.measure(&session.context, start, session.jobs.wake());
             }
             let callback = Paint(session.live.clone());
             ui.painter()

@@ -7,12 +7,12 @@ use eframe::egui::{self, Key, Ui};
 use super::app::{STORAGE_KEY, Viewer};
 use super::files::ask;
 use super::history;
-use super::language::tr_format;
 use super::panels;
 use super::session::Dialog;
 use super::shelf;
 use super::tabs::{LightPage, Tab};
 use super::timeline;
+use crate::language::tr_format;
 
 /// How often work and settings are kept.
 const KEEPS_AFTER: Duration = Duration::from_secs(5);
@@ -26,7 +26,7 @@ impl eframe::App for Viewer {
         self.keys(context);
         self.timeline.play(context, &mut self.session);
         for event in self.session.update() {
-            self.deal_with(event);
+            self.deal_with(context, event);
         }
         // What is to be computed has been started: all that is settled is as it is set.
         self.is_stopped = self.session.is_stopped();

@@ -6,8 +6,8 @@ use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
-use super::language::{tr, tr_format};
 use crate::bundled::{BUNDLED_SPLAT, bundled};
+use crate::language::{tr, tr_format};
 
 impl Viewer {
     /// Opens the work of last time; whether there is any.

@@ -25,15 +25,15 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
+use crate::engine::jobs::Handle;
 use crate::film::Film;
+use crate::language::{tr, tr_format};
 use crate::layers::Layers;
 use crate::picture::MAX_SAMPLES;
 use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
 use crate::pipeline::delight::Delit;
 use crate::viewer::environments::{Environment, load_map};
-use crate::viewer::jobs::Handle;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::navigation::wrap;
 use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
 

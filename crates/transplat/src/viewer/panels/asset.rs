@@ -9,10 +9,10 @@ use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
 
+use crate::language::{tr, tr_format};
 use crate::pipeline::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, fact, file, named, number, thousands};

@@ -5,11 +5,11 @@ use transplat_core::files::SplatFormat;
 use transplat_core::transfer::materials::WHITEST_ALBEDO;
 
 use crate::film::FilmFormat;
+use crate::language::{tr, tr_format};
 use crate::pipeline::delight::{ALBEDOS, DelitAs};
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::style::small;
 use crate::viewer::widgets::{button, choice, named, number};

@@ -5,10 +5,10 @@ use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBI
 use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
+use crate::language::{tr, tr_format};
 use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
 use crate::viewer::environments::Environment;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
 use crate::viewer::stages::DROP_IT;
 use crate::viewer::tabs::LightPage;

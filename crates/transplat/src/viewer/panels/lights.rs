@@ -4,9 +4,9 @@ use eframe::egui::{self, Role, Ui};
 use glam::DVec3;
 use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, Lit, SUN_DEG};
 
+use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::light_handles::color_of;
 use crate::viewer::rigging::{RIGS, called, kind_name};
 use crate::viewer::session::{Dialog, SaveKind, Session};

@@ -8,9 +8,9 @@ use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use super::transfer;
+use crate::language::tr;
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
-use crate::viewer::language::tr;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::widgets::{Control, button, choice, named};
 

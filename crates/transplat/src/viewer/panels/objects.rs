@@ -6,8 +6,8 @@ use eframe::egui::{self, Ui};
 use glam::{EulerRot, Quat};
 use transplat_core::scene::{FARTHEST, SCALES, Transform};
 
+use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{button, name, named, number};
 

@@ -3,11 +3,11 @@
 use eframe::egui::{self, Align, Button, Ui};
 use transplat_core::present::Doubt;
 
+use crate::engine::jobs::{Kind, Work};
+use crate::language::{tr, tr_format};
 use crate::sweep::{Point, Stage};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
-use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{fact, thousands};
 use crate::words::milliseconds;

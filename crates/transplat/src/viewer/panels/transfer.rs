@@ -5,8 +5,8 @@ use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use transplat_core::settings::{EPSILON, GLOW_ABOVE, GLOW_RANGE, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
+use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::widgets::{Control, advanced, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

@@ -7,10 +7,10 @@ use transplat_core::ground::ground_plane;
 use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 
+use crate::engine::jobs::{Kind, Work};
+use crate::language::tr;
 use crate::pipeline::estimate;
 use crate::viewer::asset::{OpenedWith, reading_of};
-use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::language::tr;
 use crate::viewer::object::Measured;
 use crate::viewer::session::Session;
 

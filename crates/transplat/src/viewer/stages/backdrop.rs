@@ -7,10 +7,10 @@ use transplat_core::files::{load_lut, load_plate};
 use transplat_core::present::{Background, View};
 use transplat_gpu::present::{Backdrop, ResidentLut};
 
+use crate::engine::jobs::Kind;
+use crate::language::tr_format;
 use crate::pipeline::SKY_COLUMNS;
 use crate::viewer::environments::load_map;
-use crate::viewer::jobs::Kind;
-use crate::viewer::language::tr_format;
 use crate::viewer::session::{BackdropKey, SOURCE, Session, TARGET};
 
 impl Session {

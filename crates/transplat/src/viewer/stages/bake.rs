@@ -7,10 +7,10 @@ use transplat_core::bake::patches;
 use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
+use crate::engine::jobs::{Handle, Kind, Work};
+use crate::language::{tr, tr_format};
 use crate::pipeline::bake::{self, Baked, Wanted};
 use crate::viewer::capture::kept_beside;
-use crate::viewer::jobs::{Handle, Kind, Work};
-use crate::viewer::language::{tr, tr_format};
 use crate::viewer::object::BakeKey;
 use crate::viewer::session::{Outcome, Session};
 

@@ -3,8 +3,8 @@
 use transplat_core::present::{View, material_colors};
 use transplat_core::settings::Method;
 
-use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::language::tr;
+use crate::engine::jobs::{Kind, Work};
+use crate::language::tr;
 use crate::viewer::object::ChannelKey;
 use crate::viewer::session::Session;
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use transplat_core::present::{self, Doubt, View};
 use transplat_core::transfer::{Part, RelitRows};
 
-use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::language::tr;
+use crate::engine::jobs::{Kind, Work};
+use crate::language::tr;
 use crate::viewer::object::{Doubts, ShownKey};
 use crate::viewer::session::Session;
 

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use transplat_core::settings::Method;
 
+use crate::engine::jobs::{Handle, Kind, Work};
+use crate::language::{tr, tr_format, tr_later};
 use crate::pipeline::estimate::{make_and_keep, why_not};
 use crate::viewer::environments::Environment;
-use crate::viewer::jobs::{Handle, Kind, Work};
-use crate::viewer::language::{tr, tr_format, tr_later};
 use crate::viewer::object::ObjectState;
 use crate::viewer::session::{SOURCE, Session};
 use crate::words::of_error;

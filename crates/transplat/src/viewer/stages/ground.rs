@@ -5,8 +5,8 @@ use glam::Vec3;
 use transplat_core::ground::{GROUND_REACH, Ground};
 use transplat_core::surfels::SurfelCloud;
 
-use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::language::tr;
+use crate::engine::jobs::{Handle, Kind};
+use crate::language::tr;
 use crate::viewer::object::{GroundKey, GroundLitKey};
 use crate::viewer::session::{Outcome, Session};
 

@@ -10,9 +10,9 @@ use transplat_core::environment::Illumination;
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
 
+use crate::engine::jobs::{Handle, Kind};
+use crate::language::tr;
 use crate::pipeline::bake::{self, Wanted};
-use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::language::tr;
 use crate::viewer::object::{InsertedKey, InsertionKey};
 use crate::viewer::session::{Outcome, Session};
 

@@ -9,8 +9,8 @@ use transplat_gpu::live::Drawing;
 use transplat_gpu::transfer::GpuTransfer;
 use transplat_gpu::{Context, GpuError};
 
-use crate::viewer::jobs::{Handle, Kind, Work};
-use crate::viewer::language::tr_format;
+use crate::engine::jobs::{Handle, Kind, Work};
+use crate::language::tr_format;
 use crate::viewer::object::{PrepareKey, Prepared};
 use crate::viewer::session::{Outcome, Session};
 

@@ -8,8 +8,8 @@ use transplat_core::settings::skips::Skip;
 use transplat_core::transfer::{Part, PreparedTransfer, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
-use crate::viewer::jobs::{Kind, Work};
-use crate::viewer::language::tr;
+use crate::engine::jobs::{Kind, Work};
+use crate::language::tr;
 use crate::viewer::object::{Relighting, RelitKey};
 use crate::viewer::session::Session;
 
@@ -59,7 +59,7 @@ impl Session {
             self.error(error.to_string());
         }
         let timer = &self.timers.transfer;
-        timer.measure(&self.context, start, self.jobs.context());
+        timer.measure(&self.context, start, self.jobs.wake());
         let relighting = self.relighting(at, &key, None);
         self.states[at].relit.set(key, relighting);
     }
@@ -88,7 +88,7 @@ impl Session {
             let since = state.coarse_since.map_or(REST, |at| at.elapsed());
             let rest = REST.saturating_sub(since);
             if !rest.is_zero() {
-                self.jobs.context().request_repaint_after(rest);
+                (self.jobs.wake())(rest);
             }
             return !rest.is_zero();
         }

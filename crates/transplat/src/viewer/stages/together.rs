@@ -14,8 +14,8 @@ use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
-use crate::viewer::jobs::{Handle, Kind};
-use crate::viewer::language::tr;
+use crate::engine::jobs::{Handle, Kind};
+use crate::language::tr;
 use crate::viewer::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
 use crate::viewer::session::{Outcome, Session};
 

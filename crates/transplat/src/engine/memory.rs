@@ -2,7 +2,7 @@
 
 /// As many arenas as there are cores, instead of eight times as many: to be said before there are threads.
 #[allow(unsafe_code)]
-pub(super) fn keep_few_arenas() {
+pub fn keep_few_arenas() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     if let Ok(cores) = std::thread::available_parallelism().map(|n| n.get().min(1 << 10)) {
         // SAFETY: called before the window's and the pools' threads are there, as it asks.
@@ -12,7 +12,7 @@ pub(super) fn keep_few_arenas() {
 
 /// Gives back what is free.
 #[allow(unsafe_code)]
-pub(super) fn give_back() {
+pub fn give_back() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: it takes a number, and may be called at any time from any thread.
     unsafe {

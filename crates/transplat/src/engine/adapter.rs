@@ -2,11 +2,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use eframe::egui;
 use transplat_gpu::Context;
 
+use super::jobs::Wake;
 use crate::device::Device;
 
 /// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
@@ -62,20 +62,20 @@ impl GpuTimer {
     }
 
     /// Measures what began at `start` and has just been submitted.
-    pub fn measure(&self, context: &Arc<Context>, start: Instant, egui: &egui::Context) {
+    pub fn measure(&self, context: &Arc<Context>, start: Instant, wake: &Wake) {
         if self.waiting.swap(true, Ordering::Relaxed) {
             return;
         }
         let (micros, waiting) = (self.micros.clone(), self.waiting.clone());
         let count = self.count.clone();
-        let (context, egui) = (context.clone(), egui.clone());
+        let (context, wake) = (context.clone(), wake.clone());
         let submission = context.last_submission();
         std::thread::spawn(move || {
             context.finish(&submission);
             micros.store(start.elapsed().as_micros() as u64, Ordering::Relaxed);
             count.fetch_add(1, Ordering::Relaxed);
             waiting.store(false, Ordering::Relaxed);
-            egui.request_repaint();
+            wake(Duration::ZERO);
         });
     }
 }

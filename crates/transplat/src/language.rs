@@ -33,18 +33,18 @@ pub const fn tr_later(text: &'static str) -> &'static str {
 /// by number.
 macro_rules! tr_format {
     ($text:literal $(, $name:ident = $value:expr)+ $(,)?) => {
-        match $crate::viewer::language::translated($text) {
+        match $crate::language::translated($text) {
             None => format!($text $(, $name = $value)+),
-            Some(text) => $crate::viewer::language::fill(
+            Some(text) => $crate::language::fill(
                 text,
                 &[$((stringify!($name), &$value as &dyn std::fmt::Display)),+],
             ),
         }
     };
     ($text:literal $(, $value:expr)+ $(,)?) => {
-        match $crate::viewer::language::translated($text) {
+        match $crate::language::translated($text) {
             None => format!($text $(, $value)+),
-            Some(text) => $crate::viewer::language::fill(
+            Some(text) => $crate::language::fill(
                 text,
                 &[$(("", &$value as &dyn std::fmt::Display)),+],
             ),

@@ -8,10 +8,9 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::language::tr;
 use super::memory;
+use crate::language::tr;
 use anyhow::{Result, anyhow};
-use eframe::egui;
 use thread_priority::{ThreadPriority, set_current_thread_priority};
 use transplat_core::settings::Method;
 
@@ -171,7 +170,7 @@ pub struct Handle<E> {
     id: u64,
     sender: Sender<Message<E>>,
     signals: Arc<Signals>,
-    context: egui::Context,
+    wake: Wake,
 }
 
 impl<E> Handle<E> {
@@ -180,7 +179,7 @@ impl<E> Handle<E> {
         let per_mille = (done * 1e3) as u32;
         if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
             // Without a graphics card a picture of the window costs what the job would get.
-            self.context.request_repaint_after(TOLD_EVERY);
+            (self.wake)(TOLD_EVERY);
         }
         if self.is_cancelled() {
             ControlFlow::Break(())
@@ -205,7 +204,7 @@ impl<E> Handle<E> {
             event,
             ended,
         });
-        self.context.request_repaint();
+        (self.wake)(Duration::ZERO);
     }
 }
 
@@ -214,6 +213,9 @@ struct Message<E> {
     event: Option<E>,
     ended: bool,
 }
+
+/// Asks whoever shows the engine's state to look at it again after a while.
+pub type Wake = Arc<dyn Fn(Duration) + Send + Sync>;
 
 /// Of threads whose work is long, out of 99; in Linux a niceness of 10, a tenth of a core where a picture is being drawn.
 const PRIORITY_OF_LONG: u8 = 25;
@@ -241,19 +243,19 @@ pub struct Jobs<E> {
     receiver: Receiver<Message<E>>,
     running: Vec<Job>,
     next: u64,
-    context: egui::Context,
+    wake: Wake,
     queue: Arc<Queue>,
 }
 
 impl<E: Send + 'static> Jobs<E> {
-    pub fn new(context: &egui::Context) -> Self {
+    pub fn new(wake: Wake) -> Self {
         let (sender, receiver) = channel();
         Self {
             sender,
             receiver,
             running: Vec::new(),
             next: 1,
-            context: context.clone(),
+            wake,
             queue: Arc::default(),
         }
     }
@@ -275,7 +277,7 @@ impl<E: Send + 'static> Jobs<E> {
             id,
             sender: self.sender.clone(),
             signals: signals.clone(),
-            context: self.context.clone(),
+            wake: self.wake.clone(),
         };
         self.running.push(Job {
             id,
@@ -321,9 +323,9 @@ impl<E: Send + 'static> Jobs<E> {
         events
     }
 
-    /// The interface that is woken when something is ready.
-    pub fn context(&self) -> &egui::Context {
-        &self.context
+    /// What asks for another look when something is ready.
+    pub fn wake(&self) -> &Wake {
+        &self.wake
     }
 
     pub fn running(&self) -> &[Job] {
@@ -362,7 +364,7 @@ mod tests {
 
     #[test]
     fn exports_are_made_one_after_the_other_and_one_that_waits_can_be_cancelled() {
-        let mut jobs = Jobs::<u32>::new(&egui::Context::default());
+        let mut jobs = Jobs::<u32>::new(Arc::new(|_| ()));
         let (go, gate) = channel::<()>();
         let mut gate = Some(gate);
         for number in 0..4 {
@@ -411,7 +413,7 @@ mod tests {
             let nice = fields.flat_map(str::split_whitespace).nth(16);
             Ok(nice.and_then(|n| n.parse::<i32>().ok()))
         };
-        let mut jobs = Jobs::<Option<i32>>::new(&egui::Context::default());
+        let mut jobs = Jobs::<Option<i32>>::new(Arc::new(|_| ()));
         let mut of = |kind| {
             jobs.start(kind, "work", niceness, |result| result.ok().flatten());
             let end = Instant::now() + Duration::from_secs(20);
@@ -428,7 +430,7 @@ mod tests {
 
     #[test]
     fn the_interface_computes_while_a_job_keeps_all_cores_busy() {
-        let mut jobs = Jobs::<Result<()>>::new(&egui::Context::default());
+        let mut jobs = Jobs::<Result<()>>::new(Arc::new(|_| ()));
         let (begun, has_begun) = channel();
         let long = Duration::from_millis(1500);
         let work = move |_: &Handle<_>| {

@@ -1,0 +1,5 @@
+//! The engine: what the window and the commands ask for work. It knows neither a window nor a command line.
+
+pub mod adapter;
+pub mod jobs;
+pub mod memory;
