@@ -33,6 +33,7 @@ pub use bake::{BakeHeader, geometry_key, inspect_bake, load_bake, save_bake};
 pub use cameras::{CameraFile, CameraFrame, cameras_of_training, load_cameras};
 pub use estimate::{load_estimate, save_estimate};
 pub use format::SplatFormat;
+pub use gltf::percent_decoded;
 pub use image::{
     image_size, load_environment, load_environment_as, load_image, load_picture, load_plate,
 };

@@ -238,7 +238,8 @@ fn below(folder: &Path, uri: &str) -> Option<PathBuf> {
     there.or(named.last()).cloned()
 }
 
-fn percent_decoded(uri: &str) -> String {
+/// A part of a URI with its percent codes decoded (RFC 3986).
+pub fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
     while let [first, after @ ..] = rest {

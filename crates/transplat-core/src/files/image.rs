@@ -7,7 +7,7 @@ mod primaries;
 
 use std::path::Path;
 
-use super::kind::{FileKind, file_kind};
+use super::kind::{FileKind, UNKNOWN, file_kind};
 use crate::environment::EnvironmentMap;
 use crate::error::{Error, Result};
 use crate::images::{Image, ImageReading};
@@ -20,7 +20,14 @@ use crate::rasterize::Raster;
 /// # Errors
 /// The file cannot be read, is broken, is no image, or has no such layer.
 pub fn load_image(path: &Path, layer: Option<&str>) -> Result<Image> {
-    match file_kind(path)? {
+    let kind = file_kind(path).map_err(|error| match error {
+        Error::Invalid { path, message } if message.starts_with(UNKNOWN) => Error::invalid(
+            &path,
+            "is no image that is read here (.hdr, .exr, .png, .jpg); save it as PNG, JPEG or OpenEXR",
+        ),
+        other => other,
+    })?;
+    match kind {
         FileKind::Exr => exr::load(path, layer),
         FileKind::Hdr | FileKind::Picture if layer.is_some() => Err(Error::invalid(
             path,

@@ -72,6 +72,9 @@ pub fn file_of(path: &Path) -> Cow<'_, Path> {
     }
 }
 
+/// Begins what is said of a file that nothing here opens.
+pub(super) const UNKNOWN: &str = "its content is of no kind that this program knows";
+
 /// Looks at the first bytes of a file; of text in JSON at what it holds.
 ///
 /// # Errors
@@ -124,7 +127,7 @@ pub fn file_kind(path: &Path) -> Result<FileKind> {
                 _ if start.starts_with(b"PXR-USDC") || start.starts_with(b"#usda") => {
                     "a USD scene, which is not read; save its splat as PLY, SPZ or glTF"
                 }
-                _ => "its content is of no kind that this program knows",
+                _ => UNKNOWN,
             };
             return Err(Error::invalid(
                 path,

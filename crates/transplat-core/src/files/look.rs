@@ -273,8 +273,10 @@ impl Look {
 pub fn load_rig(path: &Path) -> error::Result<Rig> {
     expect_json(path, "a rig of lights")?;
     let text = read_all(path, 1 << 24)?;
-    let rig: Rig =
-        decode::json(&text).map_err(|e| Error::invalid(path, format!("not a rig: {e}")))?;
+    let rig: Rig = decode::json(&text).map_err(|why| match parse(&text) {
+        Ok(_) => Error::invalid(path, "a look, where a rig of lights is expected"),
+        Err(_) => Error::invalid(path, format!("not a rig: {why}")),
+    })?;
     rig.validate()
         .map_err(|e| Error::invalid(path, e.to_string()))?;
     Ok(rig)

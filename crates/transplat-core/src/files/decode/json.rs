@@ -131,6 +131,10 @@ fn kind(parsers: &str) -> String {
         _ if parsers.starts_with("an array of length ") => {
             parsers.replace("an array of length", "a list of")
         }
+        _ if parsers.starts_with("a sequence of ") && parsers.ends_with(" values") => {
+            let count = parsers.split(' ').nth(3).unwrap_or_default();
+            format!("a list of {count} numbers")
+        }
         _ if parsers.starts_with("integer") || parsers.starts_with("floating") => {
             format!("the number {}", quoted().unwrap_or_default())
         }

@@ -1,5 +1,6 @@
 //! PNG and JPEG images: decoded from sRGB, turned as EXIF says, their highlights clipped.
 
+use std::io::Read as _;
 use std::path::Path;
 
 use super::super::decode;
@@ -17,10 +18,22 @@ pub fn load(path: &Path) -> Result<Image> {
     let decoded = picture.decode(limit).map_err(invalid)?;
     let decoded = decoded.into_rgb32f();
     let pixels = decoded.pixels().map(|p| p.0.map(srgb_decode)).collect();
-    Ok(Image {
-        is_clipped: true,
-        ..Image::new(width, height, pixels)
-    })
+    let mut image = Image::new(width, height, pixels);
+    image.is_clipped = true;
+    if is_cut(path)? {
+        let warning = "the file ends before its image does: what is missing of it is grey";
+        image.provenance.warnings.push(warning.into());
+    }
+    Ok(image)
+}
+
+/// True for a JPEG without an end of image (FF D9) after its last scan (FF DA), neither of which occurs in coded data.
+fn is_cut(path: &Path) -> Result<bool> {
+    let mut bytes = Vec::new();
+    let mut reader = open(path)?;
+    reader.read_to_end(&mut bytes).map_err(Error::io(path))?;
+    let last = |marker: u8| bytes.windows(2).rposition(|w| w == [0xff, marker]);
+    Ok(bytes.starts_with(&[0xff, 0xd8]) && last(0xd9) < last(0xda))
 }
 
 /// Width and height.
@@ -33,6 +46,26 @@ pub fn size(path: &Path) -> Result<[usize; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_photograph_that_is_cut_off_is_said_to_be() {
+        let file = tempfile::Builder::new().suffix(".jpg").tempfile();
+        let file = file.expect("a temporary file");
+        let noise = |x: u32, y: u32| image::Rgb([(x * 37 + y * 91) as u8, (x * y) as u8, x as u8]);
+        let picture = image::RgbImage::from_fn(64, 64, noise);
+        picture.save(file.path()).expect("room for it");
+        assert!(
+            load(file.path())
+                .expect("a good file")
+                .provenance
+                .warnings
+                .is_empty()
+        );
+        let whole = std::fs::read(file.path()).expect("it is there");
+        std::fs::write(file.path(), &whole[..whole.len() / 2]).expect("room for it");
+        let cut = load(file.path()).map(|image| image.provenance.warnings.len());
+        assert!(cut.is_ok_and(|warnings| warnings == 1));
+    }
 
     #[test]
     fn pictures_are_decoded_from_srgb_and_marked() {

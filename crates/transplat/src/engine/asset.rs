@@ -1,0 +1,224 @@
+//! An asset as it is open, and with which settings it is opened.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Result;
+use glam::{DVec3, Vec3};
+use transplat_core::camera::CameraPose;
+use transplat_core::color::Encoding;
+use transplat_core::crop::proposed_crop;
+use transplat_core::files::{
+    AssetFile, CameraFile, SplatFormat, cameras_of_training, load_asset, load_cameras,
+};
+use transplat_core::ground::ground_plane;
+use transplat_core::scene::{Cut, Object, Scene, splat_name};
+use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::upright::{UpEvidence, proposed_up};
+
+use crate::engine::capture::{Capture, Part};
+use crate::pipeline::object::part_of;
+use crate::pipeline::warnings::asset_warnings;
+
+/// An asset as it is open.
+#[derive(Clone)]
+pub struct Asset {
+    pub path: PathBuf,
+    /// What of the splat it is.
+    pub cut: Vec<Cut>,
+    /// What it is cut out of.
+    pub part: Option<Part>,
+    pub cloud: Arc<SurfelCloud>,
+    pub file: Arc<AssetFile>,
+    pub bounds: Bounds,
+    pub warnings: Vec<String>,
+    /// What of it each format cannot hold.
+    pub losses: Vec<(SplatFormat, Vec<String>)>,
+    pub load_ms: f64,
+    /// Up axis as the file says it.
+    pub file_up: UpAxis,
+    /// Which way it stands, it seems, where the file says nothing.
+    pub proposed_up: Option<(UpAxis, UpEvidence)>,
+    /// Those that its trainer wrote beside it.
+    pub cameras: Option<CameraFile>,
+    /// Corners of a box around the object, as its settings have them, where it seems to lie in surroundings.
+    pub proposed_crop: Option<[Vec3; 2]>,
+    /// Up axis that the ground is made for.
+    pub up: UpAxis,
+    pub ground: (Vec3, [Vec3; 2]),
+    /// How it was to be read when that was last asked for.
+    pub reading_asked: Option<Reading>,
+}
+
+/// How a splat is read: whether its colour is linear, from where its outside is seen, and what is cut out of it.
+pub type Reading = (bool, Vec<Vec3>, Vec<Cut>);
+
+/// How an object's is to be.
+pub fn reading_of(object: &Object) -> Reading {
+    let outside_from = object.outside_from.clone();
+    (object.linear, outside_from, object.cut.clone())
+}
+
+impl Asset {
+    /// Reads a splat as an object's settings say; `open` is the whole, if it was read so already and the object is cut out of it.
+    pub fn load(path: PathBuf, object: &Object, open: Option<Arc<Capture>>) -> Result<Self> {
+        let start = Instant::now();
+        let (capture, warnings) = match open {
+            Some(capture) => (capture, Vec::new()),
+            None => {
+                let (mut cloud, file) = load_asset(&path)?;
+                let mut object = object.clone();
+                object.take_origin(cloud.origin, DVec3::ZERO);
+                object.apply_to(&mut cloud);
+                let warnings = asset_warnings(&path, &file);
+                let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
+                (Arc::new(capture), warnings)
+            }
+        };
+        let part = if object.cut.is_empty() {
+            None
+        } else {
+            let mut object = object.clone();
+            object.take_origin(capture.cloud.origin, DVec3::ZERO);
+            let surfels = part_of(&path, &object, &capture.cloud)?;
+            let capture = capture.clone();
+            Some(Part { capture, surfels })
+        };
+        let (cloud, file) = match &part {
+            None => (capture.cloud.clone(), capture.file.clone()),
+            Some(Part { surfels, .. }) => (
+                Arc::new(capture.cloud.selected(surfels)),
+                Arc::new(capture.file.part(surfels)),
+            ),
+        };
+        let file_up = cloud.up;
+        let cameras = cameras_of_training(&path).and_then(|path| load_cameras(&path).ok());
+        let whole = part.is_none().then_some(&cloud);
+        let habit = file.usual_up();
+        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, file.report.up, habit));
+        let bounds = cloud.bounds();
+        let whole = part.is_none().then_some(&cloud);
+        Ok(Self {
+            proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &bounds)),
+            proposed_up: proposed_up.filter(|(up, _)| *up != file_up),
+            cut: object.cut.clone(),
+            cameras,
+            part,
+            bounds,
+            ground: ground_plane(&cloud, file_up),
+            up: file_up,
+            losses: SplatFormat::WRITTEN
+                .map(|(_, format)| (format, format.losses(&cloud)))
+                .to_vec(),
+            warnings,
+            load_ms: start.elapsed().as_secs_f64() * 1e3,
+            file_up,
+            file,
+            cloud,
+            path,
+            reading_asked: None,
+        })
+    }
+
+    /// All of the splat that it is of.
+    pub fn whole_cloud(&self) -> &Arc<SurfelCloud> {
+        self.part.as_ref().map_or(&self.cloud, |p| &p.capture.cloud)
+    }
+
+    /// For the user.
+    pub fn name(&self) -> String {
+        name_of(&self.path)
+    }
+
+    /// Sets how it is read to how it was.
+    pub fn give_back(&self, object: &mut Object) {
+        (object.linear, object.outside_from, object.cut) = self.reading();
+    }
+
+    /// How it was read.
+    pub fn reading(&self) -> Reading {
+        let outside_from = self.cloud.outside_from.clone();
+        (self.is_linear(), outside_from, self.cut.clone())
+    }
+
+    /// Whether its colour was taken for linear.
+    pub fn is_linear(&self) -> bool {
+        self.cloud.encoding == Encoding::StoredLinear
+    }
+}
+
+/// What a splat is opened with.
+#[derive(Clone, Debug)]
+pub enum OpenedWith {
+    /// What is told of it, and where it is looked at from; everything else stays as it is when the splat is there, and so does what was
+    /// changed meanwhile.
+    Object(Box<Object>, Option<CameraPose>),
+    /// The open splat again, its colour taken otherwise: as an object.
+    Again,
+    /// As the scene lists it.
+    Listed,
+    /// All settings, of a scene of this one object.
+    Scene(Box<Scene>),
+}
+
+/// What is told of an object whose splat is opened, given what was set when that was asked for and what is set now: what the user changed
+/// meanwhile wins.
+pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
+    fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
+        if *asked == now { new } else { now }
+    }
+    let outside_from = kept(opened.outside_from, &asked.outside_from, now.outside_from);
+    Object {
+        source: kept(opened.source, &asked.source, now.source),
+        up: kept(opened.up, &asked.up, now.up),
+        linear: kept(opened.linear, &asked.linear, now.linear),
+        outside_from,
+        hide: kept(opened.hide, &asked.hide, now.hide),
+        cut: kept(opened.cut, &asked.cut, now.cut),
+        ..now
+    }
+}
+
+/// What trainers call every splat, so that only a folder tells which it is.
+const CALLED_ALIKE: [&str; 4] = ["point_cloud", "source", "splat", "output"];
+
+/// What a splat's file is called for the user; where trainers call all alike, the folder that has a name.
+pub fn name_of(path: &Path) -> String {
+    let stem = Cow::from(splat_name(path));
+    let folders = path.iter().rev().skip(1).map(|f| f.to_string_lossy());
+    let is_own = |name: &str| {
+        let name = name.to_lowercase();
+        let is_name = name.chars().any(char::is_alphanumeric);
+        is_name && !CALLED_ALIKE.contains(&&*name) && !name.starts_with("iteration_")
+    };
+    let mut names = std::iter::once(stem.clone()).chain(folders);
+    names.find(|name| is_own(name)).unwrap_or(stem).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::name_of;
+
+    #[test]
+    fn a_splat_is_called_as_only_it_is() {
+        for (path, name) in [
+            ("/captures/teapot.ply", "teapot"),
+            ("guitar.compressed.ply", "guitar"),
+            ("playbot_sog/meta.json", "playbot_sog"),
+            (
+                "/captures/garden/point_cloud/iteration_30000/point_cloud.ply",
+                "garden",
+            ),
+            ("plant/source.ply", "plant"),
+            ("/point_cloud.ply", "point_cloud"),
+            ("splat.ply", "splat"),
+            ("../output/splat.ply", "splat"),
+        ] {
+            assert_eq!(name_of(Path::new(path)), name);
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! An object of the scene as it is open: its splat, and what each stage has made of it.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use glam::{Affine3A, Quat};
+use transplat_core::bake::Bake;
+use transplat_core::bake::directional::DirectionalBake;
+use transplat_core::bake::scene::SceneBake;
+use transplat_core::bake::surroundings::Detail;
+use transplat_core::camera::CameraPose;
+use transplat_core::derived::Derived;
+use transplat_core::environment::Illumination;
+use transplat_core::estimate::Estimate;
+use transplat_core::present::{Doubt, View};
+use transplat_core::scene::{EnvironmentLight, Light, Transform};
+use transplat_core::settings::skips::{Skipped, Skips};
+use transplat_core::settings::{Method, TransferSettings};
+use transplat_core::surfels::{Hide, UpAxis};
+use transplat_core::transfer::{Part, PreparedTransfer, RelitRows, TransferAsset};
+
+use crate::engine::asset::Asset;
+use crate::engine::environments::{Environment, Resolved};
+use crate::pipeline::bake::Baked;
+
+/// Number of the next state.
+static NEXT_ID: AtomicU64 = AtomicU64::new(1);
+
+/// What a channel's colours are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ChannelKey {
+    /// An object's bake, and that of the whole scene beside it.
+    Visibility(Method, u64, Option<u64>),
+    /// Of what surfels are made of: an object's preparation.
+    Materials(View, u64),
+}
+
+/// What is made of an object, stage by stage. Another splat begins with another one: nothing of the last is left.
+#[derive(Default)]
+pub struct ObjectState {
+    /// Differs between all.
+    pub id: u64,
+    pub asset: Option<Asset>,
+    /// The file that the scene lists and that was to be it: being read, or not to be had.
+    pub tried: Option<PathBuf>,
+    /// Whether the user has just put it into the scene: without its splat it goes again.
+    pub is_added: bool,
+    /// Whether it is to be put where there is room, once its size is known.
+    pub seeks_room: Option<f32>,
+    /// A saved bake that the command line names.
+    pub saved_bake: Option<PathBuf>,
+    /// What it was captured under.
+    pub source: Resolved,
+    pub lights: Derived<LightsKey, [OrientedLight; 2]>,
+    pub bakes: HashMap<Method, Derived<BakeKey, Baked>>,
+    /// Of the bake of the fronts as they are told.
+    pub estimate: Derived<(), Estimate>,
+    /// The light that is made of that, by its version and the up axis.
+    pub estimated: Derived<(u64, UpAxis), Arc<Environment>>,
+    /// Whether there was to be one when it was last looked for.
+    pub estimate_awaited: bool,
+    /// What of its preparation is kept between settings.
+    pub transfer: Arc<Mutex<TransferAsset>>,
+    pub prepared: Derived<PrepareKey, Prepared>,
+    pub relit: Derived<RelitKey, Relighting>,
+    /// How long the last one took on the CPU that was not coarse, in ms, and when the last coarse one was there.
+    pub relit_in_ms: f64,
+    pub coarse_since: Option<Instant>,
+    /// Surfels that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
+    pub hidden: Derived<HiddenKey, Arc<Vec<bool>>>,
+    pub unseen: Unseen,
+    pub doubts: Derived<ShownKey, Doubts>,
+    /// What was relit last for a readout.
+    pub readout: Derived<ShownKey, Arc<RelitRows>>,
+    /// What the channel that was made last was made of.
+    pub channel: Derived<ChannelKey, ()>,
+}
+
+impl ObjectState {
+    /// Nothing is made of it yet.
+    pub fn new(asset: Option<Asset>) -> Self {
+        Self {
+            id: NEXT_ID.fetch_add(1, Ordering::Relaxed),
+            asset,
+            ..Self::default()
+        }
+    }
+
+    /// The file that it is, or is to be.
+    pub fn path(&self) -> Option<&Path> {
+        let asset = self.asset.as_ref().map(|a| &a.path);
+        asset.or(self.tried.as_ref()).map(PathBuf::as_path)
+    }
+
+    /// How much of a method's bake is done, 0 to 1.
+    pub fn bake_share(&self, method: Method) -> f32 {
+        let bake = self.bakes.get(&method).and_then(Derived::current);
+        bake.map_or(0.0, |b| b.share)
+    }
+
+    /// Whether what is shown relit of it is so only nearly.
+    pub fn is_coarse(&self) -> bool {
+        self.relit.made_from().is_some_and(|key| key.coarse)
+    }
+
+    /// Those of them, for another object of the same splat.
+    pub fn kept_bakes(&self) -> HashMap<Method, Derived<BakeKey, Baked>> {
+        let done = |bake: &Derived<BakeKey, Baked>| bake.current().is_some_and(|b| b.share == 1.0);
+        let each = self.bakes.iter().filter(|(_, bake)| done(bake));
+        each.map(|(method, bake)| (*method, bake.clone())).collect()
+    }
+
+    /// Bakes that are done, of any method.
+    pub fn whole_bakes(&self) -> impl Iterator<Item = &Arc<Bake>> {
+        let current = self.bakes.values().filter_map(Derived::current);
+        current.filter(|b| b.share == 1.0).map(|b| &b.bake)
+    }
+
+    /// That for the directional method.
+    pub fn whole_directional_bake(&self) -> Option<Arc<DirectionalBake>> {
+        self.whole_bakes().find_map(|bake| match &**bake {
+            Bake::Directional(bake) => Some(bake.clone()),
+            Bake::Harmonic(_) | Bake::Scene(_) => None,
+        })
+    }
+
+    /// From now on, a relight leaves out what is hidden now.
+    pub fn leave_out_hidden(&mut self) {
+        if let (Some(hidden), Some((hide, _))) = (self.hidden.get(), self.hidden.made_from())
+            && !Arc::ptr_eq(&self.unseen.surfels, hidden)
+        {
+            self.unseen = Unseen {
+                surfels: hidden.clone(),
+                version: self.unseen.version + 1,
+                has_hidden: !hide.is_off(),
+            };
+        }
+    }
+}
+
+// ---- what the stages make, and what of ----
+
+/// A light as the asset sees it; two are the same where nothing was changed in between.
+#[derive(Clone)]
+pub struct OrientedLight {
+    pub light: Arc<Illumination>,
+}
+
+impl PartialEq for OrientedLight {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.light, &other.light)
+    }
+}
+
+/// What an object's lights are made from: maps, settings, whether they are matched, the other lights, and the up axes of the object and the
+/// scene; what the scene was captured under, and how the object is turned in it.
+pub type LightsKey = (
+    [u64; 2],
+    [EnvironmentLight; 2],
+    bool,
+    Vec<Light>,
+    [UpAxis; 2],
+    (u64, EnvironmentLight),
+    Transform,
+);
+
+/// All that is needed to know what objects see of each other: which, by state and version of its bake, and where each stands.
+pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
+
+/// What the objects that are shown see of each other, and how finely.
+pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
+
+/// All that is needed to know what objects put into a scene as preset paper does it see: which, by state and version of its bake, and where
+/// each stands; and whether they throw shadows.
+pub type InsertionKey = (Vec<(u64, u64, Transform)>, bool);
+
+/// All that their transfers depend on: what they see, by its version, which they are and what each was captured under, and the settings.
+pub type InsertedKey = (u64, Vec<(u64, OrientedLight)>, TransferSettings);
+
+/// All that a scene that is relit together depends on: preparations, surroundings, the light, the part, whether the whole is wanted beside
+/// it, and what of the objects is not seen.
+pub type TogetherKey = (Vec<u64>, u64, OrientedLight, (Part, bool), Vec<u64>);
+
+/// Directions. The fronts are the asset's: with others, what was baked is dropped.
+pub type BakeKey = usize;
+
+/// All that a preparation depends on: the bake by its version.
+#[derive(Clone, PartialEq)]
+pub struct PrepareKey {
+    pub bake: u64,
+    pub source: OrientedLight,
+    pub settings: TransferSettings,
+}
+
+/// A prepared transfer.
+pub struct Prepared {
+    pub prepared: PreparedTransfer,
+    /// Whether it relights on the GPU.
+    pub on_gpu: bool,
+    /// What it leaves out.
+    pub left_out: Vec<Skipped>,
+    pub ms: f64,
+}
+
+/// All that a relit asset depends on.
+#[derive(Clone, PartialEq)]
+pub struct RelitKey {
+    /// Version of the preparation.
+    pub prepared: u64,
+    pub target: OrientedLight,
+    pub part: Part,
+    /// Which surfels may be left out, as a number that grows when one is to be seen that was not.
+    pub unseen: u64,
+    /// Version of what it sees of others, 0 where it is alone.
+    pub surroundings: u64,
+    /// Whether it is what is shown while the light changes.
+    pub coarse: bool,
+}
+
+/// All that a whole relit asset depends on: a part of one is no other.
+pub type ShownKey = (u64, OrientedLight, u64);
+
+impl RelitKey {
+    /// Of which whole this is a part.
+    pub fn shown(&self) -> ShownKey {
+        (self.prepared, self.target.clone(), self.surroundings)
+    }
+}
+
+/// What is told of a relight.
+pub struct Relighting {
+    /// How long it took on the CPU; the GPU's own is in its timer.
+    pub cpu_ms: Option<f64>,
+    /// How many stops the target's mean irradiance is over the source's, where both are what the settings name.
+    pub stops_over_source: Option<f32>,
+}
+
+/// All that this depends on.
+pub type HiddenKey = (Hide, Skips);
+
+/// Surfels that the last relight left out.
+#[derive(Default)]
+pub struct Unseen {
+    pub surfels: Arc<Vec<bool>>,
+    /// Another one for each set of them.
+    pub version: u64,
+    /// Whether any of them is hidden, and may be shown again; what is too faint never is.
+    pub has_hidden: bool,
+}
+
+/// Which surfels' relit colour is doubtful.
+pub struct Doubts {
+    /// `[n]`
+    pub of: Vec<Option<Doubt>>,
+    /// Shares of all, `[Doubt::ALL]`.
+    pub shares: [f32; Doubt::ALL.len()],
+}
+
+/// What lights are fixed to, as it was last seen.
+#[derive(Clone, PartialEq)]
+pub struct Followed {
+    pub camera: CameraPose,
+    pub up: UpAxis,
+    /// The objects' states, and where they stand.
+    pub places: Vec<(u64, Transform)>,
+}
+
+/// All that a ground's bake depends on: directions, up axis, and what stands where.
+pub type GroundKey = (usize, UpAxis, Vec<(u64, Affine3A)>);
+
+/// All that its light depends on: the bake by its version, and the lights as the first object sees them, as it is turned.
+pub type GroundLitKey = (u64, [OrientedLight; 2], Quat);

@@ -1,0 +1,18 @@
+//! The pipeline's stages as the window runs them: each has a key, all that its value depends on, and runs when that has changed; long ones
+//! as jobs, whose result is taken in where it is still asked for.
+
+mod asset;
+mod backdrop;
+mod bake;
+mod channel;
+mod doubts;
+mod estimate;
+mod ground;
+mod hidden;
+mod insertion;
+mod lights;
+mod prepare;
+mod relight;
+mod together;
+
+pub use estimate::DROP_IT;

@@ -1,0 +1,156 @@
+//! Several objects by preset paper: put into the first one's scene.
+
+use std::sync::Arc;
+
+use anyhow::bail;
+use glam::Quat;
+use transplat_core::bake::Bake;
+use transplat_core::bake::insertion::{InsertionBake, Standing};
+use transplat_core::environment::Illumination;
+use transplat_core::settings::Method;
+use transplat_core::transfer::scene::harmonic::HarmonicScene;
+
+use crate::engine::jobs::{Handle, Kind};
+use crate::engine::object::{InsertedKey, InsertionKey};
+use crate::engine::project::{Change, Project};
+use crate::language::tr;
+use crate::pipeline::bake::{self, Wanted};
+
+impl Project {
+    /// All that is to be known of what the objects see as they stand now, once they are baked.
+    fn insertion_key(&self) -> Option<InsertionKey> {
+        let each = self.members().into_iter().map(|at| {
+            let state = &self.states[at];
+            let made = state.bakes.get(&Method::Harmonic)?;
+            made.current().filter(|b| b.share == 1.0)?;
+            Some((state.id, made.version(), self.scene.objects[at].transform))
+        });
+        let each = each.collect::<Option<Vec<_>>>()?;
+        (!each.is_empty()).then_some((each, self.scene.transfer.terms.shadow))
+    }
+
+    /// Traces the objects where they stand now; the last answer serves until then.
+    pub fn start_insertion(&mut self) {
+        let kind = Kind::Insertion;
+        let is_awaited = self.jobs.is_awaited(kind);
+        if self.scene.transfer.method != Method::Harmonic {
+            if is_awaited {
+                self.jobs.cancel(kind);
+                self.insertion.ask_again();
+            }
+            return;
+        }
+        let Some(key) = self.insertion_key().filter(|k| !self.insertion.is_asked(k)) else {
+            return;
+        };
+        // Nobody waits for where they were.
+        self.jobs.cancel(kind);
+        self.insertion.ask(&key);
+        let known = self.insertion.made_from().zip(self.insertion.get());
+        let known = known.map(|((of, _), bake)| (of.clone(), bake.clone()));
+        let each = key.0.iter().filter_map(|object| {
+            let state = &self.states[self.at(object.0)?];
+            let Bake::Harmonic(own) = &*state.bakes.get(&Method::Harmonic)?.get()?.bake else {
+                return None;
+            };
+            let cloud = state.asset.as_ref()?.cloud.clone();
+            Some((*object, cloud, own.clone()))
+        });
+        let each: Vec<_> = each.collect();
+        let count = each.len() as f64 + 1.0;
+        let (directions, skips) = (self.scene.directions, self.scene.transfer.skips);
+        let (background, shadows) = (self.background.clone(), key.1);
+        let work = move |handle: &Handle<Change>| {
+            let mut standing = Vec::new();
+            for (i, (object, cloud, own)) in each.iter().enumerate() {
+                let last = known.as_ref().and_then(|(of, bake)| {
+                    let (id, version, _) = object;
+                    let at = of.iter().position(|k| (&k.0, &k.1) == (id, version))?;
+                    Some((of[at].2, &bake.objects[at]))
+                });
+                let transform = object.2;
+                let cloud = match &last {
+                    Some((stood, last)) if *stood == transform => last.cloud.clone(),
+                    _ => Arc::new(transform.place(cloud)),
+                };
+                let turned = last.filter(|(stood, _)| stood.rotation == transform.rotation);
+                // Its directions do not turn with it.
+                let bake = if transform.rotation == Quat::IDENTITY {
+                    own.clone()
+                } else if let Some((_, last)) = turned {
+                    last.bake.clone()
+                } else {
+                    let wanted = Wanted {
+                        cloud: cloud.clone(),
+                        method: Method::Harmonic,
+                        directions,
+                        skips,
+                        part_of: None,
+                        beside: None,
+                    };
+                    let progress = |done: f64| handle.progress((i as f64 + done) / count);
+                    match bake::bake(&background.fastest(), &wanted, &progress)? {
+                        Bake::Harmonic(bake) => bake,
+                        _ => bail!(tr("the bake is for the other preset")),
+                    }
+                };
+                standing.push(Standing {
+                    cloud,
+                    bake,
+                    turn: transform.rotation,
+                });
+            }
+            let progress = |done: f64| handle.progress((count - 1.0 + done) / count);
+            let known = known.as_ref().map(|(_, bake)| &**bake);
+            let bake = InsertionBake::new(standing, shadows, known, &progress)?;
+            Ok(Arc::new(bake))
+        };
+        let label = tr("tracing between the objects");
+        self.start(kind, label, work, move |project, made| {
+            project.insertion.accept(key, made);
+        });
+    }
+
+    /// All that the objects' transfers depend on now, once it is known what they see.
+    fn inserted_key(&self) -> Option<InsertedKey> {
+        let (of, _) = self.insertion.made_from()?;
+        let sources = of.iter().map(|(id, ..)| {
+            let [source, _] = self.oriented_of(self.at(*id)?);
+            Some((*id, source))
+        });
+        let settings = self.scene.transfer.clone();
+        Some((
+            self.insertion.version(),
+            sources.collect::<Option<_>>()?,
+            settings,
+        ))
+    }
+
+    /// Prepares their transfers; the last ones serve until then.
+    pub fn start_inserted(&mut self) {
+        let kind = Kind::PrepareTogether;
+        if self.scene.transfer.method != Method::Harmonic || self.jobs.is_running(kind) {
+            return;
+        }
+        let key = self.inserted_key().zip(self.insertion.get().cloned());
+        let Some((key, bake)) = key.filter(|(key, _)| self.inserted.ask(key)) else {
+            return;
+        };
+        let of = key.clone();
+        let work = move |_: &Handle<Change>| {
+            let sources: Vec<&Illumination> = of.1.iter().map(|(_, s)| &*s.light).collect();
+            Ok(Arc::new(HarmonicScene::new(bake, &sources, &of.2)?))
+        };
+        let label = tr("preparing the scene");
+        self.start(kind, label, work, move |project, made| {
+            project.inserted.accept(key, made);
+        });
+    }
+
+    /// Whether the objects are ready as they stand, and as all is set now.
+    pub fn is_inserted(&self) -> bool {
+        let key = self.insertion_key();
+        let is_traced = key.is_some() && self.insertion.made_from() == key.as_ref();
+        is_traced && self.inserted.made_from() == self.inserted_key().as_ref()
+    }
+}
