@@ -52,7 +52,7 @@ impl Driver {
             .build_eframe(move |cc| Viewer::new(cc, startup).expect("a viewer"));
         let mut driver = Self { harness, folder };
         // However slow the machine, passes are counted.
-        driver.viewer().session.coarse_from_ms = f64::INFINITY;
+        driver.viewer().session.project.coarse_from_ms = f64::INFINITY;
         driver.settle();
         driver
     }
@@ -89,7 +89,7 @@ impl Driver {
     /// What the viewport shows, `[height * width]`.
     pub fn picture(&mut self) -> Vec<[f32; 3]> {
         self.settle();
-        let live = self.harness.state().session.live();
+        let live = self.harness.state().session.project.live();
         live.read_screen().expect("the driver works").0
     }
 

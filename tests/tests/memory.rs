@@ -15,7 +15,7 @@ fn looking_around_takes_no_memory() {
     let mut driver = Driver::bundled();
     let mut look_around = |steps: usize| {
         for _ in 0..steps {
-            driver.after(|v| v.session.pose.azimuth += 3.0);
+            driver.after(|v| v.session.project.pose.azimuth += 3.0);
         }
         held_mib()
     };

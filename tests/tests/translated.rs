@@ -51,7 +51,9 @@ fn marked(code: TokenStream, found: &mut Vec<String>) {
 fn texts() -> BTreeMap<String, BTreeSet<String>> {
     let sources = root().join("crates/transplat/src");
     let mut all = Vec::new();
-    files(&sources.join("viewer"), &mut all);
+    for folder in ["engine", "viewer"] {
+        files(&sources.join(folder), &mut all);
+    }
     let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for path in all {
         let code = std::fs::read_to_string(&path).expect("sources are text");
@@ -194,9 +196,9 @@ fn all_is_said_in_the_language() {
         }
     }
     d.after(|v| {
-        v.session.keep_look();
+        v.session.project.keep_look();
         v.session.keep_view();
-        v.session.scene.view = View::Difference;
+        v.session.project.scene.view = View::Difference;
     });
     for page in ["Looks 1", "Views 1", "Lights", "Light", "Swap lights"] {
         d.click(&format!("«{page}»"));
@@ -209,13 +211,13 @@ fn all_is_said_in_the_language() {
     }
     d.after(|v| {
         v.session.set_light(1, SKY.into());
-        v.session.scene.lights.clear();
+        v.session.project.scene.lights.clear();
     });
     d.harness.key_press(Key::J);
     d.settle();
     check(&d, "sun and sky, timeline");
     for view in [View::Split, View::Tau, View::Doubts] {
-        d.after(|v| v.session.scene.view = view);
+        d.after(|v| v.session.project.scene.view = view);
         check(&d, &format!("{view:?}"));
     }
     for (menu, entry) in [

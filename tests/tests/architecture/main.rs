@@ -10,7 +10,7 @@ use std::process::Command;
 use syn::visit::Visit;
 use transplat_tests::root;
 
-use sources::{Imports, Module, Paths, imports, modules};
+use sources::{Imports, Module, Paths, imports, modules, sources};
 
 /// What is left when modules that take nothing from what is left are taken away: the rings, and what stands on them.
 fn left_in_rings(mut imports: Imports) -> Imports {
@@ -80,6 +80,33 @@ fn decoders_are_called_through_their_guard_alone() {
     ];
     let known: BTreeSet<String> = known.map(String::from).into();
     assert_eq!(callers, known);
+}
+
+/// The window and the commands are clients of the engine.
+#[test]
+fn the_engine_knows_no_client() {
+    let source = root().join("crates/transplat/src");
+    let mut found = BTreeSet::new();
+    let mut count = 0;
+    for (module, file) in sources(&source) {
+        if module.first().is_none_or(|m| m != "engine") {
+            continue;
+        }
+        count += 1;
+        let mut paths = Paths::default();
+        paths.visit_file(&file);
+        let is_client = |path: &Vec<String>| {
+            let at = usize::from(path[0] == "crate");
+            let first = path.get(at).map_or("", String::as_str);
+            let foreign = ["eframe", "egui", "clap", "rfd"];
+            let clients = ["viewer", "commands", "cli"];
+            foreign.contains(&first) || at == 1 && clients.contains(&first)
+        };
+        let of = module.join("::");
+        let named = |path: Vec<String>| format!("{of} uses {}", path.join("::"));
+        found.extend(paths.0.into_iter().filter(is_client).map(named));
+    }
+    assert!(count > 10 && found.is_empty(), "{count}: {found:#?}");
 }
 
 #[test]

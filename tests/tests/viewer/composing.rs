@@ -64,9 +64,9 @@ fn over_plate(ball: &SurfelCloud) -> Driver {
 #[test]
 fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let mut d = ball_over_plate();
-    assert_eq!(d.viewer().session.states.len(), 2);
+    assert_eq!(d.viewer().session.project.states.len(), 2);
     let [look, ours, theirs] = ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
-    let scene = d.viewer().session.scene_to_save();
+    let scene = d.viewer().session.project.scene_to_save();
     save_look(look.as_ref(), &scene).expect("room");
     assert_eq!(load_look(look.as_ref()).expect("its own").objects.len(), 2);
     let settings = d.viewer().export_settings();
@@ -108,13 +108,13 @@ fn a_scene_of_preset_paper_is_what_the_command_line_draws() {
     settings.size = [200, 160];
     settings.transparent = true;
     settings.supersample = 1;
-    d.after(|v| v.session.scene.transfer = TransferSettings::of(Method::Harmonic));
+    d.after(|v| v.session.project.scene.transfer = TransferSettings::of(Method::Harmonic));
     let mut drawn = Vec::new();
     for at in [Vec3::new(0.0, 0.0, 0.5), Vec3::new(0.4, 0.2, 0.6)] {
-        d.after(|v| v.session.scene.objects[1].transform.translation = at);
+        d.after(|v| v.session.project.scene.objects[1].transform.translation = at);
         let [look, ours, theirs] =
             ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
-        let scene = d.viewer().session.scene_to_save();
+        let scene = d.viewer().session.project.scene_to_save();
         save_look(look.as_ref(), &scene).expect("room");
         let path = ours.clone().into();
         d.after(|v| v.export(Task::Screenshot(Some(path))));
@@ -153,48 +153,51 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     let first = d.picture();
     let session = &mut d.viewer().session;
     session.selected = 1;
-    let at_rest = session.passes();
+    let at_rest = session.project.passes();
     // Moved, everything is relit, drawn and sorted anew.
-    session.scene.objects[1].transform.translation = Vec3::new(0.3, 0.0, 0.9);
+    session.project.scene.objects[1].transform.translation = Vec3::new(0.3, 0.0, 0.9);
     let moved = d.picture();
     assert!(psnr(&first, &moved) < 35.0);
-    assert!(d.viewer().session.passes().transfer > at_rest.transfer);
+    assert!(d.viewer().session.project.passes().transfer > at_rest.transfer);
     // Down on the plate: the ball's lowest point is on it.
-    d.after(|v| v.session.drop_to_ground());
+    d.after(|v| v.session.project.drop_to_ground(v.session.selected));
     let foot = |d: &mut Driver| {
-        let object = &d.viewer().session.scene.objects[1];
+        let object = &d.viewer().session.project.scene.objects[1];
         object.transform.translation.z - 0.4
     };
     assert!(foot(&mut d).abs() < 0.02, "{}", foot(&mut d));
     let dropped = d.picture();
-    let scene = d.viewer().session.scene.clone();
-    d.after(|v| v.session.duplicate_object());
+    let scene = d.viewer().session.project.scene.clone();
+    d.after(|v| v.session.project.duplicate(v.session.selected));
     assert_eq!(
-        (d.viewer().session.states.len(), d.viewer().session.selected),
+        (
+            d.viewer().session.project.states.len(),
+            d.viewer().session.selected
+        ),
         (3, 2)
     );
     let doubled = d.picture();
     assert!(psnr(&dropped, &doubled) < 40.0);
     d.after(|v| v.session.remove_object());
     assert!(psnr(&dropped, &d.picture()) > 50.0);
-    assert_eq!(d.viewer().session.scene, scene);
+    assert_eq!(d.viewer().session.project.scene, scene);
     // The first one away, and back: as another one's loading and undoing does it.
     d.after(|v| {
         v.session.selected = 0;
         v.session.remove_object();
     });
     assert_eq!(
-        d.viewer().session.scene.objects[0].name.as_deref(),
+        d.viewer().session.project.scene.objects[0].name.as_deref(),
         Some("the ball")
     );
     let alone = d.picture();
     assert!(psnr(&dropped, &alone) < 35.0);
     let back = scene.clone();
     d.after(|v| v.session.apply(back));
-    assert_eq!(d.viewer().session.scene.objects.len(), 2);
+    assert_eq!(d.viewer().session.project.scene.objects.len(), 2);
     assert!(psnr(&dropped, &d.picture()) > 50.0);
     // What is not shown leaves no shadow, and neither does what is gone.
-    d.after(|v| v.session.scene.objects[1].shown = false);
+    d.after(|v| v.session.project.scene.objects[1].shown = false);
     let hidden = d.picture();
     assert!(psnr(&dropped, &hidden) < 35.0);
     d.after(|v| {
@@ -222,7 +225,7 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
         v.open(Path::new(&ball));
     });
     let session = &d.viewer().session;
-    assert_eq!((session.states.len(), session.selected), (3, 2));
+    assert_eq!((session.project.states.len(), session.selected), (3, 2));
     assert!(
         session.messages.iter().all(|m| !m.is_error),
         "{:?}",
@@ -249,7 +252,14 @@ fn what_is_added_stands_upright_and_in_other_units_is_made_as_large_as_the_scene
     let onto_y = glam::DMat3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
     let lying = synthetic::turned(&synthetic::sphere_over_plate(2000), onto_y);
     d.after(|v| v.session.adds_splats = true);
-    let radius = |d: &mut Driver| d.viewer().session.scene_bounds().expect("a scene").radius;
+    let radius = |d: &mut Driver| {
+        d.viewer()
+            .session
+            .project
+            .scene_bounds()
+            .expect("a scene")
+            .radius
+    };
     for (name, cloud, up, is_scaled) in [
         ("giant.ply", &giant, UpAxis::PlusZ, true),
         ("speck.ply", &speck, UpAxis::PlusZ, true),
@@ -274,7 +284,7 @@ fn what_is_added_stands_upright_and_in_other_units_is_made_as_large_as_the_scene
             .iter()
             .any(|m| m.text.contains("other units"));
         assert_eq!(is_said, is_scaled, "{name}: {:?}", session.messages);
-        let (object, state) = (session.object(), session.states.last());
+        let (object, state) = (session.object(), session.project.states.last());
         assert_eq!(object.transform.scale == 1.0, !is_scaled, "{name}");
         let own = state
             .and_then(|s| s.asset.as_ref())
@@ -309,8 +319,8 @@ fn what_cannot_be_loaded_stops_nothing_else_and_is_not_forgotten() {
     let session = &d.viewer().session;
     let told = session.messages.iter().filter(|m| m.is_error);
     assert!(told.clone().count() == 1 && told.clone().all(|m| m.text.contains("gone.ply")));
-    assert!(session.states[1].asset.is_some() && session.is_missing(0));
-    let saved = session.scene_to_save();
+    assert!(session.project.states[1].asset.is_some() && session.project.is_missing(0));
+    let saved = session.project.scene_to_save();
     assert!(
         saved.objects[0]
             .asset
@@ -320,8 +330,8 @@ fn what_cannot_be_loaded_stops_nothing_else_and_is_not_forgotten() {
     // What does not stand is picture enough for what does.
     let without = d.picture();
     write(&d.folder, "gone.ply", &synthetic::sphere(400));
-    d.after(|v| v.session.load_again(0));
-    assert!(d.viewer().session.states[0].asset.is_some());
+    d.after(|v| v.session.project.load_again(0));
+    assert!(d.viewer().session.project.states[0].asset.is_some());
     assert!(psnr(&without, &d.picture()) < 35.0);
     // What is added and is no splat leaves nothing behind.
     d.folder.write("bad.ply", "ply\nformat ascii 1.0\n");
@@ -331,7 +341,13 @@ fn what_cannot_be_loaded_stops_nothing_else_and_is_not_forgotten() {
         v.open(&bad);
     });
     let session = &d.viewer().session;
-    assert_eq!((session.scene.objects.len(), session.states.len()), (2, 2));
+    assert_eq!(
+        (
+            session.project.scene.objects.len(),
+            session.project.states.len()
+        ),
+        (2, 2)
+    );
 }
 
 #[test]
@@ -340,29 +356,32 @@ fn all_that_is_added_arrives_and_what_is_changed_meanwhile_stays() {
     let [ball, plate] = ["ball.ply", "plate.ply"].map(|n| d.folder.path(n));
     let pose = {
         let session = &mut d.viewer().session;
-        session.pose.azimuth = 33.0;
-        session.pose
+        session.project.pose.azimuth = 33.0;
+        session.project.pose
     };
-    let before = d.viewer().session.scene.clone();
+    let before = d.viewer().session.project.scene.clone();
     d.after(|v| {
         v.session.adds_splats = true;
         v.open(&ball);
         v.open(&plate);
-        v.session.scene.environment.rotation = 40.0;
-        v.session.scene.objects[0].name = Some("ground".into());
+        v.session.project.scene.environment.rotation = 40.0;
+        v.session.project.scene.objects[0].name = Some("ground".into());
     });
     let session = &d.viewer().session;
-    assert_eq!(session.states.len(), 4);
-    assert!(session.states.iter().all(|s| s.asset.is_some()));
-    assert_eq!(session.scene.environment.rotation, 40.0);
-    assert_eq!(session.scene.objects[0].name.as_deref(), Some("ground"));
+    assert_eq!(session.project.states.len(), 4);
+    assert!(session.project.states.iter().all(|s| s.asset.is_some()));
+    assert_eq!(session.project.scene.environment.rotation, 40.0);
+    assert_eq!(
+        session.project.scene.objects[0].name.as_deref(),
+        Some("ground")
+    );
     // The plate came beside the scene, since it is as large; all is seen, from the same side.
-    let aside = session.scene.objects[3].transform.translation;
+    let aside = session.project.scene.objects[3].transform.translation;
     assert!(aside.length() > 1.0, "{aside}");
-    assert_eq!(session.pose.azimuth, pose.azimuth);
-    assert!(session.pose.distance > pose.distance);
+    assert_eq!(session.project.pose.azimuth, pose.azimuth);
+    assert!(session.project.pose.distance > pose.distance);
     // Back, and forth: what was taken away is loaded again, where the camera is.
-    let four = d.viewer().session.scene.clone();
+    let four = d.viewer().session.project.scene.clone();
     for scene in [before, four] {
         let count = scene.objects.len();
         let scene = Scene {
@@ -371,8 +390,11 @@ fn all_that_is_added_arrives_and_what_is_changed_meanwhile_stays() {
         };
         d.after(|v| v.session.apply(scene));
         let session = &d.viewer().session;
-        assert_eq!((session.states.len(), session.pose), (count, pose));
-        assert!(session.states.iter().all(|s| s.asset.is_some()));
+        assert_eq!(
+            (session.project.states.len(), session.project.pose),
+            (count, pose)
+        );
+        assert!(session.project.states.iter().all(|s| s.asset.is_some()));
     }
 }
 
@@ -381,12 +403,12 @@ fn all_that_is_added_arrives_and_what_is_changed_meanwhile_stays() {
 fn an_object_that_is_turned_keeps_the_light_where_it_is() {
     let mut d = ball_over_plate();
     let session = &mut d.viewer().session;
-    session.scene.objects[0].shown = false;
+    session.project.scene.objects[0].shown = false;
     let straight = d.picture();
     // A grey ball looks the same however it is turned.
-    d.viewer().session.scene.objects[1].transform = Transform {
+    d.viewer().session.project.scene.objects[1].transform = Transform {
         rotation: Quat::from_rotation_x(2.0),
-        ..d.viewer().session.scene.objects[1].transform
+        ..d.viewer().session.project.scene.objects[1].transform
     };
     let turned = d.picture();
     assert!(
@@ -394,7 +416,7 @@ fn an_object_that_is_turned_keeps_the_light_where_it_is() {
         "{}",
         psnr(&straight, &turned)
     );
-    d.viewer().session.scene.environment.rotation = 90.0;
+    d.viewer().session.project.scene.environment.rotation = 90.0;
     let other = d.picture();
     assert!(psnr(&straight, &other) < psnr(&straight, &turned));
 }
@@ -421,22 +443,27 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let session = &d.viewer().session;
     let told: Vec<_> = session.messages.iter().filter(|m| m.is_error).collect();
     assert!(told.is_empty(), "{told:?}");
-    assert_eq!(session.scene.background, Background::Plate);
+    assert_eq!(session.project.scene.background, Background::Plate);
     assert!(
         session
+            .project
             .scene
             .plate
             .as_ref()
             .is_some_and(|p| p.ends_with("photo.png"))
     );
-    assert!(session.pose.roll.abs() > 10.0, "{:?}", session.pose);
+    assert!(
+        session.project.pose.roll.abs() > 10.0,
+        "{:?}",
+        session.project.pose
+    );
     let settings = d.viewer().export_settings();
     settings.size = [120, 90];
     settings.supersample = 1;
     let [ours, theirs, look] = ["ours.png", "theirs.png", "plate.json"].map(|n| d.folder.name(n));
     let path = ours.clone().into();
     d.after(|v| v.export(Task::Screenshot(Some(path))));
-    let scene = d.viewer().session.scene_to_save();
+    let scene = d.viewer().session.project.scene_to_save();
     save_look(look.as_ref(), &scene).expect("room");
     let line = "render --look {} --cameras {} --plate {} --device cpu -o {}";
     let photo = photo.display().to_string();
@@ -447,7 +474,7 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     assert_eq!(b[0], picture(photo.as_ref())[0]);
     // On the screen the same, as large as there is room.
     let shown = d.picture();
-    let size = d.viewer().session.viewport;
+    let size = d.viewer().session.project.viewport;
     d.viewer().export_settings().size = size;
     let large = d.folder.name("large.png");
     let path = large.clone().into();
@@ -467,12 +494,19 @@ fn a_photograph_is_seen_behind_the_objects_by_its_own_camera() {
     let text = text.replace("\"photo\"", "\"elsewhere\"");
     let others = d.folder.path("others.json");
     std::fs::write(&others, text).expect("room");
-    let plate = |d: &mut Driver| d.viewer().session.scene.plate.clone();
-    d.after(|v| v.session.look_through(0));
+    let plate = |d: &mut Driver| d.viewer().session.project.scene.plate.clone();
+    d.after(|v| v.session.project.look_through(0));
     assert!(plate(&mut d).is_some());
-    d.after(|v| v.session.set_plate("photo chosen.png".into()));
+    let chosen = d.folder.path("photo chosen.png");
+    std::fs::copy(&photo, &chosen).expect("room");
+    d.after(|v| v.session.project.set_plate(chosen.clone()));
     d.after(|v| v.open(&others));
-    assert_eq!(plate(&mut d), Some("photo chosen.png".into()));
+    assert_eq!(plate(&mut d).as_ref(), Some(&chosen));
+    // One that cannot be read leaves it there.
+    d.after(|v| v.session.project.set_plate(others));
+    assert_eq!(plate(&mut d).as_ref(), Some(&chosen));
+    let last = d.viewer().session.messages.last();
+    assert!(last.is_some_and(|m| m.is_error && m.text.contains("where an image")));
 }
 
 /// A ball over a plate that were captured as one, under even light and lit by a city.
@@ -502,17 +536,17 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
             hide.crop = true;
             (hide.crop_min, hide.crop_max) = (Vec3::splat(-2.0), Vec3::splat(2.0));
             hide.crop_min.z = (low - bounds.center.z) / bounds.radius;
-            v.session.cut_out();
+            v.session.project.cut_out(v.session.selected);
         });
     };
     for low in [-1.9, 1.9] {
         cut(&mut d, low);
-        assert_eq!(d.viewer().session.scene.objects.len(), 1);
+        assert_eq!(d.viewer().session.project.scene.objects.len(), 1);
     }
     // The ball is above 0.2.
     cut(&mut d, 0.1);
     let session = &d.viewer().session;
-    assert_eq!((session.states.len(), session.selected), (2, 1));
+    assert_eq!((session.project.states.len(), session.selected), (2, 1));
     assert_eq!(session.asset().map(|a| a.cloud.len()), Some(600));
     assert_eq!(session.object().name.as_deref(), Some("capture, cut out"));
     let apart = d.picture();
@@ -523,7 +557,7 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
     assert!(psnr(&whole, &moved) < 35.0);
     // Saved, opened again, and drawn by the command line.
     let [look, ours, theirs] = ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
-    save_look(look.as_ref(), &d.viewer().session.scene_to_save()).expect("room");
+    save_look(look.as_ref(), &d.viewer().session.project.scene_to_save()).expect("room");
     let settings = d.viewer().export_settings();
     settings.size = [200, 160];
     settings.transparent = true;
@@ -535,12 +569,12 @@ fn what_is_cut_out_stays_as_it_was_until_it_is_moved_and_is_put_back_by_undo() {
     let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
     assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
     // Put together again, as undo does it.
-    let mut back = d.viewer().session.scene.clone();
+    let mut back = d.viewer().session.project.scene.clone();
     back.objects.pop();
     back.objects[0].cut.clear();
     d.after(|v| v.session.apply(back));
     assert!(psnr(&whole, &d.picture()) > 50.0);
-    assert_eq!(d.viewer().session.states.len(), 1);
+    assert_eq!(d.viewer().session.project.states.len(), 1);
     let messages = &d.viewer().session.messages;
     assert!(messages.iter().all(|m| !m.is_error), "{messages:?}");
 }
@@ -560,7 +594,7 @@ fn what_is_opened_together_stands_side_by_side() {
     };
     let check = |d: &mut Driver, count: usize| {
         let session = &d.viewer().session;
-        let of = session.shown().map(|(_, object, asset)| {
+        let of = session.project.shown().map(|(_, object, asset)| {
             let placed = object.transform.scene_from_object();
             asset.bounds.transformed(placed)
         });

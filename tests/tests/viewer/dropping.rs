@@ -14,7 +14,7 @@ use transplat_tests::{asset, level_cameras, psnr, small_splat};
 fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let mut d = Driver::bundled();
     let picture = d.picture();
-    let scene = d.viewer().session.scene.clone();
+    let scene = d.viewer().session.project.scene.clone();
     let ply = fs::read(d.folder.path("teapot.ply")).expect("it is there");
     let broken: Vec<String> = vec![
         d.folder.write("half.ply", &ply[..ply.len() / 2]),
@@ -50,7 +50,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
             &name
         };
         assert!(errors[0].text.contains(named), "{}", errors[0].text);
-        assert_eq!(d.viewer().session.scene, scene, "{file}");
+        assert_eq!(d.viewer().session.project.scene, scene, "{file}");
         assert!(
             !d.viewer().shelf().iter().any(|p| p.ends_with(&name)),
             "{file} is on the shelf"
@@ -63,7 +63,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let splat = d.folder.write("unknown.ply", small_splat(50));
     d.after(|v| v.open(Path::new(&splat)));
     let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.live().has_relit(0));
+    assert!(session.source_is_assumed() && session.project.live().has_relit(0));
     assert_eq!(session.light(1).name(), "sunset", "the target stays");
     d.harness.get_by_label("captured under: not known");
     d.viewer().session.object_mut().up = Some(UpAxis::MinusY);
@@ -222,7 +222,7 @@ fn a_light_is_read_as_its_layout_is_told() {
     d.after(|v| v.open(&probe));
     let read_as = |d: &mut Driver| {
         let session = &d.viewer().session;
-        let layout = session.scene.environment.layout;
+        let layout = session.project.scene.environment.layout;
         assert_eq!(
             session.light(1).reading.layout,
             layout,
@@ -246,11 +246,11 @@ fn a_light_is_read_as_its_layout_is_told() {
     let (layout, as_ball) = read_as(&mut d);
     assert_eq!(layout, Some(Layout::MirrorBall));
     assert_ne!(as_ball, by_shape);
-    let saved = d.viewer().session.scene_to_save();
+    let saved = d.viewer().session.project.scene_to_save();
     assert_eq!(saved.environment.layout, layout);
     // Another light, and back; each is a step by itself once it is left alone.
     d.after(|v| v.session.set_light(1, "even".into()));
-    assert_eq!(d.viewer().session.scene.environment.layout, None);
+    assert_eq!(d.viewer().session.project.scene.environment.layout, None);
     d.harness.run_steps(12);
     d.after(|v| v.session.set_light(1, probe.clone()));
     d.harness.run_steps(12);

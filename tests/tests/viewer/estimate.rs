@@ -34,7 +34,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     let session = &d.viewer().session;
     let estimate = session.estimate().cloned().expect("it was asked");
     assert!(estimate.is_good() && estimate.confidence > 0.9);
-    assert!(!session.source_is_assumed() && session.live().has_relit(0));
+    assert!(!session.source_is_assumed() && session.project.live().has_relit(0));
     assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
     let toward = |d: &mut Driver| {
         let [source, _] = d.viewer().session.oriented_lights();
@@ -63,7 +63,9 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
     assert!(told.any(|m| m.text.contains("cannot be told") && m.text.contains("half")));
     assert!(
         session.object().source.is_estimate()
-            && session.scene_to_save().objects[0].source.is_estimate()
+            && session.project.scene_to_save().objects[0]
+                .source
+                .is_estimate()
     );
     // A file that is no light changes nothing of that.
     let broken = d.folder.write("broken.hdr", "no light");
@@ -90,11 +92,11 @@ fn where_it_cannot_be_told_even_light_stands_in_by_half_and_the_setting_stays() 
 fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let mut d = Driver::bundled();
     // Preset paper's own bake tells nothing of the light: another is made after it.
-    d.viewer().session.scene.transfer.method = Method::Harmonic;
+    d.viewer().session.project.scene.transfer.method = Method::Harmonic;
     open_own(&mut d);
     let start = Instant::now();
     let is_baked_for = |d: &mut Driver| {
-        let mut jobs = d.viewer().session.jobs.running().iter();
+        let mut jobs = d.viewer().session.running_jobs();
         jobs.any(|j| j.label.contains("what tells the light"))
     };
     while !is_baked_for(&mut d) {
@@ -102,8 +104,8 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
         assert!(start.elapsed() < PATIENCE, "it is baked for");
     }
     let session = &d.viewer().session;
-    assert!(session.is_estimating(0) && session.source_is_assumed());
-    session.jobs.running().iter().for_each(|j| j.cancel());
+    assert!(session.project.is_estimating(0) && session.source_is_assumed());
+    session.running_jobs().for_each(|j| j.cancel());
     d.settle();
     let session = &d.viewer().session;
     assert!(session.estimate().is_none() && session.source_is_assumed());
@@ -111,7 +113,7 @@ fn an_estimate_that_was_cancelled_can_be_asked_for_again() {
     let session = &d.viewer().session;
     assert!(session.estimate().is_some_and(|e| e.is_good()));
     assert!(!session.source_is_assumed());
-    assert_eq!(session.scene.transfer.method, Method::Harmonic);
+    assert_eq!(session.project.scene.transfer.method, Method::Harmonic);
 }
 
 #[test]
@@ -121,7 +123,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
     d.settle();
     let first = d.viewer().session.estimate().cloned().expect("estimated");
     // Another splat, dropped while nothing of the last one's light fits it, and with a method that has no bake for an estimate.
-    d.viewer().session.scene.transfer.method = Method::Harmonic;
+    d.viewer().session.project.scene.transfer.method = Method::Harmonic;
     let few = d.folder.write("few.ply", small_splat(30));
     d.after(|v| v.open(Path::new(&few)));
     assert!(d.viewer().session.source_is_assumed());
@@ -162,7 +164,7 @@ fn what_was_estimated_is_found_again_and_belongs_to_its_asset() {
 #[test]
 fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was() {
     let mut d = Driver::bundled();
-    assert!(!d.viewer().session.scene.match_strength);
+    assert!(!d.viewer().session.project.scene.match_strength);
     // The teapot on its plate, as a trainer whose Y points down would have it.
     let (cloud, _) = load_asset(asset("teapot.ply").as_ref()).expect("the bundled splat");
     let turn = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, DVec3::NEG_Y));
@@ -188,7 +190,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     d.settle();
     let session = &d.viewer().session;
     assert_eq!(session.object().up, Some(UpAxis::MinusY));
-    assert!(session.scene.match_strength);
+    assert!(session.project.scene.match_strength);
     // Without its light it says which way it stands here.
     let delit = d.folder.path("delit.ply");
     d.after(|v| v.export(Task::Delit(delit.clone())));
@@ -201,7 +203,7 @@ fn a_capture_that_lies_on_its_side_is_set_upright_and_lit_as_strongly_as_it_was(
     assert_eq!(d.viewer().session.object().up, None);
     let city = asset("city.hdr");
     d.after(|v| v.session.set_light(0, city.into()));
-    assert!(!d.viewer().session.scene.match_strength);
+    assert!(!d.viewer().session.project.scene.match_strength);
     // The command says what it takes for granted.
     let told = run_json(&["info", &path.display().to_string()]);
     assert!(told["warnings"].to_string().contains("--up=-y"), "{told}");

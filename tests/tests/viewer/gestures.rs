@@ -81,8 +81,8 @@ fn drags_end_where_the_arithmetic_says_whatever_the_frame_rate() {
         events.push(Event::PointerMoved(pos2(120.0, 420.0)));
 
         let session = &d.viewer().session;
-        let mut pose = session.pose;
-        let mut light = session.scene.environment.clone();
+        let mut pose = session.project.pose;
+        let mut light = session.project.scene.environment.clone();
         let wrap = |degrees: f64| (degrees + 180.0).rem_euclid(360.0) - 180.0;
         for step in path.windows(2) {
             let by = step[1] - step[0];
@@ -105,7 +105,7 @@ fn drags_end_where_the_arithmetic_says_whatever_the_frame_rate() {
         }
         let session = &d.viewer().session;
         let near = |a: f64, b: f64| wrap(a - b).abs() < 1e-3;
-        let (now, lit) = (session.pose, &session.scene.environment);
+        let (now, lit) = (session.project.pose, &session.project.scene.environment);
         assert!(
             near(now.azimuth, pose.azimuth) && near(now.elevation, pose.elevation),
             "drag {drag}: {now:?} for {pose:?}"
@@ -122,7 +122,7 @@ fn drags_end_where_the_arithmetic_says_whatever_the_frame_rate() {
 #[test]
 fn a_quick_drag_between_two_frames_is_not_lost() {
     let mut d = small();
-    let before = d.viewer().session.pose;
+    let before = d.viewer().session.project.pose;
     let (a, none) = (PointerButton::Primary, Modifiers::NONE);
     let from = pos2(300.0, 250.0);
     d.harness.input_mut().events.extend([
@@ -132,7 +132,7 @@ fn a_quick_drag_between_two_frames_is_not_lost() {
         press(a, from + egui::vec2(60.0, 0.0), false, none),
     ]);
     d.harness.step();
-    let after = d.viewer().session.pose;
+    let after = d.viewer().session.project.pose;
     assert!((before.azimuth - after.azimuth - 24.0).abs() < 1e-3);
     // Pressed in a panel, a drag is the panel's.
     let panel = pos2(900.0, 300.0);
@@ -143,7 +143,7 @@ fn a_quick_drag_between_two_frames_is_not_lost() {
         press(a, from, false, none),
     ]);
     d.harness.step();
-    assert_eq!(d.viewer().session.pose, after);
+    assert_eq!(d.viewer().session.project.pose, after);
 }
 
 /// What lies between press and release turns the light, by its map or by a ball, though frames are few.
@@ -164,17 +164,17 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
             d.harness.step();
         }
         d.settle();
-        let light = &d.viewer().session.scene.environment;
+        let light = &d.viewer().session.project.scene.environment;
         (light.rotation, light.tilt)
     };
-    let pose = d.viewer().session.pose;
+    let pose = d.viewer().session.project.pose;
     // All across is once around, and to the right azimuths fall.
     let by = egui::vec2(0.25 * map.width(), 7.0);
     let (rotation, tilt) = turned(&mut d, map.center(), by);
     assert!((rotation + 90.0).abs() < 1e-3 && tilt == 0.0, "{rotation}");
     let (rotation, tilt) = turned(&mut d, ball.center(), egui::vec2(40.0, -20.0));
     assert!((rotation + 70.0).abs() < 1e-3 && (tilt + 10.0).abs() < 1e-3);
-    assert_eq!(d.viewer().session.pose, pose, "the camera stays");
+    assert_eq!(d.viewer().session.project.pose, pose, "the camera stays");
     // A double click brings the brightest light there, as high too.
     let at = map.min + egui::vec2(0.7, 0.4) * map.size();
     d.harness.input_mut().events.push(Event::PointerMoved(at));
@@ -189,7 +189,11 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
     d.settle();
     let session = &d.viewer().session;
     let brightest = session.light(1).brightest.expect("a sun").as_dvec3();
-    let map_from_world = session.scene.environment.map_from_asset(UpAxis::PlusZ);
+    let map_from_world = session
+        .project
+        .scene
+        .environment
+        .map_from_asset(UpAxis::PlusZ);
     let came = map_from_world.transpose() * brightest;
     let azimuth = (pose.azimuth + 180.0 - 360.0 * 0.2).to_radians();
     let height = (std::f64::consts::PI * 0.4).cos();
@@ -208,12 +212,12 @@ fn a_light_is_turned_by_its_map_and_by_a_ball() {
 fn a_double_click_with_shift_puts_the_highlight_there() {
     let mut d = Driver::bundled();
     // From behind.
-    d.viewer().session.scene.environment.rotation = 150.0;
-    d.viewer().session.scene.view = View::Specular;
-    d.viewer().session.scene.background = Background::Color([0.0; 3]);
+    d.viewer().session.project.scene.environment.rotation = 150.0;
+    d.viewer().session.project.scene.view = View::Specular;
+    d.viewer().session.project.scene.background = Background::Color([0.0; 3]);
     let (a, shift) = (PointerButton::Primary, Modifiers::SHIFT);
     let seen = d.picture();
-    let [width, height] = d.viewer().session.viewport;
+    let [width, height] = d.viewer().session.project.viewport;
     let room = d.harness.get_by_label("Viewport").rect();
     // On the teapot's belly.
     let (x, y) = (width * 48 / 100, height * 53 / 100);

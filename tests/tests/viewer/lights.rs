@@ -46,15 +46,20 @@ fn camera(d: &mut Driver) -> (Camera, Rect) {
     let canvas = d.harness.get_by_label("Viewport").rect();
     let session = &d.viewer().session;
     let size = [canvas.width() as usize, canvas.height() as usize];
-    let radius = session.scene_bounds().expect("a scene").radius;
-    let camera = Camera::from_pose(&session.pose, session.scene_up(), size, radius);
+    let radius = session.project.scene_bounds().expect("a scene").radius;
+    let camera = Camera::from_pose(
+        &session.project.pose,
+        session.project.scene_up(),
+        size,
+        radius,
+    );
     (camera, canvas)
 }
 
 /// Where a place of the world is seen in the window.
 fn seen(d: &mut Driver, place: DVec3) -> Pos2 {
     let (camera, canvas) = camera(d);
-    let scene = d.viewer().session.world_from_scene().transpose() * place;
+    let scene = d.viewer().session.project.world_from_scene().transpose() * place;
     let ([x, y], _) = camera.project(scene.as_vec3());
     canvas.min + egui::vec2(x + 0.5, y + 0.5)
 }
@@ -66,8 +71,11 @@ fn surface(d: &mut Driver, at: Pos2) -> [DVec3; 2] {
     let session = &d.viewer().session;
     let cloud = &session.asset().expect("a splat").cloud;
     let pick = pick(cloud, &camera, &[], x, y).expect("the object is there");
-    let normal = session.scene_normal(0, pick.surfel).expect("it is baked");
-    [pick.position, normal].map(|v| session.world_from_scene() * v.as_dvec3())
+    let normal = session
+        .project
+        .scene_normal(0, pick.surfel)
+        .expect("it is baked");
+    [pick.position, normal].map(|v| session.project.world_from_scene() * v.as_dvec3())
 }
 
 /// Cosine between a surface and the one that would mirror the only light to the eye where it is clicked.
@@ -75,14 +83,14 @@ fn mirrors(d: &mut Driver, at: Pos2) -> f64 {
     let light = place(d);
     let [there, normal] = surface(d, at);
     let (camera, _) = camera(d);
-    let eye = d.viewer().session.world_from_scene() * camera.eye.as_dvec3();
+    let eye = d.viewer().session.project.world_from_scene() * camera.eye.as_dvec3();
     let halfway = (light - there).normalize() + (eye - there).normalize();
     halfway.normalize().dot(normal).abs()
 }
 
 /// Position of the only light, or where it comes from.
 fn place(d: &mut Driver) -> DVec3 {
-    let source = &d.viewer().session.scene.lights[0].source;
+    let source = &d.viewer().session.project.scene.lights[0].source;
     let from = |d: DVec3| -d;
     source
         .position()
@@ -92,13 +100,13 @@ fn place(d: &mut Driver) -> DVec3 {
 #[test]
 fn a_light_is_added_placed_and_undone() {
     let mut d = Driver::bundled();
-    d.after(|v| v.session.scene.background = Background::Color([0.1; 3]));
+    d.after(|v| v.session.project.scene.background = Background::Color([0.1; 3]));
     let before = d.picture();
     d.click("Light");
     d.click("lights");
     d.click("Add a light");
     d.click("spot light");
-    assert_eq!(d.viewer().session.scene.lights.len(), 1);
+    assert_eq!(d.viewer().session.project.scene.lights.len(), 1);
     let lit = d.picture();
     assert!(psnr(&before, &lit) < 30.0, "it shines");
 
@@ -129,23 +137,23 @@ fn a_light_is_added_placed_and_undone() {
     assert!(place(&mut d).distance(second) < 1e-9);
     let second = place(&mut d);
     // A click alone orbits again afterwards.
-    let azimuth = d.viewer().session.pose.azimuth;
+    let azimuth = d.viewer().session.project.pose.azimuth;
     drag(
         &mut d,
         &[at, at + egui::vec2(30.0, 0.0), at + egui::vec2(60.0, 0.0)],
     );
-    assert_ne!(d.viewer().session.pose.azimuth, azimuth);
+    assert_ne!(d.viewer().session.project.pose.azimuth, azimuth);
     assert_eq!(place(&mut d), second);
 
     // Off, it is as it was before, but for where the camera is now.
-    d.after(|v| v.session.scene.lights[0].on = false);
+    d.after(|v| v.session.project.scene.lights[0].on = false);
     let off = d.picture();
-    d.after(|v| v.session.scene.lights.clear());
+    d.after(|v| v.session.project.scene.lights.clear());
     assert!(psnr(&off, &d.picture()) > 80.0);
     // Undo brings it back.
     d.harness.key_press_modifiers(Modifiers::CTRL, egui::Key::Z);
     d.settle();
-    assert_eq!(d.viewer().session.scene.lights.len(), 1);
+    assert_eq!(d.viewer().session.project.scene.lights.len(), 1);
 }
 
 /// The handle of a light that is out of the picture is at its rim; pulled, the light goes along and stays as far away.
@@ -159,7 +167,7 @@ fn a_light_is_pulled_by_its_handle() {
     d.after(|v| {
         let lit = v.session.lit();
         let placed = lit.around(160.0, 25.0, 1.6);
-        v.session.scene.lights[0]
+        v.session.project.scene.lights[0]
             .source
             .put(placed.position, placed.aim);
     });
@@ -182,17 +190,17 @@ fn a_light_goes_along_with_what_it_is_fixed_to() {
     let mut d = Driver::bundled();
     d.after(|v| v.session.add_light(LightKind::Spot));
     let world = place(&mut d);
-    d.after(|v| v.session.pose.azimuth += 90.0);
+    d.after(|v| v.session.project.pose.azimuth += 90.0);
     assert_eq!(place(&mut d), world, "to the world");
-    d.after(|v| v.session.scene.lights[0].fixed_to = FixedTo::Camera);
-    d.after(|v| v.session.pose.azimuth += 90.0);
+    d.after(|v| v.session.project.scene.lights[0].fixed_to = FixedTo::Camera);
+    d.after(|v| v.session.project.pose.azimuth += 90.0);
     let turned = place(&mut d);
     assert!(turned.distance(world) > 0.5, "to the camera");
     // And back with it.
-    d.after(|v| v.session.pose.azimuth -= 90.0);
+    d.after(|v| v.session.project.pose.azimuth -= 90.0);
     assert!(place(&mut d).distance(world) < 1e-4);
-    d.after(|v| v.session.scene.lights[0].fixed_to = FixedTo::Object(0));
-    d.after(|v| v.session.scene.objects[0].transform.translation.x += 2.0);
+    d.after(|v| v.session.project.scene.lights[0].fixed_to = FixedTo::Object(0));
+    d.after(|v| v.session.project.scene.objects[0].transform.translation.x += 2.0);
     let along = place(&mut d) - world;
     assert!((along.length() - 2.0).abs() < 1e-4, "{along}");
 }
@@ -213,20 +221,23 @@ fn rigs_are_taken_opened_and_saved() {
     let path = d.folder.path("rig.json");
     d.after(|v| v.session.save_rig(&path));
     let saved = load_rig(&path).expect("its own");
-    let scene = d.viewer().session.scene.clone();
+    let scene = d.viewer().session.project.scene.clone();
     // But for the last digit, which text may lose.
     let told = |lights: &[Light]| format!("{lights:.9?}");
     assert_eq!(told(&saved.lights), told(&scene.lights));
     // Opened, it is taken for no look: what else is set stays.
     d.after(|v| {
-        v.session.scene.lights.clear();
-        v.session.scene.display.exposure = 1.5;
+        v.session.project.scene.lights.clear();
+        v.session.project.scene.display.exposure = 1.5;
     });
     d.after(|v| v.open(&path));
     let session = &d.viewer().session;
-    assert_eq!(told(&session.scene.lights), told(&scene.lights));
-    assert_eq!(session.scene.display.exposure, 1.5);
-    assert_eq!(session.scene.environment.gain(), scene.environment.gain());
+    assert_eq!(told(&session.project.scene.lights), told(&scene.lights));
+    assert_eq!(session.project.scene.display.exposure, 1.5);
+    assert_eq!(
+        session.project.scene.environment.gain(),
+        scene.environment.gain()
+    );
     // One that is wrong changes nothing and says why.
     let wrong = d
         .folder
@@ -239,14 +250,21 @@ fn rigs_are_taken_opened_and_saved() {
             .iter()
             .any(|m| m.is_error && m.text.contains("lamp"))
     );
-    assert_eq!(told(&session.scene.lights), told(&scene.lights));
+    assert_eq!(told(&session.project.scene.lights), told(&scene.lights));
     // Nor does a splat where lights are asked for.
     let splat = d.folder.path("teapot.ply");
     d.after(|v| v.session.open_rig(&splat));
     let session = &d.viewer().session;
     let last = session.messages.last().expect("a message");
     assert!(last.is_error && last.text.contains("no rig"));
-    assert_eq!(told(&session.scene.lights), told(&scene.lights));
+    assert_eq!(told(&session.project.scene.lights), told(&scene.lights));
+    // Nor one that is empty.
+    let empty = d.folder.write("empty.json", r#"{"lights": []}"#);
+    d.after(|v| v.session.open_rig(empty.as_ref()));
+    assert_eq!(
+        told(&d.viewer().session.project.scene.lights),
+        told(&scene.lights)
+    );
     // Alone on the command line, it lights the bundled scene.
     let alone = Startup {
         files: vec![path],
@@ -254,8 +272,8 @@ fn rigs_are_taken_opened_and_saved() {
     };
     let mut alone = Driver::open(alone, Folder::empty());
     let session = &alone.viewer().session;
-    assert_eq!(told(&session.scene.lights), told(&scene.lights));
-    assert!(session.has_asset());
+    assert_eq!(told(&session.project.scene.lights), told(&scene.lights));
+    assert!(session.project.has_asset());
 }
 
 /// Sun and sky, a near light, an environment without its sun: the screen, the saved picture and the commands show the same.
@@ -274,7 +292,7 @@ fn what_lights_of_ones_own_show_the_commands_show() {
             match case {
                 0 => {
                     session.set_light(1, PathBuf::from(SKY));
-                    session.scene.environment.sky = Some(Sky {
+                    session.project.scene.environment.sky = Some(Sky {
                         sun: Sun::SOMEWHERE,
                         ..Sky::default()
                     });
@@ -285,17 +303,17 @@ fn what_lights_of_ones_own_show_the_commands_show() {
         });
         if case == 2 {
             let whole = d.picture();
-            let lights = d.viewer().session.scene.lights.len();
+            let lights = d.viewer().session.project.scene.lights.len();
             d.after(|v| v.session.take_out_suns());
             let session = &d.viewer().session;
-            assert!(session.scene.environment.without_suns);
-            assert!(session.scene.lights.len() > lights, "it has a sun");
+            assert!(session.project.scene.environment.without_suns);
+            assert!(session.project.scene.lights.len() > lights, "it has a sun");
             // It shines as before, from where it was, with the disc of the real one; the picture behind has none.
-            d.after(|v| v.session.scene.background = Background::Color([0.2; 3]));
+            d.after(|v| v.session.project.scene.background = Background::Color([0.2; 3]));
             let apart = d.picture();
             d.after(|v| {
-                v.session.scene.environment.without_suns = false;
-                v.session.scene.lights.truncate(lights);
+                v.session.project.scene.environment.without_suns = false;
+                v.session.project.scene.lights.truncate(lights);
             });
             let together = d.picture();
             assert!(
@@ -305,13 +323,13 @@ fn what_lights_of_ones_own_show_the_commands_show() {
             );
             assert!(psnr(&whole, &together) < 60.0);
             d.after(|v| {
-                v.session.scene.background = Background::Environment;
+                v.session.project.scene.background = Background::Environment;
                 v.session.take_out_suns();
             });
         }
         let [look, ours, theirs] =
             ["look.json", "ours.png", "theirs.png"].map(|n| d.folder.name(n));
-        let scene = d.viewer().session.scene_to_save();
+        let scene = d.viewer().session.project.scene_to_save();
         save_look(look.as_ref(), &scene).expect("room");
         let again = load_look(look.as_ref()).expect("its own");
         let told = |scene: &Scene| format!("{:.6?} {:?}", scene.lights, scene.environment.sky);
@@ -333,16 +351,16 @@ fn what_lights_of_ones_own_show_the_commands_show() {
 #[test]
 fn light_over_time_is_played_and_saved() {
     let mut d = Driver::bundled();
-    d.after(|v| v.session.scene.environment.rotation = 0.0);
+    d.after(|v| v.session.project.scene.environment.rotation = 0.0);
     d.click("View");
     d.click("Timeline");
     d.harness.key_press(egui::Key::Escape);
     d.settle();
     d.click("Set key");
     // The time went on to where the next key belongs.
-    d.after(|v| v.session.scene.environment.rotation = 90.0);
+    d.after(|v| v.session.project.scene.environment.rotation = 90.0);
     d.click("Set key");
-    let animation = d.viewer().session.scene.animation.clone();
+    let animation = d.viewer().session.project.scene.animation.clone();
     let keys: Vec<_> = animation
         .keys
         .iter()
@@ -358,16 +376,16 @@ fn light_over_time_is_played_and_saved() {
     let shown = 5.0;
     let at = |time: f32| start + egui::vec2(12.0 + time / shown * (end.x - start.x - 24.0), 0.0);
     drag(&mut d, &[at(0.5), at(0.8), at(1.0)]);
-    let rotation = d.viewer().session.scene.environment.rotation;
+    let rotation = d.viewer().session.project.scene.environment.rotation;
     assert!((rotation - 45.0).abs() < 3.0, "{rotation}");
     // That was no step: what is undone is a key, or both where they were set within a second.
     d.harness.key_press_modifiers(Modifiers::CTRL, egui::Key::Z);
     d.settle();
-    assert!(d.viewer().session.scene.animation.keys.len() < 2);
+    assert!(d.viewer().session.project.scene.animation.keys.len() < 2);
     d.harness
         .key_press_modifiers(Modifiers::CTRL | Modifiers::SHIFT, egui::Key::Z);
     d.settle();
-    assert_eq!(d.viewer().session.scene.animation, animation);
+    assert_eq!(d.viewer().session.project.scene.animation, animation);
     let frames = animated(&mut d, "turned", 2);
     assert_eq!(frames.len(), 5);
     assert!(psnr(&frames[0], &frames[4]) < 35.0);
@@ -378,9 +396,9 @@ fn light_over_time_is_played_and_saved() {
         v.session.set_light(1, sunset);
     });
     d.after(|v| {
-        v.session.scene.background = Background::Environment;
-        v.session.scene.view = View::SideBySide;
-        v.session.scene.environment.without_suns = true;
+        v.session.project.scene.background = Background::Environment;
+        v.session.project.scene.view = View::SideBySide;
+        v.session.project.scene.environment.without_suns = true;
     });
     assert_eq!(animated(&mut d, "beside", 1).len(), 3);
 }
@@ -396,7 +414,7 @@ fn animated(d: &mut Driver, name: &str, frame_rate: u32) -> Vec<Vec<[f32; 3]>> {
     settings.pattern = "{n}".into();
     d.after(|v| v.export(Task::Animation));
     let look = d.folder.name("look.json");
-    let scene = d.viewer().session.scene_to_save();
+    let scene = d.viewer().session.project.scene_to_save();
     save_look(look.as_ref(), &scene).expect("room");
     let out = d.folder.name(&format!("{name}-of-command"));
     let line = "render {} --animation --frame-rate {} --size 120x90 --device cpu -o {}";
@@ -455,7 +473,7 @@ fn keys_come_with_a_look_and_go_one_by_one() {
         bar.map(|bar| bar.rect())
     };
     assert_eq!(bar(&d), None);
-    let mut scene = d.viewer().session.scene_to_save();
+    let mut scene = d.viewer().session.project.scene_to_save();
     for time in [0.0, 1.0] {
         let key = scene.light_key(time);
         scene.animation.set(key);
@@ -465,11 +483,11 @@ fn keys_come_with_a_look_and_go_one_by_one() {
     d.after(|v| v.open(&look));
     let shown = bar(&d).expect("the timeline is shown");
     let left = |d: &mut Driver| {
-        let scene = &d.viewer().session.scene;
+        let scene = &d.viewer().session.project.scene;
         let times: Vec<f64> = scene.animation.keys.iter().map(|key| key.time).collect();
         (times, scene.objects.len())
     };
-    d.after(|v| v.session.duplicate_object());
+    d.after(|v| v.session.project.duplicate(v.session.selected));
     assert_eq!(left(&mut d), (vec![0.0, 1.0], 2));
     // Five seconds are shown, between two tips of a key at either end.
     let second = shown.left_center() + egui::vec2(12.0 + (shown.width() - 24.0) / 5.0, 0.0);

@@ -17,10 +17,10 @@ use transplat_tests::psnr;
 #[test]
 fn the_gpu_shows_what_the_cpu_relit() {
     let mut d = Driver::bundled();
-    d.viewer().session.scene.background = Background::Color([0.2; 3]);
+    d.viewer().session.project.scene.background = Background::Color([0.2; 3]);
     d.picture();
     let session = &d.viewer().session;
-    let context = session.context.clone();
+    let context = session.project.context.clone();
     let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
     let prepared = session.prepared().cloned().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
@@ -32,11 +32,16 @@ fn the_gpu_shows_what_the_cpu_relit() {
     );
     let mut pictures = Vec::new();
     for view in [View::After, View::Diffuse, View::Specular, View::Tau] {
-        d.viewer().session.scene.view = view;
+        d.viewer().session.project.scene.view = view;
         let cpu = d.picture();
         let session = &d.viewer().session;
         let [_, target] = session.oriented_lights();
-        let size = session.live().read_screen().expect("the driver works").1;
+        let size = session
+            .project
+            .live()
+            .read_screen()
+            .expect("the driver works")
+            .1;
         let frame = session.frame(size, view).expect("a splat");
         live.relight(0, &target.light, view.part(), &[])
             .expect("read for best");
@@ -58,20 +63,21 @@ fn the_gpu_shows_what_the_cpu_relit() {
 #[test]
 fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
     let mut d = Driver::bundled();
-    let turn = |degrees: f64| move |v: &mut Viewer| v.session.scene.environment.rotation = degrees;
+    let turn =
+        |degrees: f64| move |v: &mut Viewer| v.session.project.scene.environment.rotation = degrees;
     let before = d.picture();
     d.after(turn(120.0));
     let exact = d.picture();
     d.after(turn(0.0));
-    d.viewer().session.coarse_from_ms = 0.0;
+    d.viewer().session.project.coarse_from_ms = 0.0;
 
     turn(120.0)(d.viewer());
     let start = Instant::now();
-    while d.viewer().session.not_final(View::After) != Some("coarse: the light changes") {
+    while d.viewer().session.project.not_final(View::After) != Some("coarse: the light changes") {
         d.harness.step();
         assert!(start.elapsed() < PATIENCE, "it is never coarse");
     }
-    let live = d.viewer().session.live();
+    let live = d.viewer().session.project.live();
     let coarse = live.read_screen().expect("the driver works").0;
     drop(live);
     assert!(psnr(&coarse, &exact) > psnr(&before, &exact) + 3.0);
@@ -79,10 +85,10 @@ fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
     assert!(psnr(&d.picture(), &exact) > 80.0);
 
     // Epsilon is no light: the picture stays exact, then is exact again.
-    d.viewer().session.scene.transfer.epsilon = Some(0.05);
+    d.viewer().session.project.scene.transfer.epsilon = Some(0.05);
     d.harness.step();
     while !d.viewer().session.is_settled() {
-        assert_eq!(d.viewer().session.not_final(View::After), None);
+        assert_eq!(d.viewer().session.project.not_final(View::After), None);
         d.harness.step();
     }
 }
@@ -92,13 +98,18 @@ fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
 #[test]
 fn two_objects_are_drawn_like_one_of_both() {
     let mut d = Driver::bundled();
-    d.viewer().session.scene.background = Background::Color([0.2; 3]);
-    d.viewer().session.scene.view = View::Before;
+    d.viewer().session.project.scene.background = Background::Color([0.2; 3]);
+    d.viewer().session.project.scene.view = View::Before;
     let one = d.picture();
     let session = &d.viewer().session;
-    let context = session.context.clone();
+    let context = session.project.context.clone();
     let near = session.asset().expect("a splat").cloud.clone();
-    let size = session.live().read_screen().expect("the driver works").1;
+    let size = session
+        .project
+        .live()
+        .read_screen()
+        .expect("the driver works")
+        .1;
     let mut frame = session.frame(size, View::Before).expect("a splat");
     let mut seen = |objects: &[(&SurfelCloud, Affine3A)], drawing: Drawing| -> Vec<[f32; 3]> {
         let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, drawing);

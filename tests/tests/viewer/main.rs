@@ -27,19 +27,19 @@ use transplat_tests::{Folder, args, asset, psnr, run_json, small_lut, small_spla
 fn controls_run_what_they_touch_and_nothing_else() {
     let mut d = Driver::bundled();
     let first = d.picture();
-    let at_rest = d.viewer().session.passes();
+    let at_rest = d.viewer().session.project.passes();
     d.settle();
     assert_eq!(
-        d.viewer().session.passes(),
+        d.viewer().session.project.passes(),
         at_rest,
         "nothing runs while nothing changes"
     );
 
     // A turn of the light: one transfer, one colouring, one drawing; the map is not read again, nothing is sorted or projected.
-    let stages = d.viewer().session.stages;
-    d.viewer().session.scene.environment.rotation = 120.0;
+    let stages = d.viewer().session.project.stages;
+    d.viewer().session.project.scene.environment.rotation = 120.0;
     let turned = d.picture();
-    let after_turn = d.viewer().session.passes();
+    let after_turn = d.viewer().session.project.passes();
     assert_eq!(after_turn.transfer, at_rest.transfer + 1);
     assert_eq!(after_turn.shade, at_rest.shade + 1);
     assert_eq!(after_turn.draw, at_rest.draw + 1);
@@ -49,16 +49,16 @@ fn controls_run_what_they_touch_and_nothing_else() {
     );
     assert_eq!(after_turn.backdrop, at_rest.backdrop);
     assert_eq!(
-        d.viewer().session.stages,
+        d.viewer().session.project.stages,
         stages,
         "no projection, no preparation"
     );
     assert!(psnr(&first, &turned) < 30.0);
 
     // Exposure: no transfer.
-    d.viewer().session.scene.display.exposure = 1.0;
+    d.viewer().session.project.scene.display.exposure = 1.0;
     let exposed = d.picture();
-    let after_exposure = d.viewer().session.passes();
+    let after_exposure = d.viewer().session.project.passes();
     assert_eq!(after_exposure.transfer, after_turn.transfer);
     assert_eq!(after_exposure.shade, after_turn.shade + 1);
     assert!(psnr(&turned, &exposed) < 25.0);
@@ -67,7 +67,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     let interior = d.folder.path("interior.hdr");
     d.viewer().session.set_light(1, interior);
     d.picture();
-    let after_light = d.viewer().session.passes();
+    let after_light = d.viewer().session.project.passes();
     assert_eq!(after_light.transfer, after_exposure.transfer + 1);
     assert_eq!(after_light.backdrop, after_exposure.backdrop + 1);
     assert_eq!(
@@ -78,19 +78,19 @@ fn controls_run_what_they_touch_and_nothing_else() {
     // One that is new to the program is projected once.
     let fresh = d.folder.path("fresh.hdr");
     fs::copy(asset("city.hdr"), &fresh).expect("room for it");
-    let projections = d.viewer().session.stages.project_environment;
+    let projections = d.viewer().session.project.stages.project_environment;
     d.viewer().open(&fresh);
     d.picture();
     assert_eq!(
-        d.viewer().session.stages.project_environment,
+        d.viewer().session.project.stages.project_environment,
         projections + 1
     );
 
     // The camera: no transfer.
-    let before_orbit = d.viewer().session.passes();
-    d.viewer().session.pose.azimuth += 20.0;
+    let before_orbit = d.viewer().session.project.passes();
+    d.viewer().session.project.pose.azimuth += 20.0;
     d.picture();
-    let orbited = d.viewer().session.passes();
+    let orbited = d.viewer().session.project.passes();
     assert_eq!(orbited.transfer, before_orbit.transfer);
     assert_eq!(orbited.sort, before_orbit.sort + 1);
     assert_eq!(orbited.project, before_orbit.project + 1);
@@ -100,25 +100,31 @@ fn controls_run_what_they_touch_and_nothing_else() {
     d.viewer().session.object_mut().hide.crop = true;
     d.viewer().session.object_mut().hide.crop_max.z = 0.0;
     let cropped = d.picture();
-    assert_eq!(d.viewer().session.passes().transfer, orbited.transfer);
+    assert_eq!(
+        d.viewer().session.project.passes().transfer,
+        orbited.transfer
+    );
     assert!(psnr(&whole, &cropped) < 30.0);
-    d.viewer().session.scene.environment.rotation = 60.0;
+    d.viewer().session.project.scene.environment.rotation = 60.0;
     d.picture();
     d.viewer().session.object_mut().hide.crop = false;
     let released = d.picture();
-    assert_eq!(d.viewer().session.passes().transfer, orbited.transfer + 2);
-    d.viewer().session.scene.environment.rotation = 0.0;
+    assert_eq!(
+        d.viewer().session.project.passes().transfer,
+        orbited.transfer + 2
+    );
+    d.viewer().session.project.scene.environment.rotation = 0.0;
     d.picture();
-    d.viewer().session.scene.environment.rotation = 60.0;
+    d.viewer().session.project.scene.environment.rotation = 60.0;
     assert!(psnr(&released, &d.picture()) > 60.0);
 
     // Moving the wipe only presents.
-    d.viewer().session.scene.view = View::Split;
+    d.viewer().session.project.scene.view = View::Split;
     d.picture();
-    let split = d.viewer().session.passes();
-    d.viewer().session.scene.wipe = 0.3;
+    let split = d.viewer().session.project.passes();
+    d.viewer().session.project.scene.wipe = 0.3;
     d.picture();
-    let wiped = d.viewer().session.passes();
+    let wiped = d.viewer().session.project.passes();
     assert_eq!((wiped.draw, wiped.shade), (split.draw, split.shade));
     assert_eq!(wiped.present, split.present + 1);
 }
@@ -126,7 +132,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
 #[test]
 fn what_is_saved_is_what_is_shown_and_what_render_makes() {
     let mut d = Driver::bundled();
-    let size = d.viewer().session.viewport;
+    let size = d.viewer().session.project.viewport;
     let folder = d.folder.path("out");
     fs::create_dir_all(&folder).expect("room for it");
     let environment = Background::Environment;
@@ -153,8 +159,8 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         {
             let session = &mut d.viewer().session;
             session.overlays.grid = false;
-            session.pose.orthographic = i % 4 == 1;
-            let scene = &mut session.scene;
+            session.project.pose.orthographic = i % 4 == 1;
+            let scene = &mut session.project.scene;
             scene.view = view;
             scene.background = background;
             scene.background_blur = 4.0;
@@ -197,7 +203,7 @@ fn what_is_saved_is_what_is_shown_and_what_render_makes() {
         );
 
         let scene = folder.join("look.json");
-        let to_save = d.viewer().session.scene_to_save();
+        let to_save = d.viewer().session.project.scene_to_save();
         transplat_core::files::save_look(&scene, &to_save).expect("it is written");
         let rendered = folder.join(format!("{i}-render.png"));
         let [look, out] = [&scene, &rendered].map(|p| p.display().to_string());
@@ -220,19 +226,19 @@ fn a_look_restores_everything() {
     let mut d = Driver::bundled();
     {
         let session = &mut d.viewer().session;
-        session.scene.environment.rotation = -70.0;
-        session.scene.environment.mirror = true;
+        session.project.scene.environment.rotation = -70.0;
+        session.project.scene.environment.mirror = true;
         session.object_mut().source.tilt = 5.0;
-        session.scene.transfer.sh_degree = 4;
-        session.scene.transfer.terms.specular = false;
-        session.scene.display.tone_map = ToneMap::Neutral;
-        session.scene.match_strength = true;
-        session.scene.view = View::Split;
-        session.pose.azimuth = 77.0;
-        session.pose.orthographic = true;
+        session.project.scene.transfer.sh_degree = 4;
+        session.project.scene.transfer.terms.specular = false;
+        session.project.scene.display.tone_map = ToneMap::Neutral;
+        session.project.scene.match_strength = true;
+        session.project.scene.view = View::Split;
+        session.project.pose.azimuth = 77.0;
+        session.project.pose.orthographic = true;
     }
     let before = d.picture();
-    let expected = d.viewer().session.scene_to_save();
+    let expected = d.viewer().session.project.scene_to_save();
     let path = d.folder.path("my.json");
     transplat_core::files::save_look(&path, &expected).expect("it is written");
     let text = fs::read_to_string(&path).expect("it is there");
@@ -243,10 +249,10 @@ fn a_look_restores_everything() {
 
     {
         let session = &mut d.viewer().session;
-        session.scene = Default::default();
+        session.project.scene = Default::default();
         session.object_mut().source.file = Some(EVEN.into());
-        session.scene.environment.file = Some(EVEN.into());
-        session.pose.azimuth = 0.0;
+        session.project.scene.environment.file = Some(EVEN.into());
+        session.project.pose.azimuth = 0.0;
     }
     assert!(psnr(&before, &d.picture()) < 30.0);
     d.viewer().open(&path);
@@ -263,7 +269,7 @@ fn a_look_restores_everything() {
         }
         scene
     };
-    let restored = canonical(d.viewer().session.scene_to_save());
+    let restored = canonical(d.viewer().session.project.scene_to_save());
     assert_eq!(restored, canonical(expected));
 }
 
@@ -274,7 +280,7 @@ fn panels_change_settings_and_picture() {
     d.click("Advanced");
     let first = d.picture();
     d.click("Self-shadow");
-    assert!(!d.viewer().session.scene.transfer.terms.shadow);
+    assert!(!d.viewer().session.project.scene.transfer.terms.shadow);
     assert!(psnr(&first, &d.picture()) < 40.0);
     d.click("Self-shadow");
     assert!(
@@ -284,21 +290,28 @@ fn panels_change_settings_and_picture() {
 
     // Each method has its own terms, and what is switched back is as it was.
     d.click("Gloss");
-    assert!(!d.viewer().session.scene.transfer.terms.lobe);
+    assert!(!d.viewer().session.project.scene.transfer.terms.lobe);
     assert!(psnr(&first, &d.picture()) < 50.0);
     d.click("Gloss");
     d.click("preset paper");
-    assert_eq!(d.viewer().session.scene.transfer.method, Method::Harmonic);
+    assert_eq!(
+        d.viewer().session.project.scene.transfer.method,
+        Method::Harmonic
+    );
     let paper = d.picture();
     assert!(psnr(&first, &paper) < 45.0);
     d.click("Specular");
-    assert!(!d.viewer().session.scene.transfer.terms.specular);
+    assert!(!d.viewer().session.project.scene.transfer.terms.specular);
     assert!(psnr(&paper, &d.picture()) < 50.0);
     d.click("Specular");
-    let bakes = d.viewer().session.stages.bake;
-    d.viewer().session.scene.transfer.method = Method::Directional;
+    let bakes = d.viewer().session.project.stages.bake;
+    d.viewer().session.project.scene.transfer.method = Method::Directional;
     assert!(psnr(&first, &d.picture()) > 60.0);
-    assert_eq!(d.viewer().session.stages.bake, bakes, "both are kept");
+    assert_eq!(
+        d.viewer().session.project.stages.bake,
+        bakes,
+        "both are kept"
+    );
 
     // Compare and channels.
     for (label, view) in [
@@ -309,7 +322,7 @@ fn panels_change_settings_and_picture() {
         ("After", View::After),
     ] {
         d.click(label);
-        assert_eq!(d.viewer().session.scene.view, view);
+        assert_eq!(d.viewer().session.project.scene.view, view);
     }
     let mut seen = vec![first.clone()];
     for (label, view) in [
@@ -321,14 +334,14 @@ fn panels_change_settings_and_picture() {
         ("Ratio tau", View::Tau),
         ("Doubts", View::Doubts),
     ] {
-        d.viewer().session.scene.view = view;
+        d.viewer().session.project.scene.view = view;
         let picture = d.picture();
         for other in &seen {
             assert!(psnr(other, &picture) < 45.0, "{label} looks like another");
         }
         seen.push(picture);
     }
-    d.viewer().session.scene.view = View::After;
+    d.viewer().session.project.scene.view = View::After;
 }
 
 #[test]
@@ -344,11 +357,11 @@ fn the_shelf_and_the_matching_toggle_change_the_light() {
     // The matching toggle says by how much, and does it.
     let before = stops(&mut d);
     assert!(before.abs() > 0.05);
-    d.viewer().session.scene.match_strength = true;
+    d.viewer().session.project.scene.match_strength = true;
     d.picture();
     let matched = stops(&mut d);
     assert!(matched.abs() < 0.01, "{matched}");
-    d.viewer().session.scene.match_strength = false;
+    d.viewer().session.project.scene.match_strength = false;
 
     // The shelf: click, key and swap.
     let target = |d: &mut Driver| d.viewer().session.light(1).name();
@@ -369,7 +382,7 @@ fn the_shelf_and_the_matching_toggle_change_the_light() {
 #[test]
 fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     let mut d = Driver::bundled();
-    let bakes = |d: &mut Driver| d.viewer().session.stages.bake;
+    let bakes = |d: &mut Driver| d.viewer().session.project.stages.bake;
     let before = bakes(&mut d);
     d.click("Asset");
     d.click("This side is out");
@@ -378,9 +391,9 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     assert_eq!(told.len(), 1);
     let cloud = &session.asset().expect("an asset").cloud;
     assert_eq!(cloud.outside_from, told);
-    assert!(session.live().has_relit(0) && bakes(&mut d) > before);
+    assert!(session.project.live().has_relit(0) && bakes(&mut d) > before);
     assert_eq!(
-        d.viewer().session.scene_to_save().objects[0].outside_from,
+        d.viewer().session.project.scene_to_save().objects[0].outside_from,
         told
     );
     // What is said while the splat is loaded again is not lost.
@@ -409,25 +422,25 @@ fn the_work_of_last_time_comes_back() {
         ..Startup::default()
     };
     let mut d = Driver::open(started(&[&splat]), Folder::empty());
-    d.after(|v| v.session.scene.environment.rotation = 70.0);
+    d.after(|v| v.session.project.scene.environment.rotation = 70.0);
     d.viewer().keep_work();
     let mut d = Driver::open(started(&[]), Folder::empty());
     let session = &d.viewer().session;
     assert_eq!(session.asset().map(|a| a.cloud.len()), Some(100));
-    assert!((session.scene.environment.rotation - 70.0).abs() < 1e-6);
+    assert!((session.project.scene.environment.rotation - 70.0).abs() < 1e-6);
     // A start that names something else sets it aside.
     let mut d = Driver::open(started(&[&splat]), Folder::empty());
-    assert!(d.viewer().session.scene.environment.rotation == 0.0 && !work.exists());
+    assert!(d.viewer().session.project.scene.environment.rotation == 0.0 && !work.exists());
     d.click("File");
     d.click("Work before this");
     d.settle();
-    assert!((d.viewer().session.scene.environment.rotation - 70.0).abs() < 1e-6);
+    assert!((d.viewer().session.project.scene.environment.rotation - 70.0).abs() < 1e-6);
     d.viewer().keep_work();
     fs::rename(&splat, folder.path("moved.ply")).expect("it is there");
     let mut d = Driver::open(started(&[]), Folder::empty());
     let mut messages = d.viewer().session.messages.iter();
     assert!(messages.any(|m| m.is_error && m.text.contains("small.ply")));
-    d.after(|v| v.session.scene.environment.rotation = 10.0);
+    d.after(|v| v.session.project.scene.environment.rotation = 10.0);
     d.viewer().keep_work();
     let kept = transplat_core::files::load_look(&work).expect("it stays");
     assert!((kept.environment.rotation - 70.0).abs() < 1e-6);
@@ -457,14 +470,14 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
         d.harness.step();
         d.settle();
     };
-    let pose = d.viewer().session.pose;
+    let pose = d.viewer().session.project.pose;
     drag(
         &mut d,
         egui::PointerButton::Primary,
         egui::Modifiers::NONE,
         egui::vec2(80.0, 20.0),
     );
-    let orbited = d.viewer().session.pose;
+    let orbited = d.viewer().session.project.pose;
     // All of the drag counts, its first and last frame too: 0.4 degrees a point.
     let turned = (orbited.azimuth - pose.azimuth).abs();
     assert!((turned - 32.0).abs() < 0.5, "{turned}");
@@ -475,27 +488,27 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
         egui::Modifiers::NONE,
         egui::vec2(80.0, 20.0),
     );
-    let panned = d.viewer().session.pose;
+    let panned = d.viewer().session.project.pose;
     assert!(panned.pivot != pose.pivot && panned.azimuth == orbited.azimuth);
-    let light = d.viewer().session.scene.environment.clone();
+    let light = d.viewer().session.project.scene.environment.clone();
     drag(
         &mut d,
         egui::PointerButton::Secondary,
         egui::Modifiers::SHIFT,
         egui::vec2(60.0, 10.0),
     );
-    let turned = d.viewer().session.scene.environment.clone();
+    let turned = d.viewer().session.project.scene.environment.clone();
     assert!(turned.rotation != light.rotation && turned.tilt != light.tilt);
-    assert_eq!(d.viewer().session.pose, panned, "the camera stays");
+    assert_eq!(d.viewer().session.project.pose, panned, "the camera stays");
 
     d.harness.key_press(egui::Key::ArrowLeft);
     d.settle();
-    let nudged = d.viewer().session.scene.environment.rotation;
+    let nudged = d.viewer().session.project.scene.environment.rotation;
     assert!((nudged - turned.rotation - 5.0).abs() < 1e-9);
     d.harness
         .key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::ArrowRight);
     d.settle();
-    let fine = d.viewer().session.scene.environment.rotation;
+    let fine = d.viewer().session.project.scene.environment.rotation;
     assert!((nudged - fine - 1.0).abs() < 1e-9);
     // Presses that come between two frames all count.
     let press = egui::Event::Key {
@@ -508,13 +521,13 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     let events = &mut d.harness.input_mut().events;
     events.extend(std::iter::repeat_n(press, 3));
     d.settle();
-    let thrice = d.viewer().session.scene.environment.rotation;
+    let thrice = d.viewer().session.project.scene.environment.rotation;
     assert!((fine - thrice - 15.0).abs() < 1e-9, "{fine} {thrice}");
 
     // What stays for a second is a step to come back to, also where nothing else makes a frame; then the window rests.
     d.viewer().session.messages.clear();
     d.settle();
-    d.viewer().session.scene.difference_scale = 3.0;
+    d.viewer().session.project.scene.difference_scale = 3.0;
     let mut rests = || {
         d.harness.step();
         let root = &d.harness.output().viewport_output[&egui::ViewportId::ROOT];
@@ -524,17 +537,17 @@ fn keys_and_the_mouse_do_what_the_sheet_says() {
     assert!(frames > 3, "{frames} frames of a quarter of a second");
 
     // Undo and redo of a setting.
-    d.viewer().session.scene.transfer.sh_degree = 6;
+    d.viewer().session.project.scene.transfer.sh_degree = 6;
     d.harness.run_steps(12);
     d.settle();
     d.harness
         .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Z);
     d.settle();
-    assert_eq!(d.viewer().session.scene.transfer.sh_degree, 3);
+    assert_eq!(d.viewer().session.project.scene.transfer.sh_degree, 3);
     d.harness
         .key_press_modifiers(egui::Modifiers::CTRL, egui::Key::Y);
     d.settle();
-    assert_eq!(d.viewer().session.scene.transfer.sh_degree, 6);
+    assert_eq!(d.viewer().session.project.scene.transfer.sh_degree, 6);
 
     // Before while B is held.
     let after = d.picture();
@@ -553,13 +566,13 @@ fn a_scene_grows_and_shrinks() {
     // One that is nothing yet.
     let object = Object {
         asset: None,
-        ..d.viewer().session.scene.objects[0].clone()
+        ..d.viewer().session.project.scene.objects[0].clone()
     };
-    d.viewer().session.scene.objects.push(object);
+    d.viewer().session.project.scene.objects.push(object);
     assert!(psnr(&alone, &d.picture()) > 60.0);
-    d.viewer().session.pin();
-    assert!(d.viewer().session.compared().is_some());
-    d.viewer().session.scene.objects.truncate(1);
+    d.viewer().session.project.pin();
+    assert!(d.viewer().session.project.compared().is_some());
+    d.viewer().session.project.scene.objects.truncate(1);
     assert!(psnr(&alone, &d.picture()) > 60.0);
 }
 
@@ -646,8 +659,8 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
     let mut d = Driver::bundled();
     let recovery = d.folder.path("cache/recovered.json");
     d.viewer().recovery = Some(recovery.clone());
-    d.viewer().session.scene.environment.rotation = 33.0;
-    d.viewer().session.context.destroy();
+    d.viewer().session.project.scene.environment.rotation = 33.0;
+    d.viewer().session.project.context.destroy();
     let closed = (0..50).any(|_| {
         d.harness.step();
         std::thread::sleep(Duration::from_millis(10));

@@ -68,7 +68,7 @@ fn every_control_has_a_name() {
         }
     }
     d.after(|v| {
-        v.session.keep_look();
+        v.session.project.keep_look();
         v.session.keep_view();
     });
     for page in ["Looks 1", "Views 1"] {
@@ -91,7 +91,7 @@ fn every_control_has_a_name() {
             sun,
             ..Sky::default()
         };
-        d.after(|v| v.session.scene.environment.sky = Some(sky));
+        d.after(|v| v.session.project.scene.environment.sky = Some(sky));
         check(&d, "sun and sky");
     }
     d.harness.key_press(Key::J);

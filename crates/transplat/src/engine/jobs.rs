@@ -323,7 +323,7 @@ impl<E: Send + 'static> Jobs<E> {
         events
     }
 
-    /// What asks for another look when something is ready.
+    /// Asks for another look; jobs call it when something is ready.
     pub fn wake(&self) -> &Wake {
         &self.wake
     }

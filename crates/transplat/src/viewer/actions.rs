@@ -9,9 +9,10 @@ use super::export::Task;
 use super::files::ask;
 use super::menus::COMPARE;
 use super::navigation;
-use super::session::{Dialog, SaveKind, TARGET};
+use super::session::{Dialog, SaveKind};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
 use crate::engine::jobs::Kind;
+use crate::engine::project::TARGET;
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {
@@ -71,7 +72,7 @@ impl Viewer {
     pub(super) fn act(&mut self, action: Action, fine: bool) {
         let step = if fine { 1.0 } else { 5.0 };
         let session = &mut self.session;
-        let target = &mut session.scene.environment;
+        let target = &mut session.project.scene.environment;
         match action {
             Action::Open => ask(session, Dialog::Open),
             Action::OpenFolder => ask(session, Dialog::OpenFolder),
@@ -81,24 +82,26 @@ impl Viewer {
             Action::Copy => self.export(Task::Clipboard),
             Action::Undo => self.undo(),
             Action::Redo => self.redo(),
-            Action::Duplicate => session.duplicate_object(),
+            Action::Duplicate => session.project.duplicate(session.selected),
             Action::Remove => {
                 if !self.timeline.remove_pointed(session) {
                     session.remove_object();
                 }
             }
-            Action::Frame => self.session.frame_all(),
-            Action::Orthographic => session.pose.orthographic = !session.pose.orthographic,
-            Action::Front => navigation::look_from(&mut session.pose, navigation::FRONT),
-            Action::Right => navigation::look_from(&mut session.pose, navigation::RIGHT),
-            Action::Top => navigation::look_from(&mut session.pose, navigation::TOP),
+            Action::Frame => self.session.project.frame_all(),
+            Action::Orthographic => {
+                session.project.pose.orthographic = !session.project.pose.orthographic
+            }
+            Action::Front => navigation::look_from(&mut session.project.pose, navigation::FRONT),
+            Action::Right => navigation::look_from(&mut session.project.pose, navigation::RIGHT),
+            Action::Top => navigation::look_from(&mut session.project.pose, navigation::TOP),
             Action::NextCompare => {
                 let ways = COMPARE.map(|(_, view, _)| view);
-                let at = ways.iter().position(|v| *v == session.scene.view);
-                session.scene.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
+                let at = ways.iter().position(|v| *v == session.project.scene.view);
+                session.project.scene.view = ways[at.map_or(0, |i| (i + 1) % ways.len())];
             }
-            Action::Pin => session.pin(),
-            Action::SwapPinned => session.swap_pinned(),
+            Action::Pin => session.project.pin(),
+            Action::SwapPinned => session.project.swap_pinned(),
             Action::KeepView => session.keep_view(),
             Action::NextView => session.next_view(true),
             Action::LastView => session.next_view(false),
@@ -109,12 +112,14 @@ impl Viewer {
             Action::Timeline => self.timeline.is_shown = !self.timeline.is_shown,
             Action::Marks => session.overlays.marks = !session.overlays.marks,
             Action::Background => {
-                session.scene.background = match session.scene.background {
+                session.project.scene.background = match session.project.scene.background {
                     Background::Environment => Background::Color([0.18; 3]),
                     _ => Background::Environment,
                 };
             }
-            Action::Match => session.scene.match_strength = !session.scene.match_strength,
+            Action::Match => {
+                session.project.scene.match_strength = !session.project.scene.match_strength
+            }
             Action::Swap => session.swap_lights(),
             Action::Panels => self.shown.panels = !self.shown.panels,
             Action::Tab(tab) => {
@@ -132,14 +137,14 @@ impl Viewer {
     }
 
     pub(super) fn undo(&mut self) {
-        let now = self.session.scene_as_step();
+        let now = self.session.project.scene_as_step();
         if let Some(scene) = self.history.undo(&now).cloned() {
             self.come_back_to(scene);
         }
     }
 
     pub(super) fn redo(&mut self) {
-        let now = self.session.scene_as_step();
+        let now = self.session.project.scene_as_step();
         if let Some(scene) = self.history.redo(&now).cloned() {
             self.come_back_to(scene);
         }
@@ -148,10 +153,10 @@ impl Viewer {
     /// Settings of another time, seen from where the camera is now.
     pub(super) fn come_back_to(&mut self, scene: Scene) {
         let then = scene.camera;
-        let camera = Some(self.session.pose);
+        let camera = Some(self.session.project.pose);
         self.session.apply(Scene { camera, ..scene });
         if let Some(then) = then {
-            self.session.bring_lights_along(&then);
+            self.session.project.bring_lights_along(&then);
         }
     }
 }

@@ -18,7 +18,7 @@ const LEGEND_WIDTH: f32 = 250.0;
 pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
     let painter = ui.painter_at(rect);
     name_sides(&painter, rect, session, view);
-    if let Some(why) = session.not_final(view) {
+    if let Some(why) = session.project.not_final(view) {
         let below = egui::pos2(rect.center().x, rect.top() + 38.0);
         tag(&painter, below, Align2::CENTER_TOP, why);
     }
@@ -29,7 +29,7 @@ pub fn annotate(ui: &Ui, rect: Rect, session: &Session, view: View) {
 }
 
 fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
-    let [left, right] = if session.compared().is_some() {
+    let [left, right] = if session.project.compared().is_some() {
         [tr("pinned look"), tr("this look")]
     } else {
         [tr("before"), tr("after")]
@@ -38,7 +38,7 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
     let at = |share: f32| egui::pos2(rect.left() + share * rect.width(), top);
     match view {
         View::Split => {
-            let x = at(session.scene.wipe).x;
+            let x = at(session.project.scene.wipe).x;
             let sides = [
                 (x - margin, Align2::RIGHT_TOP, left),
                 (x + margin, Align2::LEFT_TOP, right),
@@ -63,7 +63,7 @@ fn name_sides(painter: &Painter, rect: Rect, session: &Session, view: View) {
         View::Difference => {
             let text = tr_format!(
                 "{right} minus {left}, x {difference_scale:.1}",
-                difference_scale = session.scene.difference_scale,
+                difference_scale = session.project.scene.difference_scale,
                 right = right,
                 left = left
             );
@@ -118,7 +118,7 @@ fn legend(session: &Session, view: View) -> Vec<(Color32, String)> {
         }
         return entries;
     }
-    if session.scene.false_color && view.is_light() {
+    if session.project.scene.false_color && view.is_light() {
         let bounds = FALSE_COLORS.map(|(to, _)| to);
         let text = |i: usize| match i {
             0 => tr_format!("under {:+.1} stops from middle grey", bounds[0]),

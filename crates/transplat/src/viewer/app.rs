@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex};
 
 use eframe::egui;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{FileKind, SplatFormat, file_kind, file_of, is_same_file, load_look};
+use transplat_core::files::{
+    FileKind, SplatFormat, check_folder, file_kind, file_of, is_same_file, load_look,
+};
 use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
 
-use super::asset::OpenedWith;
 use super::export::{self, Task};
 use super::files::{PathField, ask};
 use super::history::History;
@@ -18,7 +19,7 @@ use super::kept::Pictures;
 use super::light_map::LightMap;
 use super::preferences::Preferences;
 use super::probes::Probe;
-use super::session::{Dialog, Event, SOURCE, SaveKind, Session, TARGET};
+use super::session::{Dialog, Event, SaveKind, Session};
 use super::shelf::Shelf;
 use super::style;
 use super::tabs::LightPage;
@@ -26,6 +27,8 @@ use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
 use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::engine::asset::OpenedWith;
+use crate::engine::project::{SOURCE, TARGET};
 use crate::language::{tr, tr_format};
 use crate::pipeline::delight::DelitAs;
 use crate::pipeline::settings::{environments_in, not_environments};
@@ -228,7 +231,7 @@ impl Viewer {
         } else if self.bring_back_work() {
             return;
         }
-        let mut scene = self.session.scene.clone();
+        let mut scene = self.session.project.scene.clone();
         self.settings_for_once = startup.settings.is_some();
         if let Some(settings) = startup.settings {
             scene = settings(scene);
@@ -271,12 +274,16 @@ impl Viewer {
         object.source.file.get_or_insert(source);
         let asset = splat.clone().or(object.asset.take());
         let opened_with = OpenedWith::Object(Box::new(object.clone()), camera);
-        self.session.scene = scene;
+        self.session.project.scene = scene;
         if let Some(asset) = &asset {
             self.unproven.push(asset.clone());
         }
         match asset.or_else(|| bundled(BUNDLED_SPLAT).filter(|_| nothing_named)) {
-            Some(asset) => (self.session).load_asset(self.session.selected, asset, opened_with),
+            Some(asset) => {
+                (self.session)
+                    .project
+                    .load_asset(self.session.selected, asset, opened_with)
+            }
             None if nothing_named => self.session.error(tr(
                 "the bundled scene is not installed; drop a splat on the window",
             )),
@@ -329,7 +336,7 @@ impl Viewer {
                 self.to_add.clear();
             }
             if kind.is_environment() {
-                self.session.environments.request_again(&path);
+                self.session.project.environments.request_again(&path);
                 self.shelf.add(&mut self.session, &path);
             }
         }
@@ -366,7 +373,7 @@ impl Viewer {
         // A splat first: the light of the capture is told for it.
         self.open_all(others);
         for (path, side) in lights.into_iter().zip(slot.into_iter().cycle()) {
-            self.session.environments.request_again(&path);
+            self.session.project.environments.request_again(&path);
             self.shelf.add(&mut self.session, &path);
             self.session.set_light(side, path);
         }
@@ -401,14 +408,14 @@ impl Viewer {
 
     /// Puts the next of the splats that were opened together into the scene.
     pub(super) fn add_next(&mut self) {
-        if self.to_add.is_empty() || self.session.is_loading_asset() {
+        if self.to_add.is_empty() || self.session.project.is_loading_asset() {
             return;
         }
         let path = self.to_add.remove(0);
-        match self.session.has_asset() {
+        match self.session.project.has_asset() {
             true => {
                 self.unproven.push(path.clone());
-                self.session.add_beside(path);
+                self.session.project.add_beside(path);
             }
             false => self.open(&path),
         }
@@ -422,11 +429,14 @@ impl Viewer {
                 return self.session.error(format!("{}: {why}", path.display()));
             }
             SaveKind::Folder => {
+                if let Err(error) = check_folder(path) {
+                    return self.session.error(error.to_string());
+                }
                 self.preferences.export.folder = path.display().to_string();
                 return;
             }
-            SaveKind::Plate => return self.session.set_plate(path.to_owned()),
-            SaveKind::Lut => return self.session.open_lut(path.to_owned()),
+            SaveKind::Plate => return self.session.project.set_plate(path.to_owned()),
+            SaveKind::Lut => return self.session.project.open_lut(path.to_owned()),
             SaveKind::OpenRig => return self.session.open_rig(path),
             _ => {}
         }
@@ -449,7 +459,7 @@ impl Viewer {
             Some(e) if may_differ || e.eq_ignore_ascii_case(wanted) => path.to_owned(),
             _ => path.with_added_extension(wanted),
         };
-        let open = self.session.open_files();
+        let open = self.session.project.open_files();
         let is_open = open
             .iter()
             .chain(&self.shelf.paths)
@@ -474,7 +484,7 @@ impl Viewer {
     }
 
     fn save_look(&mut self, path: &Path) {
-        match transplat_core::files::save_look(path, &self.session.scene_to_save()) {
+        match transplat_core::files::save_look(path, &self.session.project.scene_to_save()) {
             Ok(()) => {
                 self.preferences.remember(path);
                 self.session.info(tr_format!("saved {}", path.display()));
@@ -503,7 +513,7 @@ impl Viewer {
     /// What the name of a relit splat ends with: as its format is chosen, or as the capture came.
     pub(super) fn splat_ending(&self) -> &'static str {
         let own = self.session.asset().map(|asset| asset.file.format);
-        let own = own.filter(|_| self.session.scene.objects.len() == 1);
+        let own = own.filter(|_| self.session.project.scene.objects.len() == 1);
         let format = self.preferences.export.splat.or(own);
         let ending = format.and_then(SplatFormat::ending);
         ending.map_or("ply", |ending| &ending[1..])
@@ -514,7 +524,7 @@ impl Viewer {
         let settings = self.preferences.export.clone();
         if matches!(task, Task::Preview) {
             let session = &self.session;
-            self.asked_preview = Some((session.scene.clone(), session.pose));
+            self.asked_preview = Some((session.project.scene.clone(), session.project.pose));
         }
         export::start(&mut self.session, &self.shelf.paths, &settings, task);
     }
@@ -633,7 +643,9 @@ impl Viewer {
             ));
         }
         let baked = session.baked();
-        if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0) && session.stages.bake <= 1 {
+        if baked.is_some_and(|b| b.file.is_some() && b.ms < 1000.0)
+            && session.project.stages.bake <= 1
+        {
             out.push(Skipped::exact(
                 Stage::Bake,
                 tr("bake"),
@@ -652,9 +664,10 @@ impl Viewer {
 
     /// Why something was left out, and what that saved: as it was measured on this object, or else estimated from what the stage took.
     pub fn left_out_in_words(&self, skipped: &Skipped) -> String {
-        let method = self.session.scene.transfer.method;
+        let method = self.session.project.scene.transfer.method;
         let is_it = |s: &&Saved| s.skipped.skip == skipped.skip && s.method == method;
-        let mut measured = self.session.state().measured.saved.iter();
+        let measured = self.session.measured().into_iter();
+        let mut measured = measured.flat_map(|m| &m.saved);
         // What is hidden has changed since.
         let is_kept = skipped.skip.is_some_and(|s| s != Skip::Unseen);
         match measured.find(is_it).filter(|_| is_kept) {
@@ -676,14 +689,15 @@ impl Viewer {
 
     /// A device that is gone takes the window with it; the look is kept.
     pub(super) fn check_device(&mut self, context: &egui::Context) {
-        if self.lost || !self.session.context.is_lost() {
+        if self.lost || !self.session.project.context.is_lost() {
             return;
         }
         self.lost = true;
         let kept = self.recovery.clone().filter(|path| {
             let folder = path.parent();
             let made = folder.is_none_or(|f| std::fs::create_dir_all(f).is_ok());
-            made && transplat_core::files::save_look(path, &self.session.scene_to_save()).is_ok()
+            made && transplat_core::files::save_look(path, &self.session.project.scene_to_save())
+                .is_ok()
         });
         let mut text = tr("the graphics device was lost; its driver may have been updated or reset, or have run out of memory").to_owned();
         if let Some(path) = kept {

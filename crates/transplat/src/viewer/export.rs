@@ -22,13 +22,14 @@ use transplat_core::scene::Scene;
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
-use super::asset::reading_of;
-use super::capture::Part;
-use super::environments::Environment;
-use super::session::{Event, Outcome, Pinned, SOURCE, Session, TARGET, Whole};
+use super::session::{Event, Outcome, Session};
 use crate::device::Transfer;
 use crate::engine::adapter::BackgroundDevice;
+use crate::engine::asset::reading_of;
+use crate::engine::capture::Part;
+use crate::engine::environments::Environment;
 use crate::engine::jobs::{Handle, Kind};
+use crate::engine::project::{Pinned, SOURCE, TARGET, Whole};
 use crate::film::{FRAME_RATE, FilmFormat};
 use crate::language::{tr, tr_format, tr_later};
 use crate::pipeline::delight::DelitAs;
@@ -314,15 +315,15 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
             return;
         }
     };
-    let listed = session.scene.objects.iter().enumerate();
+    let listed = session.project.scene.objects.iter().enumerate();
     let mut awaited = listed.filter(|(at, object)| {
         let is_listed = object.shown && object.asset.is_some();
         // One that is to be read in another way is still what it was.
-        let asset = session.states[*at].asset.as_ref();
+        let asset = session.project.states[*at].asset.as_ref();
         let is_there = asset.is_some_and(|a| a.reading() == reading_of(object));
-        is_listed && !is_there && !session.is_missing(*at)
+        is_listed && !is_there && !session.project.is_missing(*at)
     });
-    if let Some(name) = awaited.next().map(|(at, _)| session.called(at)) {
+    if let Some(name) = awaited.next().map(|(at, _)| session.project.called(at)) {
         session.error(tr_format!(
             "{name} is still being loaded; try again when that is done",
             name = name
@@ -337,15 +338,19 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         }
     };
     // What is told of one object where the scene is several: the first that is shown.
-    let of_scene = session.shown().next().filter(|_| composed.is_some());
+    let of_scene = session
+        .project
+        .shown()
+        .next()
+        .filter(|_| composed.is_some());
     let at = of_scene.map_or(session.selected, |(at, ..)| at);
-    let state = &session.states[at];
-    let (Some(asset), Some(baked)) = (&state.asset, session.baked_of(at)) else {
+    let state = &session.project.states[at];
+    let (Some(asset), Some(baked)) = (&state.asset, session.project.baked_of(at)) else {
         session.error(tr("there is nothing to save yet"));
         return;
     };
     let (bake, share) = (baked.bake.clone(), baked.share);
-    let mut scene = session.scene.clone();
+    let mut scene = session.project.scene.clone();
     let is_layered = settings.format == Format::ExrLayers;
     let is_clear = if is_layered {
         scene.background != Background::Plate
@@ -361,25 +366,29 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         pinned_relit: OnceCell::new(),
         pinned_lut: OnceCell::new(),
         maps: RefCell::default(),
-        device: session.background.clone(),
+        device: session.project.background.clone(),
         cloud: asset.cloud.clone(),
         whole: None,
         part: asset.part.clone(),
         file: asset.file.clone(),
         name: asset.name(),
-        pose: session.pose,
-        up: session.up_of(at),
+        pose: session.project.pose,
+        up: session.project.up_of(at),
         radius: asset.bounds.radius,
         bake,
         bakes: state.whole_bakes().cloned().collect(),
-        ground: session.ground().cloned(),
+        ground: session.project.ground().cloned(),
         hidden: {
-            let hide = &session.scene.objects[at].hide;
-            let skips = &session.scene.transfer.skips;
+            let hide = &session.project.scene.objects[at].hide;
+            let skips = &session.project.scene.transfer.skips;
             hide.unseen(&asset.cloud, &asset.bounds, skips)
         },
         captures: {
-            let all = session.states.iter().filter_map(|s| s.asset.as_ref());
+            let all = session
+                .project
+                .states
+                .iter()
+                .filter_map(|s| s.asset.as_ref());
             all.map(|a| a.path.clone()).collect()
         },
         objects: vec![(asset.name(), asset.cloud.len())],
@@ -389,9 +398,9 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         lights: [SOURCE, TARGET].map(|side| session.light(side).clone()),
         shelf: shelf
             .iter()
-            .filter_map(|p| session.environments.get(p).cloned())
+            .filter_map(|p| session.project.environments.get(p).cloned())
             .collect(),
-        pinned: session.compared().cloned(),
+        pinned: session.project.compared().cloned(),
         settings,
         scene,
     };
@@ -399,7 +408,10 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         Some(composed) => composed.over(session, snapshot),
         None => snapshot,
     };
-    if snapshot.is_composed && session.compared().is_some() && snapshot.scene.view.has_two_sides() {
+    if snapshot.is_composed
+        && session.project.compared().is_some()
+        && snapshot.scene.view.has_two_sides()
+    {
         session.info(tr(
             "of several objects, what is saved shows the capture beside it, and not what is pinned",
         ));
@@ -446,18 +458,18 @@ struct Composed {
 /// What of a scene is to be saved where it is more than an object as it was captured.
 fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
     // What one is made of is the same among others.
-    if !session.is_composed() || matches!(task, Task::Delit(_)) {
+    if !session.project.is_composed() || matches!(task, Task::Delit(_)) {
         return Ok(None);
     }
-    if session.shown().next().is_none() {
+    if session.project.shown().next().is_none() {
         bail!(tr("no object is shown: there is nothing to save"));
     }
     // As things stand now, and not as they stood before the last move.
-    let prepared = session.scene_transfer().filter(|(members, ..)| {
-        session.is_traced() && members.iter().all(|at| session.is_prepared(*at))
+    let prepared = session.project.scene_transfer().filter(|(members, ..)| {
+        session.project.is_traced() && members.iter().all(|at| session.project.is_prepared(*at))
     });
     let prepared = prepared.map(|(_, scene, bake)| (scene, bake));
-    let view = session.scene.view;
+    let view = session.project.scene.view;
     let needs_scene =
         matches!(task, Task::Splat(_)) || view.needs_relit() || view == View::Visibility;
     if needs_scene && prepared.is_none() {
@@ -465,20 +477,20 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
             "the objects are still being prepared; try again when that is done"
         ));
     }
-    let skips = &session.scene.transfer.skips;
-    let hidden = session.shown().flat_map(|(_, object, asset)| {
+    let skips = &session.project.scene.transfer.skips;
+    let hidden = session.project.shown().flat_map(|(_, object, asset)| {
         let mut hidden = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
         hidden.resize(asset.cloud.len(), false);
         hidden
     });
-    let captures = session.shown().map(|(.., a)| a.path.clone());
-    let objects = session.shown();
+    let captures = session.project.shown().map(|(.., a)| a.path.clone());
+    let objects = session.project.shown();
     let objects = objects.map(|(_, o, a)| (name_of(o, &a.path), a.cloud.len()));
     Ok(Some(Composed {
         hidden: hidden.collect(),
         captures: captures.collect(),
         objects: objects.collect(),
-        whole: session.whole(),
+        whole: session.project.whole(),
         prepared,
     }))
 }
@@ -486,7 +498,7 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
 impl Composed {
     /// What is saved of one object, as that of all.
     fn over(self, session: &Session, one: Snapshot) -> Snapshot {
-        let source = session.states[0].source.light.clone();
+        let source = session.project.states[0].source.light.clone();
         let [_, target] = one.lights;
         let (prepared, bake) = match self.prepared {
             Some((prepared, bake)) => (OnceCell::from(prepared), Arc::new(bake)),
@@ -500,8 +512,11 @@ impl Composed {
             hidden: self.hidden,
             captures: self.captures,
             objects: self.objects,
-            up: session.scene_up(),
-            radius: session.scene_bounds().map_or(one.radius, |b| b.radius),
+            up: session.project.scene_up(),
+            radius: session
+                .project
+                .scene_bounds()
+                .map_or(one.radius, |b| b.radius),
             object: 0,
             is_composed: true,
             lights: [source, target],

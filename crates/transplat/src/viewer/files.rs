@@ -1,7 +1,9 @@
 //! Files in and out: dialogs, drops, and the bundled scene.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+use transplat_core::files::percent_decoded;
 
 use super::session::{Dialog, Event, SaveKind, Session};
 use crate::engine::jobs::Kind;
@@ -83,6 +85,23 @@ impl PathField {
             }
         }
     }
+}
+
+/// The path that somebody typed or pasted: quotes around it are dropped, `file://` is decoded, and `~` is the home folder.
+pub fn path_as_typed(text: &str) -> PathBuf {
+    let text = text.trim();
+    let quoted = |quote: char| text.strip_prefix(quote)?.strip_suffix(quote);
+    let text = quoted('"').or_else(|| quoted('\'')).unwrap_or(text);
+    if let Some(uri) = text.strip_prefix("file://") {
+        // On Windows the drive follows the slash.
+        let path = percent_decoded(uri);
+        return match cfg!(windows) {
+            true => path.trim_start_matches('/').into(),
+            false => path.into(),
+        };
+    }
+    let home = text.strip_prefix("~/").zip(std::env::home_dir());
+    home.map_or_else(|| text.into(), |(below, home)| home.join(below))
 }
 
 /// Asks the desktop for a file, off the interface's thread. Where no dialog can be shown, the window "By path" serves.
@@ -177,6 +196,19 @@ fn show(dialog: Dialog) -> Option<Event> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pasted_path_is_what_it_names() {
+        let as_typed = |text| path_as_typed(text).display().to_string();
+        assert_eq!(as_typed(" /a b/c.hdr "), "/a b/c.hdr");
+        assert_eq!(as_typed("'/a b/c.hdr'"), "/a b/c.hdr");
+        assert_eq!(as_typed("\"it's.hdr\""), "it's.hdr");
+        if cfg!(unix) {
+            assert_eq!(as_typed("file:///a%20b/%C3%A9.hdr"), "/a b/é.hdr");
+        }
+        let home = std::env::home_dir().map(|home| home.join("a.hdr"));
+        assert_eq!(Some(path_as_typed("~/a.hdr")), home);
+    }
 
     /// Enter does the first.
     #[test]

@@ -1,22 +1,20 @@
 //! What the viewport shows: the camera, the lights behind the object, the ground, as the settings have them.
 
-use std::sync::Arc;
-
 use transplat_core::camera::{Camera, CameraPose, Lens};
 use transplat_core::present::{Background, View};
-use transplat_core::scene::{EnvironmentLight, Object, Scene};
+use transplat_core::scene::Object;
 use transplat_gpu::live::{Frame, Placement};
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
-use super::environments::Environment;
-use super::object::ObjectState;
-use super::session::{SOURCE, Session, TARGET};
+use super::session::Session;
+use crate::engine::object::ObjectState;
+use crate::engine::project::{SOURCE, TARGET};
 use crate::picture::half;
 
 impl Session {
     /// What a viewport of a size shows with the settings as they are.
     pub fn frame(&self, size: [usize; 2], view: View) -> Option<Frame> {
-        self.frame_from(&self.pose, size, view)
+        self.frame_from(&self.project.pose, size, view)
     }
 
     /// The same, seen from elsewhere.
@@ -26,8 +24,11 @@ impl Session {
         size: [usize; 2],
         view: View,
     ) -> Option<Frame> {
-        let asset = self.states.iter().find_map(|s| s.asset.as_ref())?;
-        let (up, bounds) = (self.scene_up(), self.scene_bounds().unwrap_or(asset.bounds));
+        let asset = self.project.states.iter().find_map(|s| s.asset.as_ref())?;
+        let (up, bounds) = (
+            self.project.scene_up(),
+            self.project.scene_bounds().unwrap_or(asset.bounds),
+        );
         let whole = Camera {
             // It is for saved pictures: nothing is drawn anew for it.
             lens: Lens::default(),
@@ -38,18 +39,18 @@ impl Session {
         } else {
             whole
         };
-        let scene = &self.scene;
+        let scene = &self.project.scene;
         let light = |side: usize| {
-            let (_, settings, gain) = self.behind(side, view);
+            let (_, settings, gain) = self.project.behind(side, view);
             BackdropLight {
                 map_from_asset: settings.map_from_asset(up),
                 gain: settings.gain().map(|g| g * gain),
             }
         };
-        let (center, axes, half_edge) = self.ground_plane()?;
+        let (center, axes, half_edge) = self.project.ground_plane()?;
         let ready = |side: usize| {
-            let shown = self.backdrops[side].made_from();
-            let (light, settings, _) = self.behind(side, view);
+            let shown = self.project.backdrops[side].made_from();
+            let (light, settings, _) = self.project.behind(side, view);
             shown.is_some_and(|k| {
                 let is_it = k.light == light.id && k.without_suns == settings.without_suns;
                 is_it || k.is_sky && light.sky.is_some()
@@ -60,7 +61,9 @@ impl Session {
         let waits = (source && !ready(SOURCE)) || (target && !ready(TARGET));
         let background = match view.background(scene.background) {
             Background::Environment if waits => Background::Color([0.25; 3]),
-            Background::Plate if self.plate.current().is_none() => Background::Color([0.25; 3]),
+            Background::Plate if self.project.plate.current().is_none() => {
+                Background::Color([0.25; 3])
+            }
             other => other,
         };
         Some(Frame {
@@ -71,61 +74,32 @@ impl Session {
                 wipe: scene.wipe,
                 difference_scale: scene.difference_scale,
                 display: scene.display,
-                graded: [SOURCE, TARGET].map(|side| self.graded_by(side, view)),
+                graded: [SOURCE, TARGET].map(|side| self.project.graded_by(side, view)),
                 false_color: scene.false_color,
                 background,
-                plate: self.plate.get().copied().unwrap_or([1; 2]),
+                plate: self.project.plate.get().copied().unwrap_or([1; 2]),
                 lights: [light(SOURCE), light(TARGET)],
                 ground: GroundPlane {
                     center,
                     axes,
                     half: half_edge,
-                    catches: scene.shadow_catcher && self.ground_lit.get().is_some(),
+                    catches: scene.shadow_catcher && self.project.ground_lit.get().is_some(),
                     grid: self.overlays.grid.then(|| grid_spacing(bounds.radius)),
                 },
                 bounds,
                 depth_unit: 1.0,
             },
-            against_pinned: self.compared().is_some(),
+            against_pinned: self.project.compared().is_some(),
             marks: self.overlays.marks,
             pixel_step: 1,
             objects: scene
                 .objects
                 .iter()
-                .zip(&self.states)
+                .zip(&self.project.states)
                 .map(placement)
                 .collect(),
         })
     }
-
-    /// The light that is seen behind a side, as it is turned, and what it is brought to the source's strength by. Behind a pinned look it
-    /// is that look's.
-    pub(super) fn behind(
-        &self,
-        side: usize,
-        view: View,
-    ) -> (&Arc<Environment>, &EnvironmentLight, f32) {
-        // All objects are in the light of the first.
-        let at = 0;
-        let pinned = self.compared();
-        if let Some(pinned) = pinned.filter(|_| side == SOURCE && view.has_two_sides()) {
-            let maps = [&pinned.sources[0], &pinned.environment];
-            let gain = environment_gain(&pinned.scene, 0, maps);
-            return (&pinned.environment, &pinned.scene.environment, gain);
-        }
-        let sides = self.sides_of(at);
-        let gain = match side {
-            SOURCE => 1.0,
-            _ => environment_gain(&self.scene, at, sides.map(|(_, there)| &there.light)),
-        };
-        let (settings, there) = sides[side];
-        (&there.light, settings, gain)
-    }
-}
-
-fn environment_gain(scene: &Scene, at: usize, lights: [&Arc<Environment>; 2]) -> f32 {
-    let maps = lights.map(|light| &light.illumination);
-    scene.environment_gain(&scene.objects[at], maps)
 }
 
 /// How an object stands in the scene, and what of it is drawn.

@@ -221,7 +221,7 @@ impl Gizmo {
         let Some(view) = view(session, drag.from, screen) else {
             return;
         };
-        let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
+        let radius = session.project.scene_bounds().map_or(1.0, |b| b.radius);
         let step = in_steps.then(|| grid_spacing(radius) / 10.0);
         if let Some(made) = view.dragged(drag, screen.inside(to), step) {
             session.object_mut().transform = made;
@@ -249,7 +249,8 @@ impl Gizmo {
 
 /// Where the handles are of the selected object, placed like that; none where they are not shown.
 fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<View<'a>> {
-    let shows = session.overlays.handles && session.is_composed() && !session.object().locked;
+    let shows =
+        session.overlays.handles && session.project.is_composed() && !session.object().locked;
     let bounds = session.asset().map(|a| a.bounds).filter(|_| shows)?;
     let middle = place.scene_from_object().transform_point3(bounds.center);
     let camera = screen.camera;
@@ -258,7 +259,7 @@ fn view<'a>(session: &Session, place: Transform, screen: Screen<'a>) -> Option<V
         screen,
         middle,
         own_middle: bounds.center,
-        up: session.scene_up().direction(),
+        up: session.project.scene_up().direction(),
         unit: depth / camera.focal,
     })
 }

@@ -4,13 +4,14 @@ use transplat_core::color::{Encoding, decode_sh};
 use transplat_core::sh::with_degree;
 use transplat_core::transfer::PreparedTransfer;
 
-use super::session::{Session, TARGET};
+use super::session::Session;
+use crate::engine::project::TARGET;
 
 impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.
     pub fn relit_surfel(&self, i: usize) -> Option<([f32; 3], Vec<[f32; 3]>)> {
         let degree = self.asset()?.cloud.sh_degree;
-        let is_alone = !self.together.contains(&self.state().id);
+        let is_alone = !self.project.together.contains(&self.state().id);
         let harmonic = match self.prepared()? {
             PreparedTransfer::Harmonic(harmonic) if is_alone => harmonic,
             _ => {

@@ -6,39 +6,22 @@ use eframe::egui::{
 };
 use transplat_core::camera::CameraPose;
 use transplat_core::present::View;
-use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform, Variant};
+use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform};
 
 use super::session::Session;
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
+use crate::engine::project::pinned::free;
 use crate::language::{tr, tr_format};
 
 /// Pixels of a picture.
 const PIXELS: [usize; 2] = [224, 112];
 
 impl Session {
-    /// Keeps the look as it is, unless it is kept already.
-    pub fn keep_look(&mut self) {
-        let look = self.scene.look_alone();
-        let kept = &self.scene.variants;
-        if kept.iter().any(|kept| kept.look == look) {
-            return;
-        }
-        if kept.len() == MOST_KEPT {
-            return self.error(tr_format!(
-                "a scene keeps {MOST_KEPT} looks; remove some",
-                MOST_KEPT = MOST_KEPT
-            ));
-        }
-        let light = self.environment.light.name();
-        let name = free(&light, kept.iter().map(|kept| kept.name.as_str()));
-        self.scene.variants.push(Variant { name, look });
-    }
-
     /// Keeps where it is seen from, unless it is kept already.
     pub fn keep_view(&mut self) {
-        let kept = &self.scene.bookmarks;
-        if kept.iter().any(|kept| kept.camera == self.pose) {
+        let kept = &self.project.scene.bookmarks;
+        if kept.iter().any(|kept| kept.camera == self.project.pose) {
             return;
         }
         if kept.len() == MOST_KEPT {
@@ -48,47 +31,49 @@ impl Session {
             ));
         }
         let name = free(tr("view"), kept.iter().map(|kept| kept.name.as_str()));
-        let camera = self.pose;
-        self.scene.bookmarks.push(Bookmark { name, camera });
-    }
-
-    /// Shows a look that was kept, of what is open and from where it is seen.
-    pub fn show_look(&mut self, at: usize) {
-        if let Some(kept) = self.scene.variants.get(at) {
-            self.scene = self.scene.clone().with_look(&kept.look);
-        }
+        let camera = self.project.pose;
+        self.project.scene.bookmarks.push(Bookmark { name, camera });
     }
 
     /// Looks from where a view was kept.
     pub fn show_view(&mut self, at: usize) {
-        if let Some(kept) = self.scene.bookmarks.get(at) {
-            self.pose = kept.camera;
+        if let Some(kept) = self.project.scene.bookmarks.get(at) {
+            self.project.pose = kept.camera;
         }
     }
 
     /// The look that is shown, of those that are kept.
     fn shown_look(&self) -> Option<usize> {
-        let look = self.scene.look_alone();
-        self.scene
+        let look = self.project.scene.look_alone();
+        self.project
+            .scene
             .variants
             .iter()
             .position(|kept| kept.look == look)
     }
 
     fn shown_view(&self) -> Option<usize> {
-        let is_it = |kept: &Bookmark| kept.camera == self.pose;
-        self.scene.bookmarks.iter().position(is_it)
+        let is_it = |kept: &Bookmark| kept.camera == self.project.pose;
+        self.project.scene.bookmarks.iter().position(is_it)
     }
 
     /// Shows the next of the looks that are kept, or the one before.
     pub fn next_look(&mut self, is_forward: bool) {
-        let next = next(self.shown_look(), self.scene.variants.len(), is_forward);
-        next.into_iter().for_each(|at| self.show_look(at));
+        let next = next(
+            self.shown_look(),
+            self.project.scene.variants.len(),
+            is_forward,
+        );
+        next.into_iter().for_each(|at| self.project.show_look(at));
     }
 
     /// Looks from the next of the views that are kept, or the one before.
     pub fn next_view(&mut self, is_forward: bool) {
-        let next = next(self.shown_view(), self.scene.bookmarks.len(), is_forward);
+        let next = next(
+            self.shown_view(),
+            self.project.scene.bookmarks.len(),
+            is_forward,
+        );
         next.into_iter().for_each(|at| self.show_view(at));
     }
 
@@ -97,7 +82,7 @@ impl Session {
         let mut frame = self.frame_from(pose, PIXELS, View::After)?;
         frame.presentation.ground.grid = None;
         frame.marks = false;
-        let mut live = self.live();
+        let mut live = self.project.live();
         live.frame(&frame);
         let (pixels, size) = live.read_screen().ok()?;
         let byte = |v: f32| (v * 255.0).round() as u8;
@@ -119,14 +104,6 @@ fn next(at: Option<usize>, count: usize, is_forward: bool) -> Option<usize> {
     at.checked_rem(count)
 }
 
-/// A name that is not taken.
-pub(super) fn free<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String {
-    let is_free = |name: &String| !taken.clone().any(|taken| taken == name);
-    let numbered = (2..).map(|n| format!("{name} {n}"));
-    let mut names = std::iter::once(name.to_owned()).chain(numbered);
-    names.find(is_free).unwrap_or_default()
-}
-
 /// What a picture is of.
 struct Subject {
     kept: Kept,
@@ -142,7 +119,12 @@ enum Kept {
 type Placed = (u64, Transform, bool);
 
 fn placed(session: &Session) -> Vec<Placed> {
-    let each = session.scene.objects.iter().zip(&session.states);
+    let each = session
+        .project
+        .scene
+        .objects
+        .iter()
+        .zip(&session.project.states);
     each.map(|(object, state)| (state.id, object.transform, object.shown))
         .collect()
 }
@@ -168,11 +150,11 @@ impl Pictures {
         let shown = session.shown_look();
         let objects = placed(session);
         let mut wished = None;
-        for at in 0..session.scene.variants.len() {
-            let picture = self.of_look(&session.scene.variants[at].look, &objects);
-            let kept = &mut session.scene.variants[at];
+        for at in 0..session.project.scene.variants.len() {
+            let picture = self.of_look(&session.project.scene.variants[at].look, &objects);
+            let kept = &mut session.project.scene.variants[at];
             let note = kept.look.note.clone();
-            let pinned = session.pinned.as_ref().filter(|p| p.is_compared);
+            let pinned = session.project.pinned.as_ref().filter(|p| p.is_compared);
             let is_pinned = pinned.is_some_and(|p| p.scene.look_alone() == kept.look);
             let badge = is_pinned.then_some(tr("pinned"));
             let card = Card {
@@ -198,15 +180,15 @@ impl Pictures {
             tr("Keep this look"),
             tr("Keeps light and look as they are. (P also compares what comes next with it.)"),
         ) {
-            session.keep_look();
+            session.project.keep_look();
         }
         match wished {
-            Some((at, Wish::Show)) => session.show_look(at),
-            Some((at, Wish::Compare)) => session.compare_with(at),
+            Some((at, Wish::Show)) => session.project.show_look(at),
+            Some((at, Wish::Compare)) => session.project.compare_with(at),
             Some((at, Wish::Update)) => {
-                session.scene.variants[at].look = session.scene.look_alone()
+                session.project.scene.variants[at].look = session.project.scene.look_alone()
             }
-            Some((at, wish)) => rearrange(&mut session.scene.variants, at, wish),
+            Some((at, wish)) => rearrange(&mut session.project.scene.variants, at, wish),
             None => {}
         }
     }
@@ -216,9 +198,9 @@ impl Pictures {
         let shown = session.shown_view();
         let objects = placed(session);
         let mut wished = None;
-        for at in 0..session.scene.bookmarks.len() {
-            let picture = self.of_view(&session.scene.bookmarks[at].camera, &objects);
-            let kept = &mut session.scene.bookmarks[at];
+        for at in 0..session.project.scene.bookmarks.len() {
+            let picture = self.of_view(&session.project.scene.bookmarks[at].camera, &objects);
+            let kept = &mut session.project.scene.bookmarks[at];
             let card = Card {
                 what: tr("View"),
                 replace: tr("Replace by the view as it is"),
@@ -239,8 +221,10 @@ impl Pictures {
         }
         match wished {
             Some((at, Wish::Show)) => session.show_view(at),
-            Some((at, Wish::Update)) => session.scene.bookmarks[at].camera = session.pose,
-            Some((at, wish)) => rearrange(&mut session.scene.bookmarks, at, wish),
+            Some((at, Wish::Update)) => {
+                session.project.scene.bookmarks[at].camera = session.project.pose
+            }
+            Some((at, wish)) => rearrange(&mut session.project.scene.bookmarks, at, wish),
             None => {}
         }
     }
@@ -264,17 +248,17 @@ impl Pictures {
 
     /// Draws what has no picture yet and can have one now, one at a time; the viewport is drawn after it.
     pub fn draw(&mut self, context: &egui::Context, session: &Session) {
-        let scene = &session.scene;
+        let scene = &session.project.scene;
         if scene.variants.is_empty() && scene.bookmarks.is_empty() || !session.is_settled() {
             return;
         }
-        if session.not_final(View::After).is_some() {
+        if session.project.not_final(View::After).is_some() {
             return;
         }
         let objects = placed(session);
         let shown = session.shown_look().map(|at| &scene.variants[at].look);
         let shown = shown.filter(|look| self.of_look(look, &objects).is_none());
-        let shown = shown.map(|look| (Kept::Look(Box::new(look.clone())), session.pose));
+        let shown = shown.map(|look| (Kept::Look(Box::new(look.clone())), session.project.pose));
         let views = scene.bookmarks.iter().map(|kept| kept.camera);
         let views = views.filter(|pose| self.of_view(pose, &objects).is_none());
         let views = views.map(|pose| (Kept::View(pose), pose));

@@ -30,12 +30,12 @@ impl LightHandles {
     pub fn hold(&mut self, session: &mut Session, at: Pos2, screen: Screen<'_>) -> bool {
         let found = view(session, screen).and_then(|view| {
             let chosen = session.chosen_light();
-            let handle = view.handle_at((&session.scene.lights, chosen), at)?;
+            let handle = view.handle_at((&session.project.scene.lights, chosen), at)?;
             let number = match handle {
                 Handle::Around(number) => number,
                 _ => chosen?,
             };
-            let from = session.scene.lights[number].clone();
+            let from = session.project.scene.lights[number].clone();
             let held = view.point(view.held(handle, &from)?).unwrap_or(at);
             Some(Drag {
                 handle,
@@ -59,7 +59,7 @@ impl LightHandles {
             return;
         };
         let made = view(session, screen).and_then(|view| view.dragged(drag, screen.inside(to)));
-        if let (Some(made), Some(light)) = (made, session.scene.lights.get_mut(drag.at)) {
+        if let (Some(made), Some(light)) = (made, session.project.scene.lights.get_mut(drag.at)) {
             // It may be one that was put there meanwhile.
             if light.source.kind() == made.source.kind() {
                 light.source = made.source;
@@ -79,13 +79,13 @@ impl LightHandles {
         };
         let painter = ui.painter_at(screen.part);
         let hovered = response.hover_pos();
-        let lights = (&session.scene.lights[..], session.chosen_light());
+        let lights = (&session.project.scene.lights[..], session.chosen_light());
         let hovered = hovered.and_then(|at| view.handle_at(lights, at));
         if hovered.is_some() && self.drag.is_none() {
             ui.set_cursor_icon(CursorIcon::Grab);
         }
         let active = self.drag.as_ref().map(|drag| drag.handle).or(hovered);
-        for (at, light) in session.scene.lights.iter().enumerate() {
+        for (at, light) in session.project.scene.lights.iter().enumerate() {
             let is_chosen = session.chosen_light() == Some(at);
             draw(&painter, &view, (at, light), is_chosen, active);
         }
@@ -97,7 +97,7 @@ fn view<'a>(session: &Session, screen: Screen<'a>) -> Option<View<'a>> {
     session.overlays.lights.then(|| View {
         screen,
         lit: session.lit(),
-        scene_from_world: session.world_from_scene().transpose(),
+        scene_from_world: session.project.world_from_scene().transpose(),
     })
 }
 

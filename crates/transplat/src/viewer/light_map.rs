@@ -9,11 +9,12 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::scene::EnvironmentLight;
 use transplat_core::surfels::UpAxis;
 
-use super::environments::Environment;
 use super::navigation;
 use super::probes::{color, image};
-use super::session::{Session, TARGET};
+use super::session::Session;
 use super::widgets::{Grab, named};
+use crate::engine::environments::Environment;
+use crate::engine::project::TARGET;
 use crate::language::tr;
 
 /// Pixels across.
@@ -61,7 +62,7 @@ impl LightMap {
             without_suns: settings.without_suns,
         };
         // Away from the eye, in the map as if it were not turned.
-        let ahead = session.pose.azimuth + 180.0 - rotation;
+        let ahead = session.project.pose.azimuth + 180.0 - rotation;
         let ahead = across_azimuth((ahead as f32).to_radians());
         let texture = self.texture(ui, (&light, settings), &key);
         paint_turned(ui, rect, texture, ahead - 0.5);

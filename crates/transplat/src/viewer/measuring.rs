@@ -1,11 +1,12 @@
 //! What settings cost on the open asset, and what they are worth: measured when the user asks for it.
 
+use std::sync::Arc;
+
 use anyhow::{Context as _, bail};
 use transplat_core::extremes;
 use transplat_core::settings::Method;
 
-use super::object::Measured;
-use super::session::{Outcome, Session};
+use super::session::{Measured, Outcome, Session};
 use crate::device::Device;
 use crate::engine::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format};
@@ -16,6 +17,31 @@ use crate::sweep::{Effort, Setting, Subject, Sweep, in_words};
 const REPEATS: usize = 7;
 
 impl Session {
+    /// Measurements on the selected object as it is now.
+    pub fn measured(&self) -> Option<&Measured> {
+        let cloud = Arc::as_ptr(&self.asset()?.cloud);
+        let measured = self.measured.get(&self.state().id)?;
+        std::ptr::eq(measured.cloud.as_ptr(), cloud).then_some(measured)
+    }
+
+    /// Takes the mark of measurements that the user has not seen yet.
+    pub fn take_new_measured(&mut self) -> bool {
+        let id = self.state().id;
+        let measured = self.measured.get_mut(&id);
+        measured.is_some_and(|m| std::mem::take(&mut m.is_new))
+    }
+
+    /// Stops what is measured on objects that are gone, and forgets it.
+    pub fn forget_measured(&mut self) {
+        let is_gone = |id: u64| self.project.at(id).is_none();
+        for job in self.jobs.running() {
+            if matches!(job.kind, Kind::Of(id, Work::Measure) if is_gone(id)) {
+                job.cancel();
+            }
+        }
+        self.measured.retain(|id, _| self.project.at(*id).is_some());
+    }
+
     /// Measures the settings that the user can choose, under the lights as they are.
     pub fn measure(&mut self) {
         let state = self.state();
@@ -23,6 +49,7 @@ impl Session {
         let Some(asset) = state.asset.as_ref().filter(|_| !self.jobs.is_running(kind)) else {
             return;
         };
+        let cloud = Arc::downgrade(&asset.cloud);
         let lights = self.oriented_lights().map(|light| (*light.light).clone());
         let subject = Subject {
             cloud: asset.cloud.clone(),
@@ -34,7 +61,8 @@ impl Session {
         let mut devices = vec![Device::Cpu];
         // A driver that computes on the CPU is not what the user would buy time with.
         devices.extend(
-            self.background
+            self.project
+                .background
                 .gpu()
                 .filter(|gpu| !gpu.is_software())
                 .map(Device::Gpu),
@@ -46,6 +74,7 @@ impl Session {
                 let points = Sweep::run(&subject, &devices, Effort::Offered, &half(0.0))?;
                 let savings = savings::measure(&subject, REPEATS, &half(0.5))?;
                 anyhow::Ok(Measured {
+                    cloud,
                     words: in_words(&points),
                     points,
                     saved: savings.saved,
@@ -55,9 +84,7 @@ impl Session {
             measure().context(tr("nothing could be measured"))
         };
         self.start(kind, label, work, move |session, measured| {
-            if let Some(at) = session.at(id) {
-                session.states[at].measured = measured;
-            }
+            session.measured.insert(id, measured);
         });
     }
 
@@ -85,7 +112,7 @@ impl Session {
 
     /// Takes a setting that was measured; epsilon stays as it is.
     pub fn apply_setting(&mut self, setting: &Setting) {
-        let transfer = &mut self.scene.transfer;
+        let transfer = &mut self.project.scene.transfer;
         transfer.method = setting.settings.method;
         transfer.sh_degree = setting.settings.sh_degree;
         transfer.terms = setting.settings.terms;

@@ -24,13 +24,13 @@ impl Viewer {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button(tr("File"), |ui| self.file_menu(ui));
             ui.menu_button(tr("Edit"), |ui| {
-                let scene = self.session.scene_as_step().into_owned();
+                let scene = self.session.project.scene_as_step().into_owned();
                 self.item(ui, tr("Undo"), Action::Undo, self.history.has_undo(&scene));
                 self.item(ui, tr("Redo"), Action::Redo, self.history.has_redo(&scene));
                 ui.menu_button(tr("History"), |ui| self.history_menu(ui));
                 ui.separator();
                 if entry(ui, tr("Reset all settings")) {
-                    let kept = &self.session.scene;
+                    let kept = &self.session.project.scene;
                     let same = |light: &EnvironmentLight| EnvironmentLight {
                         file: light.file.clone(),
                         ..EnvironmentLight::default()
@@ -44,7 +44,7 @@ impl Viewer {
                         // What it is, and where it stands, is no setting.
                         ..object.clone()
                     };
-                    self.session.scene = Scene {
+                    self.session.project.scene = Scene {
                         objects: kept.objects.iter().map(object).collect(),
                         environment: same(&kept.environment),
                         note: kept.note.clone(),
@@ -169,7 +169,7 @@ impl Viewer {
         for path in &lights {
             self.shelf.add(&mut self.session, path);
         }
-        self.session.open_scene(scene);
+        self.session.project.open_scene(scene);
     }
 
     fn language_menu(&mut self, ui: &mut Ui) {
@@ -242,22 +242,22 @@ impl Viewer {
         let session = &mut self.session;
         for (name, view, tip) in COMPARE {
             let (name, tip) = (tr(name), tr(tip));
-            ui.selectable_value(&mut session.scene.view, view, name)
+            ui.selectable_value(&mut session.project.scene.view, view, name)
                 .on_hover_text(tip);
         }
         ui.separator();
         let current = CHANNELS
             .iter()
-            .find(|(_, view, _)| *view == session.scene.view);
+            .find(|(_, view, _)| *view == session.project.scene.view);
         egui::ComboBox::from_id_salt("channel")
             .selected_text(tr(current.map_or(tr_later("Channel"), |(name, ..)| name)))
             .width(96.0)
             .height(400.0)
             .show_ui(ui, |ui| {
-                ui.selectable_value(&mut session.scene.view, View::After, tr("Final"));
+                ui.selectable_value(&mut session.project.scene.view, View::After, tr("Final"));
                 for (name, view, tip) in CHANNELS {
                     let (name, tip) = (tr(name), tr(tip));
-                    ui.selectable_value(&mut session.scene.view, view, name)
+                    ui.selectable_value(&mut session.project.scene.view, view, name)
                         .on_hover_text(tip);
                 }
             })
@@ -269,9 +269,9 @@ impl Viewer {
             "Keeps the look as it is. Change what you like, and compare: the pinned look stands where “before” stood. (P)",
         );
         if button(ui, tr("Pin"), tip) {
-            session.pin();
+            session.project.pin();
         }
-        if let Some(pinned) = &mut session.pinned {
+        if let Some(pinned) = &mut session.project.pinned {
             ui.checkbox(&mut pinned.is_compared, tr("against pinned"))
                 .on_hover_text(tr("Compare with the pinned look instead of the capture."));
             if button(
@@ -279,10 +279,10 @@ impl Viewer {
                 tr("Swap"),
                 tr("Exchange the pinned look with this one. (T)"),
             ) {
-                session.swap_pinned();
+                session.project.swap_pinned();
             }
             if ui.button(tr("Unpin")).clicked() {
-                session.pinned = None;
+                session.project.pinned = None;
             }
         }
     }

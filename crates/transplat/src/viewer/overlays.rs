@@ -1,6 +1,5 @@
 //! What lies over and under the viewport: status, jobs and messages, light probes, sheets.
 
-use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui::text::{CCursor, CCursorRange};
@@ -14,12 +13,14 @@ use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
 use super::export::Task;
+use super::files::path_as_typed;
 use super::navigation;
 use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
-use super::session::{Dialog, SIDES, SOURCE, SaveKind, Session, TARGET};
+use super::session::{Dialog, SIDES, SaveKind, Session};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
 use crate::engine::jobs::{Job, Kind, TOLD_EVERY, Work};
+use crate::engine::project::{SOURCE, TARGET};
 use crate::language::{tr, tr_format};
 use crate::words::milliseconds;
 
@@ -52,19 +53,19 @@ impl Viewer {
     pub(super) fn status(&mut self, ui: &mut Ui) {
         let session = &self.session;
         ui.horizontal(|ui| {
-            let assets = session.states.iter().filter_map(|s| s.asset.as_ref());
+            let assets = session.project.states.iter().filter_map(|s| s.asset.as_ref());
             let total = assets.map(|a| a.cloud.len()).sum();
-            let drawn = session.live().drawn();
+            let drawn = session.project.live().drawn();
             ui.label(tr_format!("{} of {} surfels", thousands(drawn), thousands(total)))
                 .on_hover_text(tr("Drawn, of all that there are: what is hidden is not drawn."));
             ui.separator();
-            ui.label(tr_format!("frame {}", milliseconds(session.timers.frame.ms())))
+            ui.label(tr_format!("frame {}", milliseconds(session.project.timers.frame.ms())))
                 .on_hover_text(tr("From the first command of the last changed picture to its end on the graphics adapter."));
             ui.separator();
             ui.label(tr_format!("transfer {}", milliseconds(session.transfer_ms())))
                 .on_hover_text(tr("The last change of light, from the click to its end."));
             ui.separator();
-            let running = session.jobs.running().iter().find(|j| matches!(j.kind, Kind::Of(_, Work::Bake(_))));
+            let running = session.running_jobs().find(|j| matches!(j.kind, Kind::Of(_, Work::Bake(_))));
             let bake = if let Some(job) = running {
                 tr_format!("bake {:.0} %", 100.0 * job.progress())
             } else if session.bake_share() < 1.0 {
@@ -79,8 +80,8 @@ impl Viewer {
                     .on_hover_text(tr("Memory that the program holds."));
                 ui.separator();
             }
-            let software = session.context.is_software();
-            let name = ui.label(session.context.name());
+            let software = session.project.context.is_software();
+            let name = ui.label(session.project.context.name());
             if software {
                 ui.colored_label(ui.visuals().warn_fg_color, tr("software"))
                     .on_hover_text(tr("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast."));
@@ -113,14 +114,20 @@ impl Viewer {
         let is_stopped = self.is_stopped;
         let is_relit = self.session.state().relit.get().is_some();
         let mut goes_on = false;
-        let Session { messages, jobs, .. } = &mut self.session;
+        let Session {
+            messages,
+            jobs,
+            project,
+            ..
+        } = &mut self.session;
+        let running = || project.jobs.running().iter().chain(jobs.running());
         messages.retain(|m| m.is_error || m.since.elapsed().as_secs_f32() < MESSAGE_S);
         // What is over in a moment is not worth a word.
         let is_long = |j: &&Job| j.started.elapsed() > MOMENT;
-        if !jobs.running().iter().all(|j| is_long(&j)) {
+        if !running().all(|j| is_long(&j)) {
             context.request_repaint_after(MOMENT);
         }
-        let jobs: Vec<&Job> = jobs.running().iter().filter(is_long).collect();
+        let jobs: Vec<&Job> = running().filter(is_long).collect();
         if messages.is_empty() && jobs.is_empty() && !is_stopped {
             return;
         }
@@ -197,7 +204,7 @@ impl Viewer {
             context.request_repaint_after(TOLD_EVERY);
         }
         if goes_on {
-            self.session.rebake();
+            self.session.project.rebake(self.session.selected);
             return;
         }
         if dismiss_all {
@@ -223,12 +230,12 @@ impl Viewer {
             let key = ProbeKey {
                 oriented: lights[side].clone(),
                 place,
-                transfer: session.scene.transfer.clone(),
-                display: session.scene.display,
-                world_from_view: session.world_from_scene().as_mat3() * scene_from_view,
+                transfer: session.project.scene.transfer.clone(),
+                display: session.project.scene.display,
+                world_from_view: session.project.world_from_scene().as_mat3() * scene_from_view,
             };
             let around = || {
-                let (scene, light) = (&session.scene, session.light(side));
+                let (scene, light) = (&session.project.scene, session.light(side));
                 if side == SOURCE {
                     let settings = session.side(side);
                     let map = settings.in_world(&light.small, &light.illumination, MAP_WIDTH, 1.0);
@@ -236,6 +243,7 @@ impl Viewer {
                     return Around::new(light, map, place);
                 }
                 let maps = session
+                    .project
                     .sides_of(0)
                     .map(|(_, side)| &side.light.illumination);
                 let all = scene.light_in_world(maps);
@@ -421,10 +429,10 @@ impl Viewer {
             });
         match act {
             Some(kind) if !field.text.trim().is_empty() => {
-                let path = Path::new(field.text.trim());
+                let path = path_as_typed(&field.text);
                 match kind {
-                    None => self.open(path),
-                    Some(kind) => self.save_to(path, kind, false),
+                    None => self.open(&path),
+                    Some(kind) => self.save_to(&path, kind, false),
                 }
             }
             _ if open && is_shown => self.shown.path_field = Some(field),
@@ -467,8 +475,9 @@ impl Viewer {
         let mut is_shown = !context.input(|i| i.key_pressed(Key::Escape));
         let mut again = false;
         let session = &self.session;
-        let is_this =
-            |(scene, pose): &(Scene, CameraPose)| *scene == session.scene && *pose == session.pose;
+        let is_this = |(scene, pose): &(Scene, CameraPose)| {
+            *scene == session.project.scene && *pose == session.project.pose
+        };
         let is_old = !self.previewed.as_ref().is_some_and(is_this);
         let room = 0.9 * self.viewport.rect.size();
         let size = picture.size_vec2();

@@ -11,8 +11,8 @@ use transplat_core::environment::{
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
 
-use super::environments::Environment;
-use super::object::OrientedLight;
+use crate::engine::environments::Environment;
+use crate::engine::object::OrientedLight;
 
 /// Pixels across a ball.
 const BALL: usize = 64;

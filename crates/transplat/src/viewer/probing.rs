@@ -8,9 +8,9 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::write_environment;
 use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
 
-use super::environments::load_map;
 use super::export::free_name;
 use super::session::{Event, Session};
+use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
 use crate::language::{tr, tr_format};
 use crate::picture::light_at;
@@ -33,14 +33,18 @@ impl Session {
         let place = object.transform.scene_from_object();
         let place = place.transform_point3(asset.bounds.center);
         let hidden = self
+            .project
             .shown()
             .flat_map(|(other, _, asset)| std::iter::repeat_n(other == at, asset.cloud.len()));
         let hidden: Vec<bool> = hidden.collect();
         let name = as_file_name(&format!("light_at_{}", name_of(object, &asset.path)));
-        let (source, settings) = (&self.states[0].source.light, &self.scene.objects[0].source);
-        let (source, up) = (source.clone(), self.scene_up());
+        let (source, settings) = (
+            &self.project.states[0].source.light,
+            &self.project.scene.objects[0].source,
+        );
+        let (source, up) = (source.clone(), self.project.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
-        let (device, whole) = (self.background.clone(), self.whole());
+        let (device, whole) = (self.project.background.clone(), self.project.whole());
         let folder = PathBuf::from(folder);
         let label = tr_format!("looking around from {}", asset.name());
         let work = move |_: &_| -> Result<_> {

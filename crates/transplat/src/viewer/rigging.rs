@@ -1,24 +1,20 @@
 //! Lights of one's own: added, placed, and taken along with what they are fixed to.
 
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{Affine3A, DMat3, DQuat, DVec3, Vec3};
-use transplat_core::camera::{Camera, CameraPose};
+use glam::{DQuat, DVec3, Vec3};
 use transplat_core::environment::EnvironmentMap;
 use transplat_core::environment::MOST_LIGHTS;
 use transplat_core::files::{FileKind, file_kind, load_rig, save_rig, write_environment};
 use transplat_core::scene::{
-    Around, FixedTo, KEY, Light, LightKind, Lit, Rig, RigPreset, Scene, is_even, moved_lights,
+    Around, KEY, Light, LightKind, Lit, Rig, RigPreset, is_even, moved_lights,
 };
-use transplat_core::surfels::UpAxis;
 
-use super::environments::load_map;
-use super::kept::free;
-use super::object::Followed;
 use super::session::{Event, Session};
+use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
+use crate::engine::project::pinned::free;
 use crate::language::{tr, tr_format, tr_later};
 use crate::pipeline::SKY_COLUMNS;
 use crate::pipeline::settings::beside;
@@ -81,35 +77,30 @@ const LEAST_SHARE: f32 = 0.3;
 const AWAY: f64 = 3.0;
 
 impl Session {
-    /// From the scene's coordinates to the Z-up world, in which lights stand.
-    pub fn world_from_scene(&self) -> DMat3 {
-        self.scene_up().asset_from_world().transpose()
-    }
-
     /// What lights are placed around.
     pub fn lit(&self) -> Lit {
-        let bounds = self.scene_bounds();
+        let bounds = self.project.scene_bounds();
         let center = bounds.map_or(Vec3::ZERO, |b| b.center);
         Lit {
-            center: self.world_from_scene() * center.as_dvec3(),
+            center: self.project.world_from_scene() * center.as_dvec3(),
             radius: bounds.map_or(1.0, |b| f64::from(b.radius).max(1e-6)),
-            seen_from: self.pose.azimuth,
+            seen_from: self.project.pose.azimuth,
         }
     }
 
     /// The number of the light that the panel is about.
     pub fn chosen_light(&self) -> Option<usize> {
-        let last = self.scene.lights.len().checked_sub(1)?;
+        let last = self.project.scene.lights.len().checked_sub(1)?;
         Some(self.selected_light.min(last))
     }
 
     /// Adds a light of a kind where none stands yet.
     pub fn add_light(&mut self, kind: LightKind) {
         let lit = self.lit();
-        let [right, above] = PLACES[self.scene.lights.len() % PLACES.len()];
+        let [right, above] = PLACES[self.project.scene.lights.len() % PLACES.len()];
         let placed = lit.around(right, above, AWAY);
         // Several together are to be as bright as one, or not much brighter.
-        let share = (self.scene.lights.len() as f32 + 1.0)
+        let share = (self.project.scene.lights.len() as f32 + 1.0)
             .recip()
             .max(LEAST_SHARE);
         let light = Light::placed(kind, placed, share * KEY);
@@ -118,7 +109,7 @@ impl Session {
 
     /// Adds another light like one.
     pub fn duplicate_light(&mut self, at: usize) {
-        let mut light = self.scene.lights[at].clone();
+        let mut light = self.project.scene.lights[at].clone();
         let Lit { center, .. } = self.lit();
         let aim = light.source.aim(center);
         // To the other side of where it is seen from: two in one place are hard to take.
@@ -136,14 +127,17 @@ impl Session {
         if !self.has_room_for(1) {
             return;
         }
-        light.name = free(name, self.scene.lights.iter().map(|l| l.name.as_str()));
-        self.scene.add_light(light);
-        self.selected_light = self.scene.lights.len() - 1;
+        light.name = free(
+            name,
+            self.project.scene.lights.iter().map(|l| l.name.as_str()),
+        );
+        self.project.scene.add_light(light);
+        self.selected_light = self.project.scene.lights.len() - 1;
     }
 
     /// Whether so many lights more are not too many, which is told.
     fn has_room_for(&mut self, more: usize) -> bool {
-        let has_room = self.scene.lights.len() + more <= MOST_LIGHTS;
+        let has_room = self.project.scene.lights.len() + more <= MOST_LIGHTS;
         if !has_room {
             self.error(tr_format!(
                 "a scene has {MOST_LIGHTS} lights of its own at most; remove some",
@@ -155,10 +149,11 @@ impl Session {
 
     /// Takes a rig in the place of the lights there are, with what it has around them.
     pub fn take_rig(&mut self, rig: Rig, from: Option<&Path>) {
-        let mut scene = self.scene.clone();
+        let mut scene = self.project.scene.clone();
         if let Some(around) = &rig.environment {
-            let places = [from, self.scene.objects[0].source.file.as_deref()];
-            scene.environment = around.over(&self.scene.environment, |file| beside(file, places));
+            let places = [from, self.project.scene.objects[0].source.file.as_deref()];
+            scene.environment =
+                around.over(&self.project.scene.environment, |file| beside(file, places));
             // It is as bright as it is made.
             scene.match_strength = false;
         }
@@ -169,9 +164,9 @@ impl Session {
                 None => error.to_string(),
             });
         }
-        self.scene = scene;
-        if let Some(file) = self.scene.environment.file.clone() {
-            self.environments.request(&file);
+        self.project.scene = scene;
+        if let Some(file) = self.project.scene.environment.file.clone() {
+            self.project.environments.request(&file);
         }
         self.selected_light = 0;
     }
@@ -196,11 +191,18 @@ impl Session {
             return self.error(format!("{}: {why}", path.display()));
         }
         match load_rig(path) {
+            Ok(rig) if rig.lights.is_empty() && rig.environment.is_none() => {
+                let why = tr("holds no lights; those that are here stay");
+                self.error(format!("{}: {why}", path.display()));
+            }
             Ok(mut rig) => {
                 self.opened.push(path.to_owned());
                 // A file has them in the coordinates of the splat's.
-                rig.lights =
-                    moved_lights(&rig.lights, -self.scene.objects[0].origin, self.scene_up());
+                rig.lights = moved_lights(
+                    &rig.lights,
+                    -self.project.scene.objects[0].origin,
+                    self.project.scene_up(),
+                );
                 self.take_rig(rig, Some(path));
             }
             Err(error) => self.error(error.to_string()),
@@ -209,16 +211,16 @@ impl Session {
 
     /// Writes the lights as a rig; light that is even is around them there, and an environment's file is left to whoever takes the rig.
     pub fn save_rig(&mut self, path: &Path) {
-        let around = &self.scene.environment;
+        let around = &self.project.scene.environment;
         let is_even = around.file.as_deref().is_some_and(is_even);
         let uniform = is_even.then(|| Around::Uniform {
             uniform: around.gain(),
         });
         let sky = around.sky().map(|sky| Around::Sky { sky });
         let lights = moved_lights(
-            &self.scene.lights,
-            self.scene.objects[0].origin,
-            self.scene_up(),
+            &self.project.scene.lights,
+            self.project.scene.objects[0].origin,
+            self.project.scene_up(),
         );
         let rig = Rig::of(lights, uniform.or(sky));
         match save_rig(path, &rig) {
@@ -229,9 +231,9 @@ impl Session {
 
     /// Writes all that lights the objects as one environment, seen from their middle, and puts it on the shelf.
     pub fn save_environment(&mut self, path: PathBuf) {
-        let (scene, place) = (self.scene.clone(), self.lit().center);
-        let around = self.environment.light.clone();
-        let source = self.states[0].source.light.clone();
+        let (scene, place) = (self.project.scene.clone(), self.lit().center);
+        let around = self.project.environment.light.clone();
+        let source = self.project.states[0].source.light.clone();
         let work = move |_: &_| {
             let map = match scene.environment.sky() {
                 Some(sky) => Arc::new(sky.dome_map(SKY_COLUMNS)),
@@ -265,7 +267,7 @@ impl Session {
         if !self.has_room_for(suns.len()) {
             return;
         }
-        self.scene.environment.without_suns = true;
+        self.project.scene.environment.without_suns = true;
         for sun in suns {
             self.take_light(sun, kind_name(LightKind::Directional));
         }
@@ -273,26 +275,29 @@ impl Session {
 
     /// The suns of the environment as lights of one's own.
     fn suns(&self) -> Vec<Light> {
-        let [source, environment] = self.sides_of(0).map(|(_, resolved)| &resolved.light);
+        let [source, environment] = self
+            .project
+            .sides_of(0)
+            .map(|(_, resolved)| &resolved.light);
         let maps = [&source.illumination, &environment.illumination];
-        self.scene.suns(maps)
+        self.project.scene.suns(maps)
     }
 
     /// Puts the suns back into the environment, in the place of the lights that were made of them, unless those are others now.
     pub fn put_suns_back(&mut self) {
         for sun in self.suns() {
-            let mut all = self.scene.lights.iter();
+            let mut all = self.project.scene.lights.iter();
             if let Some(at) = all.position(|light| light.source == sun.source) {
-                self.scene.remove_light(at);
+                self.project.scene.remove_light(at);
             }
         }
-        self.scene.environment.without_suns = false;
+        self.project.scene.environment.without_suns = false;
     }
 
     /// Puts a light in a direction of the world from where it shines, as far away from there as it is and not nearer than `least`.
     pub fn put_light(&mut self, at: usize, aim: DVec3, toward: DVec3, least: f64) {
         let Lit { radius, .. } = self.lit();
-        let light = &mut self.scene.lights[at];
+        let light = &mut self.project.scene.lights[at];
         let far = light
             .source
             .position()
@@ -300,156 +305,10 @@ impl Session {
         let far = far.max(1e-3 * radius).max(least);
         light.source.put(aim + far * toward, aim);
     }
-
-    /// Takes lights along with the camera and the objects that they are fixed to.
-    pub fn follow(&mut self) {
-        if self.comparing.is_some() {
-            return;
-        }
-        let mut lights = self.scene.lights.iter();
-        if lights.all(|light| light.fixed_to == FixedTo::World) {
-            self.followed = None;
-            return;
-        }
-        let ids = self.states.iter().map(|s| s.id);
-        let places = ids.zip(self.scene.objects.iter().map(|o| o.transform));
-        let now = Followed {
-            camera: self.pose,
-            up: self.scene_up(),
-            places: places.collect(),
-        };
-        let Some(before) = self.followed.replace(now.clone()) else {
-            return;
-        };
-        if before == now {
-            return;
-        }
-        for light in &mut self.scene.lights {
-            let moved = match light.fixed_to {
-                FixedTo::World => None,
-                FixedTo::Camera => (before.up == now.up)
-                    .then(|| [&before, &now].map(|f| scene_from_camera(&f.camera, f.up))),
-                FixedTo::Object(of) => place_of(&before, &now, of),
-            };
-            if let Some([from, to]) = moved.filter(|[from, to]| from != to) {
-                take_along(light, to * from.inverse(), now.up);
-            }
-        }
-    }
-
-    /// Lights that are fixed to the camera as they stand for the one that is there now, where they were for another.
-    pub fn bring_lights_along(&mut self, from: &CameraPose) {
-        let up = self.scene_up();
-        let [from, to] = [from, &self.pose].map(|pose| scene_from_camera(pose, up));
-        for light in &mut self.scene.lights {
-            if light.fixed_to == FixedTo::Camera && from != to {
-                take_along(light, to * from.inverse(), up);
-            }
-        }
-    }
-
-    /// The settings as a step to come back to: where it is seen from is none, but for lights that go along with that.
-    pub fn scene_as_step(&self) -> Cow<'_, Scene> {
-        let goes_along = |light: &Light| light.fixed_to == FixedTo::Camera;
-        if !self.scene.lights.iter().any(goes_along) {
-            return Cow::Borrowed(&self.scene);
-        }
-        let mut scene = self.scene.clone();
-        scene.camera = Some(self.pose);
-        Cow::Owned(scene)
-    }
-}
-
-fn scene_from_camera(pose: &CameraPose, up: UpAxis) -> Affine3A {
-    // The place and the turn are those of any picture.
-    let camera = Camera::from_pose(pose, up, [64, 64], 1.0);
-    Affine3A::from_mat3_translation(camera.view_from_world.transpose(), camera.eye)
-}
-
-/// Where an object stood and stands, if it is still the same.
-fn place_of(before: &Followed, now: &Followed, of: usize) -> Option<[Affine3A; 2]> {
-    let (id, there) = now.places.get(of)?;
-    let (_, was) = before.places.get(of).filter(|(last, _)| last == id)?;
-    Some([was, there].map(|t| t.scene_from_object()))
-}
-
-/// Moves a light as a motion of the scene says.
-fn take_along(light: &mut Light, motion: Affine3A, up: UpAxis) {
-    let (scale, turn, shift) = motion.to_scale_rotation_translation();
-    let world_from_scene = DQuat::from_mat3(&up.asset_from_world().transpose());
-    let turn = world_from_scene * turn.as_dquat() * world_from_scene.inverse();
-    let shift = world_from_scene * shift.as_dvec3();
-    let scale = f64::from(scale.x);
-    // What is hardly a change is none: rounding must not add up.
-    let scale = if (scale - 1.0).abs() < 1e-5 {
-        1.0
-    } else {
-        scale
-    };
-    light.source.go_along(scale, turn.normalize(), shift);
 }
 
 /// The direction from which light comes that a surface mirrors to the eye.
 pub fn mirrored(normal: Vec3, to_eye: Vec3) -> Vec3 {
     // What mirrors is the side that is seen.
     2.0 * normal.dot(to_eye) * normal - to_eye
-}
-
-#[cfg(test)]
-mod tests {
-    use transplat_core::scene::Placed;
-
-    use super::*;
-
-    /// A light that is fixed to the camera is seen where it was seen, however the scene's axes lie.
-    #[test]
-    fn what_is_fixed_to_the_camera_is_seen_in_the_same_place() {
-        for (_, up) in UpAxis::ALL {
-            let from = CameraPose {
-                pivot: Vec3::new(0.1, 0.2, 0.3),
-                azimuth: 20.0,
-                elevation: 15.0,
-                distance: 3.0,
-                fov: 35.0,
-                orthographic: false,
-                roll: 0.0,
-                aperture: 0.0,
-            };
-            let to = CameraPose {
-                azimuth: -100.0,
-                elevation: -40.0,
-                distance: 4.0,
-                roll: 12.0,
-                ..from
-            };
-            let placed = Placed {
-                position: DVec3::new(1.0, 2.0, 1.5),
-                aim: DVec3::ZERO,
-                radius: 0.5,
-            };
-            for kind in [LightKind::Spot, LightKind::Directional] {
-                let mut light = Light::placed(kind, placed, 1.0);
-                let scene_from_world = up.asset_from_world();
-                let seen = |light: &Light, pose: &CameraPose| {
-                    let view = scene_from_camera(pose, up).inverse();
-                    let direction = light.source.direction().expect("it has one");
-                    let direction = (scene_from_world * direction).as_vec3();
-                    let place = light.source.position().unwrap_or_default();
-                    let place = (scene_from_world * place).as_vec3();
-                    let place = match kind {
-                        LightKind::Spot => view.transform_point3(place),
-                        _ => Vec3::ZERO,
-                    };
-                    [view.transform_vector3(direction), place]
-                };
-                let before = seen(&light, &from);
-                let [a, b] = [&from, &to].map(|pose| scene_from_camera(pose, up));
-                take_along(&mut light, b * a.inverse(), up);
-                let after = seen(&light, &to);
-                for (a, b) in before.iter().zip(after) {
-                    assert!(a.distance(b) < 1e-4, "{up:?} {kind:?}: {a} {b}");
-                }
-            }
-        }
-    }
 }

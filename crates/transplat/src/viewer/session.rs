@@ -1,45 +1,32 @@
-//! What is open, as what it is lit, and what follows from that.
+//! What the window shows of a project: what is selected, what lies over the picture, messages, and its own jobs.
 
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, Weak};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
 use anyhow::Result;
-use glam::{Affine3A, DVec3, Vec3};
 use transplat_core::bake::Bake;
-use transplat_core::bake::insertion::InsertionBake;
-use transplat_core::camera::CameraPose;
-use transplat_core::derived::Derived;
 use transplat_core::estimate::Estimate;
-use transplat_core::files::CameraFile;
-use transplat_core::ground::Ground;
-use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate, is_sky};
-use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::scene::{EnvironmentLight, Object, Scene};
+use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
-use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_gpu::Context;
-use transplat_gpu::live::{Drawing, Live, Passes};
 
-use super::asset::Asset;
-use super::capture::Capture;
-use super::environments::{Environment, Environments, Resolved};
-use super::object::{
-    Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, OrientedLight,
-    Surroundings, TogetherKey,
-};
-use crate::engine::adapter::{BackgroundDevice, GpuTimer};
-use crate::engine::jobs::{Handle, Jobs, Kind, Wake};
+use crate::engine::asset::Asset;
+use crate::engine::environments::Environment;
+use crate::engine::jobs::{Handle, Job, Jobs, Kind, Wake};
+use crate::engine::object::{ObjectState, OrientedLight};
+use crate::engine::project::{Notice, Project, SOURCE, Wants};
 use crate::language::tr_later;
 use crate::pipeline::bake::Baked;
+use crate::savings::Saved;
+use crate::sweep::Point;
 use crate::words::of_error;
+use transplat_gpu::live::{Drawing, Live};
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
-
-/// The two sides' numbers.
-pub const SOURCE: usize = 0;
-/// See [`SOURCE`].
-pub const TARGET: usize = 1;
 
 /// What a job yields: it is done to the session.
 pub type Outcome = Box<dyn FnOnce(&mut Session) + Send>;
@@ -100,23 +87,6 @@ pub struct Message {
     pub since: Instant,
 }
 
-/// How often the stages before the GPU's own ran, beside [`Passes`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StageCounts {
-    pub load: usize,
-    pub project_environment: usize,
-    pub bake: usize,
-    pub prepare: usize,
-    pub ground: usize,
-}
-
-/// How long the GPU takes.
-#[derive(Default)]
-pub struct Timers {
-    pub frame: GpuTimer,
-    pub transfer: GpuTimer,
-}
-
 /// What is laid over the picture, and what is asked for to be shown beside it.
 pub struct Overlays {
     /// Handles on the selected object.
@@ -146,124 +116,35 @@ impl Default for Overlays {
     }
 }
 
-/// All that a map behind the objects depends on.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BackdropKey {
-    pub light: u64,
-    /// One of a sky is shown until the next is there: the sun moves slowly.
-    pub is_sky: bool,
-    pub without_suns: bool,
-    pub blur: f32,
+/// Measurements on an object.
+pub struct Measured {
+    /// The splat that was measured.
+    pub cloud: Weak<SurfelCloud>,
+    /// What settings cost.
+    pub points: Vec<Point>,
+    /// What leaving something out saves.
+    pub saved: Vec<Saved>,
+    /// And what of the settings is worth a word.
+    pub words: Vec<String>,
+    /// Whether the user has not seen it yet.
+    pub is_new: bool,
 }
 
-/// Settings that others are compared with, and what the objects were lit by.
-#[derive(Clone)]
-pub struct Pinned {
-    pub scene: Scene,
-    /// What each object was captured under.
-    pub sources: Vec<Arc<Environment>>,
-    pub environment: Arc<Environment>,
-    /// Whether it stands where the capture would.
-    pub is_compared: bool,
-}
-
-/// All that is shown, to be put together beside the interface.
-pub struct Whole {
-    each: Vec<(Arc<SurfelCloud>, Affine3A)>,
-    /// Those of the first object, in whose coordinates they stand.
-    up: UpAxis,
-    origin: DVec3,
-}
-
-impl Whole {
-    /// As one splat; none where nothing is shown.
-    pub fn cloud(&self) -> Option<Arc<SurfelCloud>> {
-        let whole = SurfelCloud::whole(&self.each)?;
-        let is_upright = whole.up == self.up && whole.origin == self.origin;
-        let turned = || SurfelCloud {
-            up: self.up,
-            origin: self.origin,
-            ..(*whole).clone()
-        };
-        Some(if is_upright {
-            whole
-        } else {
-            Arc::new(turned())
-        })
-    }
-}
-
-/// Cameras of a file that is open.
-pub struct OpenCameras {
-    pub path: PathBuf,
-    pub file: CameraFile,
-    /// The one that was chosen last.
-    pub at: usize,
-    /// The photograph that was shown with it, if that was found.
-    pub photograph: Option<PathBuf>,
-    /// Whether nobody opened it: it lies beside the first object's splat.
-    pub is_found: bool,
-}
-
-/// Everything that is open, and the settings.
+/// A project in the window, and what the window adds.
 pub struct Session {
-    pub context: Arc<Context>,
-    /// Where jobs compute.
-    pub background: BackgroundDevice,
-    pub live: Arc<Mutex<Live>>,
+    pub project: Project,
+    /// Work for the window itself: exports, dialogs, measurements.
     pub jobs: Jobs<Outcome>,
-    pub timers: Timers,
-    /// The settings.
-    pub scene: Scene,
-    pub pose: CameraPose,
-    /// Whether the lights' strengths are matched since nobody told the source's.
-    pub(super) matches_by_itself: bool,
-    /// Where a scene that is still being opened was last looked at from, by itself.
-    pub(super) framed: Option<CameraPose>,
-    /// What is made of each of the scene's objects.
-    pub states: Vec<ObjectState>,
-    /// What objects are cut out of.
-    pub(super) captures: Vec<Weak<Capture>>,
     /// The object that the panels are about.
     pub selected: usize,
     /// The light of one's own that is chosen; one too many stands for the last.
     pub selected_light: usize,
-    /// What lights are fixed to, as it was last seen.
-    pub(super) followed: Option<Followed>,
     /// Whether a splat that is opened is put into the scene.
     pub adds_splats: bool,
-    pub environments: Environments,
-    /// What the objects are relit by.
-    pub environment: Resolved,
-    /// What the objects see of each other.
-    pub(super) surroundings: Surroundings,
-    pub(super) is_tracing_finely: bool,
-    /// The objects as preset paper puts them into a scene.
-    pub(super) insertion: Derived<InsertionKey, Arc<InsertionBake>>,
-    pub(super) inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
-    pub(super) relit_together: Derived<TogetherKey, ()>,
-    /// How long a relight takes that is shown coarsely first, in ms.
-    pub coarse_from_ms: f64,
-    /// The objects that are shown as they were relit together, by their states.
-    pub(super) together: Vec<u64>,
-    /// The ground that catches the objects' shadow.
-    pub(super) ground: Derived<GroundKey, Ground>,
-    pub(super) ground_lit: Derived<GroundLitKey, ()>,
-    pub(super) backdrops: [Derived<BackdropKey, ()>; 2],
-    /// The photograph behind the objects by its file, and its size.
-    pub(super) plate: Derived<PathBuf, [usize; 2]>,
-    /// Tables of colours: that of the pinned look, and the scene's.
-    pub(super) luts: [Derived<PathBuf, ()>; 2],
-    /// Cameras of a file that was opened.
-    pub cameras: Option<OpenCameras>,
-    pub pinned: Option<Pinned>,
-    /// What is shown again once something is pinned to be compared with, and what that is.
-    pub(super) comparing: Option<[Scene; 2]>,
     pub overlays: Overlays,
-    /// Pixels of the viewport as it was last shown.
-    pub viewport: [usize; 2],
     pub messages: Vec<Message>,
-    pub stages: StageCounts,
+    /// What was measured on objects, by the number of their state.
+    pub(super) measured: HashMap<u64, Measured>,
     /// What the extreme cases came to; empty until it is asked for.
     pub extremes: String,
     pub(super) events: Vec<Event>,
@@ -272,82 +153,27 @@ pub struct Session {
 }
 
 impl Session {
-    /// An empty session on a window's device.
+    /// An empty scene on a window's device.
     pub fn new(
         context: Arc<Context>,
         window: eframe::wgpu::TextureFormat,
         wake: Wake,
         scene: Scene,
     ) -> Self {
+        let live = Live::new(&context, window, Drawing::fastest(&context));
         Self {
-            live: Arc::new(Mutex::new(Live::new(
-                &context,
-                window,
-                Drawing::fastest(&context),
-            ))),
-            background: BackgroundDevice::new(&context),
-            context,
-            jobs: Jobs::new(wake),
-            timers: Timers::default(),
-            states: scene
-                .objects
-                .iter()
-                .map(|_| ObjectState::new(None))
-                .collect(),
-            scene,
-            captures: Vec::new(),
-            pose: CameraPose {
-                pivot: Vec3::ZERO,
-                azimuth: 0.0,
-                elevation: 20.0,
-                distance: 3.0,
-                fov: 35.0,
-                orthographic: false,
-                roll: 0.0,
-                aperture: 0.0,
-            },
-            matches_by_itself: false,
-            framed: None,
+            jobs: Jobs::new(wake.clone()),
+            project: Project::new(context, live, wake, scene),
             selected: 0,
             selected_light: 0,
-            followed: None,
             adds_splats: false,
-            environments: Environments::default(),
-            environment: Resolved::default(),
-            surroundings: Surroundings::default(),
-            is_tracing_finely: false,
-            insertion: Derived::default(),
-            inserted: Derived::default(),
-            relit_together: Derived::default(),
-            coarse_from_ms: 250.0,
-            together: Vec::new(),
-            ground: Derived::default(),
-            ground_lit: Derived::default(),
-            backdrops: Default::default(),
-            plate: Derived::default(),
-            luts: Default::default(),
-            cameras: None,
-            pinned: None,
-            comparing: None,
             overlays: Overlays::default(),
-            viewport: [960, 600],
             messages: Vec::new(),
-            stages: StageCounts::default(),
+            measured: HashMap::new(),
             extremes: String::new(),
             events: Vec::new(),
             opened: Vec::new(),
         }
-    }
-
-    pub fn live(&self) -> MutexGuard<'_, Live> {
-        // A poisoned lock guards pictures, nothing that could be half-written.
-        self.live
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner())
-    }
-
-    pub fn passes(&self) -> Passes {
-        self.live().passes()
     }
 
     pub fn info(&mut self, text: impl Into<String>) {
@@ -367,26 +193,59 @@ impl Session {
         });
     }
 
+    /// Brings the project up to date. Yields what the window has to deal with itself.
+    pub fn update(&mut self) -> Vec<Event> {
+        for outcome in self.jobs.events() {
+            outcome(self);
+        }
+        self.project.wants = Wants {
+            doubts: self.overlays.wants_doubts || self.overlays.marks,
+            readout: self.overlays.wants_readout,
+        };
+        self.project.update();
+        self.take_notices();
+        self.forget_measured();
+        std::mem::take(&mut self.events)
+    }
+
+    /// Shows what the project has to say, and follows its changes.
+    pub(super) fn take_notices(&mut self) {
+        for notice in std::mem::take(&mut self.project.notices) {
+            match notice {
+                Notice::Info(text) => self.info(text),
+                Notice::Error(text) => self.error(text),
+                Notice::Opened(path) => self.opened.push(path),
+                Notice::NoLight(path) => self.events.push(Event::NoLight(path)),
+                Notice::PictureSize(size) => self.events.push(Event::PictureSize(size)),
+                Notice::Added(at) => self.selected = at,
+                Notice::Removed(at) if self.selected > at => self.selected -= 1,
+                Notice::Removed(_) => {}
+            }
+        }
+        let last = self.project.scene.objects.len() - 1;
+        self.selected = self.selected.min(last);
+    }
+
     // ---- the object that is selected ----
 
     /// Its settings.
     pub fn object(&self) -> &Object {
-        &self.scene.objects[self.selected]
+        &self.project.scene.objects[self.selected]
     }
 
     /// See [`Session::object`].
     pub fn object_mut(&mut self) -> &mut Object {
-        &mut self.scene.objects[self.selected]
+        &mut self.project.scene.objects[self.selected]
     }
 
     /// What is made of it.
     pub fn state(&self) -> &ObjectState {
-        &self.states[self.selected]
+        &self.project.states[self.selected]
     }
 
     /// See [`Session::state`].
     pub fn state_mut(&mut self) -> &mut ObjectState {
-        &mut self.states[self.selected]
+        &mut self.project.states[self.selected]
     }
 
     /// Its splat, once there is one.
@@ -396,74 +255,14 @@ impl Session {
 
     /// Its up axis as it is set.
     pub fn up(&self) -> UpAxis {
-        self.up_of(self.selected)
-    }
-
-    /// The scene's, in whose coordinates camera and lights are: the first object's.
-    pub fn scene_up(&self) -> UpAxis {
-        self.up_of(0)
-    }
-
-    /// Whether there is any splat.
-    pub fn has_asset(&self) -> bool {
-        self.states.iter().any(|s| s.asset.is_some())
-    }
-
-    /// The objects that are there and shown: their numbers, settings and splats.
-    pub fn shown(&self) -> impl Iterator<Item = (usize, &Object, &Asset)> + Clone {
-        let each = self.scene.objects.iter().zip(&self.states).enumerate();
-        let shown = each.filter(|(_, (object, _))| object.shown);
-        shown.filter_map(|(at, (object, state))| Some((at, object, state.asset.as_ref()?)))
-    }
-
-    /// All that is shown as one splat, in the scene's coordinates; none where nothing is.
-    pub fn whole(&self) -> Whole {
-        let each = self.shown();
-        let each = each.map(|(_, o, a)| (a.cloud.clone(), o.transform.scene_from_object()));
-        Whole {
-            each: each.collect(),
-            up: self.scene_up(),
-            origin: self.scene.objects[0].origin,
-        }
-    }
-
-    /// Where the surfels of all that is shown are.
-    pub(super) fn points(&self) -> Vec<Vec3> {
-        let Whole { each, .. } = self.whole();
-        let placed = each.iter().flat_map(|(cloud, place)| {
-            let there = |p: &Vec3| place.transform_point3(*p);
-            cloud.positions.iter().map(there)
-        });
-        placed.collect()
-    }
-
-    /// Where the objects that are shown are.
-    pub fn scene_bounds(&self) -> Option<Bounds> {
-        let bounds = self.shown().map(|(_, object, asset)| {
-            if object.transform == Transform::default() {
-                asset.bounds
-            } else {
-                let place = object.transform.scene_from_object();
-                asset.bounds.transformed(place)
-            }
-        });
-        let mut few = bounds.clone();
-        match (few.next(), few.next()) {
-            (one, None) => one,
-            _ => Bounds::around(bounds),
-        }
-    }
-
-    pub(super) fn up_of(&self, at: usize) -> UpAxis {
-        let file = self.states[at].asset.as_ref().map(|a| a.file_up);
-        self.scene.objects[at].up.or(file).unwrap_or_default()
+        self.project.up_of(self.selected)
     }
 
     /// The settings of a side's light.
     pub fn side(&self, side: usize) -> &EnvironmentLight {
         match side {
             SOURCE => &self.object().source,
-            _ => &self.scene.environment,
+            _ => &self.project.scene.environment,
         }
     }
 
@@ -471,7 +270,7 @@ impl Session {
     pub fn side_mut(&mut self, side: usize) -> &mut EnvironmentLight {
         match side {
             SOURCE => &mut self.object_mut().source,
-            _ => &mut self.scene.environment,
+            _ => &mut self.project.scene.environment,
         }
     }
 
@@ -479,50 +278,24 @@ impl Session {
     pub fn light(&self, side: usize) -> &Arc<Environment> {
         match side {
             SOURCE => &self.state().source.light,
-            _ => &self.environment.light,
+            _ => &self.project.environment.light,
         }
-    }
-
-    /// What an object was captured under and what it is relit by: the settings, and what there is of them.
-    pub(super) fn sides_of(&self, at: usize) -> [(&EnvironmentLight, &Resolved); 2] {
-        [
-            (&self.scene.objects[at].source, &self.states[at].source),
-            (&self.scene.environment, &self.environment),
-        ]
-    }
-
-    /// What that file holds, or the estimate of the object's light: what is assumed until there is one.
-    pub(super) fn light_of(&self, at: usize, file: &Path) -> Option<Arc<Environment>> {
-        if is_estimate(file) {
-            let estimated = self.states[at].estimated.get().cloned();
-            return Some(estimated.unwrap_or_else(Environment::assumed));
-        }
-        if is_sky(file) {
-            return self.environments.sky().cloned();
-        }
-        self.environments.get(file).cloned()
     }
 
     /// Source and target as the asset sees them.
     pub fn oriented_lights(&self) -> [OrientedLight; 2] {
-        self.oriented_of(self.selected)
+        self.project.oriented_of(self.selected)
     }
 
     /// The bake of the method that is set, and how far it is.
     pub fn baked(&self) -> Option<&Baked> {
-        self.baked_of(self.selected)
+        self.project.baked_of(self.selected)
     }
 
     /// How much of that is done, 0 to 1.
     pub fn bake_share(&self) -> f32 {
-        let method = self.scene.transfer.method;
+        let method = self.project.scene.transfer.method;
         self.state().bake_share(method)
-    }
-
-    /// Unit normal of a surfel of one of the objects, in the scene: none before it is baked.
-    pub fn scene_normal(&self, object: usize, surfel: usize) -> Option<Vec3> {
-        let normal = self.baked_of(object)?.bake.normals().get(surfel)?;
-        Some(self.scene.objects[object].transform.rotation * *normal)
     }
 
     /// The bake itself, as far as it is.
@@ -544,7 +317,7 @@ impl Session {
     pub fn transfer_ms(&self) -> f64 {
         let relit = self.state().relit.get();
         let on_cpu = relit.and_then(|r| r.cpu_ms);
-        on_cpu.unwrap_or_else(|| self.timers.transfer.ms())
+        on_cpu.unwrap_or_else(|| self.project.timers.transfer.ms())
     }
 
     /// How many stops the target's mean irradiance is over the source's, as they are shown.
@@ -557,52 +330,21 @@ impl Session {
         self.light(SOURCE).is_even
     }
 
-    // ---- what follows from what ----
+    /// Takes the selected object out of the scene, unless it is the only one or locked.
+    pub fn remove_object(&mut self) {
+        self.project.remove_unlocked(self.selected);
+        self.take_notices();
+    }
 
-    /// Takes in what jobs yielded, and starts what is to be done now. Yields what the window has to deal with itself.
-    pub fn update(&mut self) -> Vec<Event> {
-        for outcome in self.jobs.events() {
-            outcome(self);
-        }
-        if self.states.len() != self.scene.objects.len() {
-            self.match_states(&self.scene.objects.clone());
-        }
-        let objects = 0..self.scene.objects.len();
-        self.selected = self.selected.min(objects.len() - 1);
-        self.follow();
-        self.load_missing();
-        for at in objects.clone() {
-            self.update_asset(at);
-            self.start_bake(at);
-            self.update_estimate(at);
-        }
-        self.resolve_lights();
-        self.start_lights();
-        for at in objects {
-            self.orient_lights(at);
-            self.start_prepare(at);
-            self.update_hidden(at);
-        }
-        self.start_surroundings();
-        self.start_insertion();
-        self.start_inserted();
-        self.relight_together();
-        self.update_ground();
-        for at in 0..self.scene.objects.len() {
-            if !self.together.contains(&self.states[at].id) {
-                self.relight(at);
-            }
-            self.update_channel(at);
-            self.start_doubts(at);
-        }
-        self.start_backdrops();
-        self.start_plate();
-        self.start_luts();
-        self.pin_compared();
-        if let Some(error) = self.context.take_error() {
-            self.error(error.to_string());
-        }
-        std::mem::take(&mut self.events)
+    /// Jobs of the project and of the window, those of the project first.
+    pub fn running_jobs(&self) -> impl Iterator<Item = &Job> {
+        let own = self.jobs.running().iter();
+        self.project.jobs.running().iter().chain(own)
+    }
+
+    /// True once everything that the settings ask for is shown and nothing is being computed.
+    pub fn is_settled(&self) -> bool {
+        self.running_jobs().next().is_none() && self.project.is_relit_as_set()
     }
 
     /// Starts a job; what it makes is taken in by `take`, and what goes wrong is told.
@@ -629,50 +371,5 @@ impl Session {
     ) {
         let finish = |result| -> Outcome { Box::new(|session: &mut Self| take(session, result)) };
         self.jobs.start(kind, label, work, finish);
-    }
-
-    /// The object whose state has a number, unless another splat has taken its place.
-    pub(super) fn at(&self, id: u64) -> Option<usize> {
-        self.states.iter().position(|s| s.id == id)
-    }
-
-    /// The scene as it is saved: with asset and camera.
-    pub fn scene_to_save(&self) -> Scene {
-        let mut scene = self.scene.clone();
-        // What is still being read may turn out not to be a light.
-        for (object, state) in scene.objects.iter_mut().zip(&self.states) {
-            // What could not be opened here may be elsewhere.
-            if let Some(asset) = &state.asset {
-                object.asset = Some(asset.path.clone());
-                let light = &state.source.light;
-                object.source.file = Some(light.path.clone());
-                object.source.set_reading(&light.reading);
-            }
-        }
-        let light = &self.environment.light;
-        if scene.environment.file.as_ref() != Some(&light.path) {
-            // The rest is said of what is still being read.
-            let of_last = &self.environment.settings;
-            scene.environment.sky = of_last.sky;
-            scene.environment.without_suns = of_last.without_suns;
-        }
-        scene.environment.file = Some(light.path.clone());
-        scene.environment.set_reading(&light.reading);
-        scene.camera = Some(self.pose);
-        scene
-    }
-
-    /// Splats, bakes and lights that are open.
-    pub fn open_files(&self) -> Vec<PathBuf> {
-        let mut files = vec![self.environment.light.path.clone()];
-        for state in &self.states {
-            files.push(state.source.light.path.clone());
-            files.extend(state.asset.as_ref().map(|a| a.path.clone()));
-            let bakes = state.bakes.values().filter_map(Derived::get);
-            files.extend(bakes.filter_map(|b| b.file.clone()));
-        }
-        files.extend(self.scene.plate.clone());
-        files.extend(self.scene.lut.clone());
-        files
     }
 }

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Align2, Color32, Rect, Sense, TextureHandle, Ui};
 use transplat_core::scene::is_even;
 
-use super::environments::{Environment, light_name};
 use super::kept::Pictures;
 use super::probes::thumbnail;
-use super::session::{SIDES, SOURCE, Session, TARGET};
+use super::session::{SIDES, Session};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named, waiting};
+use crate::engine::environments::{Environment, light_name};
+use crate::engine::project::{SOURCE, TARGET};
 use crate::language::{tr, tr_format};
 
 /// Pixels across a thumbnail.
@@ -65,7 +66,7 @@ impl Shelf {
                 None => self.paths.push(path.to_owned()),
             }
         }
-        session.environments.request(path);
+        session.project.environments.request(path);
     }
 
     /// The light on the shelf that a file is.
@@ -131,7 +132,10 @@ impl Shelf {
                 format!(" {n}")
             }
         };
-        let (looks, views) = (&session.scene.variants, &session.scene.bookmarks);
+        let (looks, views) = (
+            &session.project.scene.variants,
+            &session.project.scene.bookmarks,
+        );
         ui.vertical(|ui| {
             ui.set_width(PAGES_WIDTH);
             ui.add_space(NAME_HEIGHT);
@@ -165,7 +169,7 @@ impl Shelf {
         let (Some(dragged), Some(pointer)) = (dragged, pointer) else {
             return;
         };
-        let Some(light) = session.environments.get(&dragged.0).cloned() else {
+        let Some(light) = session.project.environments.get(&dragged.0).cloned() else {
             return;
         };
         let texture = self.texture(ui, &light);
@@ -242,7 +246,7 @@ impl Shelf {
                 response.scroll_to_me(None);
                 self.shown = Some(path.clone());
             }
-            let light = session.environments.get(&path).cloned();
+            let light = session.project.environments.get(&path).cloned();
             let texture = light.map(|light| self.texture(ui, &light));
             paint_thumbnail(ui, rect, texture.as_ref(), selected, response.hovered());
             if session.is_loading(&path) {
@@ -261,7 +265,7 @@ impl Shelf {
                 let at = index.min(self.paths.len());
                 self.paths.insert(at, dragged.0.clone());
             }
-            let tip = match session.environments.get(&path) {
+            let tip = match session.project.environments.get(&path) {
                 Some(light) => tr_format!(
                     "{}\n{} x {} pixels\nClick: relight by it. Drag: onto a slot, or to another place. Right click: more.",
                     path.display(),

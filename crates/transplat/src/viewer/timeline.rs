@@ -52,21 +52,21 @@ impl Timeline {
 
     /// Goes on, where it plays; it is shown where there were no keys and are some now.
     pub fn play(&mut self, context: &egui::Context, session: &mut Session) {
-        let seconds = session.scene.animation.seconds();
+        let seconds = session.project.scene.animation.seconds();
         // Keys that a look comes with are not to be overlooked.
-        let has_keys = !session.scene.animation.keys.is_empty();
+        let has_keys = !session.project.scene.animation.keys.is_empty();
         let had_keys = std::mem::replace(&mut self.had_keys, has_keys);
         self.is_shown |= has_keys && !had_keys;
         if !self.is_shown {
             self.let_go();
             (self.is_playing, self.pointed) = (false, None);
         }
-        self.is_playing &= session.scene.animation.keys.len() > 1 && seconds > 0.0;
+        self.is_playing &= session.project.scene.animation.keys.len() > 1 && seconds > 0.0;
         // What is compared meanwhile is to stay as it is.
-        if self.is_playing && session.comparing.is_none() {
+        if self.is_playing && session.project.comparing.is_none() {
             let gone = f64::from(context.input(|i| i.stable_dt)).min(0.5);
             self.time = (self.time + gone) % seconds;
-            session.scene.go_to(self.time);
+            session.project.scene.go_to(self.time);
             context.request_repaint();
         }
     }
@@ -98,7 +98,7 @@ impl Timeline {
     }
 
     fn buttons(&mut self, ui: &mut Ui, session: &mut Session) {
-        let can_play = session.scene.animation.keys.len() > 1;
+        let can_play = session.project.scene.animation.keys.len() > 1;
         let (icon, tip) = match self.is_playing {
             true => (Icon::Pause, tr("Stops here.")),
             false => (
@@ -134,7 +134,7 @@ impl Timeline {
         if key.clicked() {
             self.set_key(session);
         }
-        let at = session.scene.animation.key_at(self.time);
+        let at = session.project.scene.animation.key_at(self.time);
         ui.add_enabled_ui(at.is_some(), |ui| {
             let tip = tr(
                 "Removes the key at this time. Over the bar, Delete removes the one that is pointed at, or else this one.",
@@ -145,7 +145,7 @@ impl Timeline {
         });
         // Always there, so that the bar beside it stays where it is.
         ui.add_enabled_ui(at.is_some(), |ui| {
-            let keys = &mut session.scene.animation.keys;
+            let keys = &mut session.project.scene.animation.keys;
             let key = at.and_then(|at| keys.get_mut(at));
             let mut is_smooth = key.as_ref().is_none_or(|key| key.ease == Ease::Smooth);
             ui.checkbox(&mut is_smooth, tr("Smooth")).on_hover_text(tr(
@@ -163,18 +163,18 @@ impl Timeline {
 
     /// Keeps the light as it is; the second key is put a while after the first, if it would take its place.
     fn set_key(&mut self, session: &mut Session) {
-        let keys = &session.scene.animation.keys;
-        if keys.len() >= MOST_KEYS && session.scene.animation.key_at(self.time).is_none() {
+        let keys = &session.project.scene.animation.keys;
+        if keys.len() >= MOST_KEYS && session.project.scene.animation.key_at(self.time).is_none() {
             return session.error(tr_format!(
                 "a scene has {MOST_KEYS} keys of light at most; remove some",
                 MOST_KEYS = MOST_KEYS
             ));
         }
-        let here = session.scene.animation.key_at(self.time);
+        let here = session.project.scene.animation.key_at(self.time);
         let (ease, is_first) = (here.map(|at| keys[at].ease), keys.is_empty());
         self.time = (100.0 * self.time).round() / 100.0;
-        let key = session.scene.light_key(self.time);
-        session.scene.animation.set(LightKey {
+        let key = session.project.scene.light_key(self.time);
+        session.project.scene.animation.set(LightKey {
             ease: ease.unwrap_or_default(),
             ..key
         });
@@ -185,7 +185,7 @@ impl Timeline {
 
     fn scrub(&mut self, session: &mut Session, time: f64) {
         self.time = time.clamp(0.0, LONGEST);
-        session.scene.go_to(self.time);
+        session.project.scene.go_to(self.time);
     }
 
     /// Time from left to right with its keys; dragged, the light goes along, and keys are moved.
@@ -193,9 +193,9 @@ impl Timeline {
         let size = vec2(ui.available_width().max(80.0), ui.available_height());
         let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
         named(&response, Role::Slider, tr("Timeline"));
-        let keys = &session.scene.animation.keys;
+        let keys = &session.project.scene.animation.keys;
         // Under the pointer it does not stretch.
-        let fitting = BEYOND * session.scene.animation.seconds();
+        let fitting = BEYOND * session.project.scene.animation.seconds();
         let shown = self
             .shown
             .unwrap_or(fitting.max(LEAST_SHOWN).max(self.time));
@@ -216,7 +216,7 @@ impl Timeline {
             painter.text(at, Align2::CENTER_TOP, text, style::small(), color);
         }
         for (at, key) in keys.iter().enumerate() {
-            let is_here = session.scene.animation.key_at(self.time) == Some(at);
+            let is_here = session.project.scene.animation.key_at(self.time) == Some(at);
             let color = match is_here {
                 true => Color32::from_rgb(255, 214, 90),
                 false => visuals.text_color(),
@@ -257,14 +257,14 @@ impl Timeline {
         self.is_playing &= !response.dragged();
         if let (Some(held), true) = (self.held, response.dragged()) {
             // Keys stay in their order.
-            let keys = &mut session.scene.animation.keys;
+            let keys = &mut session.project.scene.animation.keys;
             let after = held.checked_sub(1).map_or(0.0, |i| keys[i].time + 0.01);
             let before = keys.get(held + 1).map_or(LONGEST, |key| key.time - 0.01);
             if after <= before {
                 keys[held].time = time.clamp(after, before);
             }
             self.time = keys[held].time;
-            session.scene.go_to(self.time);
+            session.project.scene.go_to(self.time);
         } else if response.dragged() || response.clicked() {
             let time = time_under(at).unwrap_or(time);
             self.is_scrubbed = response.dragged();
@@ -274,7 +274,7 @@ impl Timeline {
 }
 
 fn remove_key(session: &mut Session, time: f64) {
-    let animation = &mut session.scene.animation;
+    let animation = &mut session.project.scene.animation;
     if let Some(at) = animation.key_at(time) {
         animation.keys.remove(at);
     }

@@ -18,8 +18,9 @@ use super::light_handles::LightHandles;
 use super::navigation;
 use super::rigging::mirrored;
 use super::screen::Screen;
-use super::session::{Session, TARGET};
+use super::session::Session;
 use super::widgets::named;
+use crate::engine::project::TARGET;
 use crate::language::tr;
 
 /// Cosine to where a highlight is wanted from which it is there.
@@ -130,12 +131,12 @@ impl Viewport {
         named(&response, egui::Role::Canvas, tr("Viewport"));
         let seen = |s: &Session| {
             let place = s.object().transform;
-            let lights = s.scene.lights.clone();
+            let lights = s.project.scene.lights.clone();
             (
-                s.pose,
-                s.scene.environment.clone(),
+                s.project.pose,
+                s.project.scene.environment.clone(),
                 lights,
-                s.scene.wipe,
+                s.project.scene.wipe,
                 place,
             )
         };
@@ -144,8 +145,8 @@ impl Viewport {
         self.navigate(ui, session, &response);
         if self.light_locked_to_camera {
             // As the camera was moved here, and by nothing else.
-            let turned = navigation::wrap(session.pose.azimuth - before.0.azimuth);
-            let target = &mut session.scene.environment;
+            let turned = navigation::wrap(session.project.pose.azimuth - before.0.azimuth);
+            let target = &mut session.project.scene.environment;
             target.rotation = navigation::wrap(target.rotation + turned);
         }
         let now = ui.input(|i| i.time);
@@ -155,19 +156,19 @@ impl Viewport {
         let view = if hold_before {
             View::Before
         } else {
-            session.scene.view
+            session.project.scene.view
         };
         let pixels = self.picture_size(ui, session, now);
-        session.viewport = pixels;
+        session.project.viewport = pixels;
         if let Some(mut frame) = session.frame(pixels, view) {
             frame.pixel_step = self.step;
             let start = std::time::Instant::now();
-            let ran = session.live().frame(&frame);
+            let ran = session.project.live().frame(&frame);
             if ran {
-                let timer = &session.timers.frame;
-                timer.measure(&session.context, start, session.jobs.wake());
+                let timer = &session.project.timers.frame;
+                timer.measure(&session.project.context, start, session.jobs.wake());
             }
-            let callback = Paint(session.live.clone());
+            let callback = Paint(session.project.live.clone());
             ui.painter()
                 .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         }
@@ -202,7 +203,10 @@ impl Viewport {
     fn picture_size(&mut self, ui: &Ui, session: &Session, now: f64) -> [usize; 2] {
         let moving = now - self.last_move < SETTLE_S;
         if moving {
-            let (ms, frame) = (session.timers.frame.ms(), session.timers.frame.count());
+            let (ms, frame) = (
+                session.project.timers.frame.ms(),
+                session.project.timers.frame.count(),
+            );
             // Once for each measured frame; and back only to what would be fast enough.
             if frame != self.judged {
                 self.judged = frame;
@@ -224,7 +228,7 @@ impl Viewport {
 
     /// The picture that a place belongs to: one of two side by side, or all of the viewport.
     fn part_at(&self, session: &Session, at: Option<Pos2>) -> Rect {
-        if session.scene.view != View::SideBySide {
+        if session.project.scene.view != View::SideBySide {
             return self.rect;
         }
         let middle = self.rect.center().x;
@@ -238,14 +242,19 @@ impl Viewport {
 
     /// From a place in the window to the picture's pixels and its camera.
     fn camera_at(&self, session: &Session, at: Pos2) -> Option<(Camera, usize, usize)> {
-        let bounds = session.scene_bounds()?;
+        let bounds = session.project.scene_bounds()?;
         let size = [
             self.rect.width().max(1.0) as usize,
             self.rect.height().max(1.0) as usize,
         ];
-        let whole = Camera::from_pose(&session.pose, session.scene_up(), size, bounds.radius);
+        let whole = Camera::from_pose(
+            &session.project.pose,
+            session.project.scene_up(),
+            size,
+            bounds.radius,
+        );
         let at = at - self.rect.min;
-        if session.scene.view == View::SideBySide {
+        if session.project.scene.view == View::SideBySide {
             let half = crate::picture::half(&whole);
             let x = at.x as usize % half.width.max(1);
             return Some((half, x, at.y as usize));
@@ -261,10 +270,11 @@ impl Viewport {
     fn picked(&self, session: &Session, at: Pos2) -> Option<(usize, Pick)> {
         let (camera, x, y) = self.camera_at(session, at)?;
         let each = session
+            .project
             .scene
             .objects
             .iter()
-            .zip(&session.states)
+            .zip(&session.project.states)
             .enumerate();
         let shown = each.filter(|(_, (object, _))| object.shown);
         let picks = shown.filter_map(|(which, (object, state))| {
@@ -361,18 +371,18 @@ impl Viewport {
     fn take_step(&mut self, session: &mut Session, step: &Step) {
         let part = self.part_at(session, Some(step.pressed_at));
         let shorter = part.width().min(part.height()).max(1.0);
-        let (up, by) = (session.scene_up(), step.by());
+        let (up, by) = (session.project.scene_up(), step.by());
         match step.gesture {
-            Gesture::Orbit => navigation::orbit(&mut session.pose, by),
-            Gesture::Pan => navigation::pan(&mut session.pose, up, by, shorter),
-            Gesture::LookAround => navigation::look_around(&mut session.pose, up, by),
+            Gesture::Orbit => navigation::orbit(&mut session.project.pose, by),
+            Gesture::Pan => navigation::pan(&mut session.project.pose, up, by, shorter),
+            Gesture::LookAround => navigation::look_around(&mut session.project.pose, up, by),
             Gesture::TurnLight => {
                 self.light_was_turned = true;
-                navigation::turn_light(&mut session.scene.environment, by);
+                navigation::turn_light(&mut session.project.scene.environment, by);
             }
             Gesture::Wipe => {
                 let share = (step.to.x - self.rect.left()) / self.rect.width().max(1.0);
-                session.scene.wipe = share.clamp(0.0, 1.0);
+                session.project.scene.wipe = share.clamp(0.0, 1.0);
             }
             Gesture::Handle | Gesture::LightHandle => {
                 let in_steps = step.modifiers.command;
@@ -417,8 +427,8 @@ impl Viewport {
         let Some((_, pick)) = self.picked(session, at) else {
             return false;
         };
-        let there = session.world_from_scene() * pick.position.as_dvec3();
-        let source = &mut session.scene.lights[light].source;
+        let there = session.project.world_from_scene() * pick.position.as_dvec3();
+        let source = &mut session.project.scene.lights[light].source;
         match source.position() {
             Some(position) => source.put(position, there),
             None => session.info(tr("a sun shines everywhere alike, and has no aim")),
@@ -430,13 +440,13 @@ impl Viewport {
     fn mirrored_at(&self, session: &mut Session, at: Pos2) -> Option<[DVec3; 2]> {
         let (object, pick) = self.picked(session, at)?;
         let (camera, ..) = self.camera_at(session, at)?;
-        let Some(normal) = session.scene_normal(object, pick.surfel) else {
+        let Some(normal) = session.project.scene_normal(object, pick.surfel) else {
             session.info(tr("a highlight can be put there once the object is baked"));
             return None;
         };
         let to_eye = (camera.eye - pick.position).normalize_or_zero();
         let in_scene = [pick.position, mirrored(normal, to_eye)];
-        Some(in_scene.map(|v| session.world_from_scene() * v.as_dvec3()))
+        Some(in_scene.map(|v| session.project.world_from_scene() * v.as_dvec3()))
     }
 
     /// Puts a light so that what is at one point of the window throws its shadow to another, if they are two and there is something at both.
@@ -446,7 +456,8 @@ impl Viewport {
         let Some([caster, there]) = seen(from).zip(falls).map(<[Vec3; 2]>::from) else {
             return false;
         };
-        let [caster, there] = [caster, there].map(|p| session.world_from_scene() * p.as_dvec3());
+        let [caster, there] =
+            [caster, there].map(|p| session.project.world_from_scene() * p.as_dvec3());
         // At the press both are one.
         let apart = caster.distance(there);
         let is_drawn = apart > 1e-3 * session.lit().radius;
@@ -460,21 +471,21 @@ impl Viewport {
 
     /// Where a point of the window is on the ground under the objects.
     fn on_ground(&self, session: &Session, at: Pos2) -> Option<Vec3> {
-        let (center, ..) = session.ground_plane()?;
+        let (center, ..) = session.project.ground_plane()?;
         let (camera, ..) = self.camera_at(session, self.rect.min)?;
         let part = self.part_at(session, Some(at));
         let screen = Screen {
             camera: &camera,
             part,
         };
-        let up = session.scene_up().direction();
+        let up = session.project.scene_up().direction();
         screen.on_plane(screen.inside(at), center, up)
     }
 
     /// The wheel, keys that fly, and clicks.
     fn navigate(&mut self, ui: &Ui, session: &mut Session, response: &egui::Response) {
-        let up = session.scene_up();
-        let radius = session.scene_bounds().map_or(1.0, |b| b.radius);
+        let up = session.project.scene_up();
+        let radius = session.project.scene_bounds().map_or(1.0, |b| b.radius);
         let part = self.part_at(session, response.hover_pos());
         let shorter = part.width().min(part.height()).max(1.0);
         let held = self.gestures.held();
@@ -494,7 +505,7 @@ impl Viewport {
                 let from_middle = pointer - part.center();
                 let at = Vec2::new(from_middle.x, from_middle.y);
                 let factor = (-scroll / 300.0).exp();
-                navigation::zoom(&mut session.pose, up, factor, at, shorter, radius);
+                navigation::zoom(&mut session.project.pose, up, factor, at, shorter, radius);
             }
         }
         if response.double_clicked() {
@@ -502,7 +513,7 @@ impl Viewport {
                 if ui.input(|i| i.modifiers.shift) {
                     self.turn_highlight(session, at);
                 } else if let Some(pick) = self.pick_at(session, at) {
-                    navigation::set_pivot(&mut session.pose, up, pick.position);
+                    navigation::set_pivot(&mut session.project.pose, up, pick.position);
                 }
             }
         } else if response.clicked() && !self.was_placed && !ui.input(|i| i.modifiers.shift) {
@@ -523,7 +534,7 @@ impl Viewport {
         let Some(brightest) = session.light(TARGET).brightest else {
             return session.info(tr("even light has no highlight to be put there"));
         };
-        let light = &mut session.scene.environment;
+        let light = &mut session.project.scene.environment;
         let in_map = brightest.as_dvec3();
         light.bring(in_map, wanted);
         let came = light.map_from_asset(UpAxis::PlusZ).transpose() * in_map;
@@ -558,16 +569,16 @@ impl Viewport {
             Vec3::new(key(D) - key(A), key(E) - key(Q), key(W) - key(S)) * i.stable_dt.min(0.1)
         });
         if step != Vec3::ZERO {
-            let up = session.scene_up();
-            navigation::fly(&mut session.pose, up, step * radius * 1.5);
+            let up = session.project.scene_up();
+            navigation::fly(&mut session.project.pose, up, step * radius * 1.5);
         }
         ui.request_repaint();
     }
 
     /// Whether a place is on the line between before and after.
     fn is_on_wipe(&self, session: &Session, at: Option<Pos2>) -> bool {
-        let line = self.rect.left() + session.scene.wipe * self.rect.width();
-        let is_split = session.scene.view == View::Split;
+        let line = self.rect.left() + session.project.scene.wipe * self.rect.width();
+        let is_split = session.project.scene.view == View::Split;
         is_split && at.is_some_and(|p| (p.x - line).abs() <= WIPE_REACH)
     }
 }

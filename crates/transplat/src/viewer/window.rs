@@ -29,7 +29,7 @@ impl eframe::App for Viewer {
             self.deal_with(context, event);
         }
         // What is to be computed has been started: all that is settled is as it is set.
-        self.is_stopped = self.session.is_stopped();
+        self.is_stopped = self.session.project.is_stopped(self.session.selected);
         if !self.viewport.is_dragging() {
             self.pictures.draw(context, &self.session);
         }
@@ -39,11 +39,11 @@ impl eframe::App for Viewer {
         }
         let time = context.input(|i| i.time);
         // While a splat is loading, its look is still to come; and a drag is one step.
-        let is_comparing = self.session.comparing.is_some();
-        let is_between = self.session.is_loading_asset() || self.viewport.is_dragging();
+        let is_comparing = self.session.project.comparing.is_some();
+        let is_between = self.session.project.is_loading_asset() || self.viewport.is_dragging();
         let is_between = is_between || self.timeline.is_moving();
         if !is_between && !is_comparing {
-            let scene = self.session.scene_as_step();
+            let scene = self.session.project.scene_as_step();
             if !scene.animation.keys.is_empty() {
                 self.history.went_to(self.timeline.time(), &scene);
             }
@@ -129,7 +129,7 @@ impl eframe::App for Viewer {
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
         // Settings of one command line are for once.
         if !self.settings_for_once {
-            self.preferences.keep(&self.session.scene);
+            self.preferences.keep(&self.session.project.scene);
         }
         self.keep_work();
         self.preferences.grid = self.session.overlays.grid;

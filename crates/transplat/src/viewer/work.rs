@@ -68,15 +68,15 @@ impl Viewer {
         let Some(asset) = self
             .session
             .asset()
-            .filter(|_| !self.session.is_loading_asset())
+            .filter(|_| !self.session.project.is_loading_asset())
         else {
             return;
         };
         let is_bundled = bundled(BUNDLED_SPLAT).is_some_and(|b| is_same_file(&b, &asset.path));
-        if is_bundled && !self.history.has_undo(&self.session.scene_as_step()) {
+        if is_bundled && !self.history.has_undo(&self.session.project.scene_as_step()) {
             return;
         }
-        let scene = self.session.scene_to_save();
+        let scene = self.session.project.scene_to_save();
         if self.kept_work.as_ref() == Some(&scene) {
             return;
         }

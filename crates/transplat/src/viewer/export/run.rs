@@ -25,7 +25,9 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
+use crate::engine::environments::{Environment, load_map};
 use crate::engine::jobs::Handle;
+use crate::engine::project::{Pinned, SOURCE, TARGET};
 use crate::film::Film;
 use crate::language::{tr, tr_format};
 use crate::layers::Layers;
@@ -33,9 +35,8 @@ use crate::picture::MAX_SAMPLES;
 use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::pipeline::bake::{self, Wanted};
 use crate::pipeline::delight::Delit;
-use crate::viewer::environments::{Environment, load_map};
 use crate::viewer::navigation::wrap;
-use crate::viewer::session::{Outcome, Pinned, SOURCE, TARGET};
+use crate::viewer::session::Outcome;
 
 impl Snapshot {
     pub(super) fn run(mut self, task: &Task, handle: &Handle<Outcome>) -> Result<Made> {

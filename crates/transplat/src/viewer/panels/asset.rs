@@ -52,12 +52,13 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             if chosen.clicked() && up != axis {
                 session.object_mut().up = Some(axis);
                 if session.selected > 0 && !session.object().locked {
-                    session.stand_upright(session.selected);
+                    session.project.stand_upright(session.selected);
                 }
-                let size = session.viewport;
-                let alone = !session.is_composed();
+                let size = session.project.viewport;
+                let alone = !session.project.is_composed();
                 if let Some(asset) = session.asset().filter(|_| alone) {
-                    session.pose = first_pose(&asset.cloud.positions, axis, &asset.bounds, size);
+                    session.project.pose =
+                        first_pose(&asset.cloud.positions, axis, &asset.bounds, size);
                 }
             }
         }
@@ -77,10 +78,12 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             "Drag: turns the object about its up axis. The light it is relit by stays where it is.",
         ));
     named(&drag, egui::Role::SpinButton, tr("Turn the object"));
-    if drag.changed() && viewer.session.is_composed() {
+    if drag.changed() && viewer.session.project.is_composed() {
         let session = &mut viewer.session;
-        let turn =
-            Quat::from_axis_angle(session.scene_up().direction(), (turned as f32).to_radians());
+        let turn = Quat::from_axis_angle(
+            session.project.scene_up().direction(),
+            (turned as f32).to_radians(),
+        );
         if !session.object().locked {
             let transform = &mut session.object_mut().transform;
             transform.rotation = (turn * transform.rotation).normalize();
@@ -88,9 +91,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     } else if drag.changed() {
         // The object's turn is the camera's and the light's together the other way.
         let session = &mut viewer.session;
-        session.pose.azimuth = navigation::wrap(session.pose.azimuth - turned);
-        session.scene.environment.rotation =
-            navigation::wrap(session.scene.environment.rotation - turned);
+        session.project.pose.azimuth = navigation::wrap(session.project.pose.azimuth - turned);
+        session.project.scene.environment.rotation =
+            navigation::wrap(session.project.scene.environment.rotation - turned);
     }
     ui.separator();
     let proposed = viewer.session.asset().and_then(|a| a.proposed_crop);
@@ -103,14 +106,14 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 /// Which side of the surfels is out, where that is a guess.
 fn front(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    if session.scene.transfer.method != Method::Directional {
+    if session.project.scene.transfer.method != Method::Directional {
         return;
     }
     let guessed = session.bake_so_far().and_then(|b| b.ambiguous_share());
     ui.horizontal(|ui| {
         let tip = tr("What is seen of the object from here is its outside: where which side of a surface is the front could not be told, it is this one. From several places it adds up. The object is baked anew.");
         if button(ui, tr("This side is out"), tip) {
-            let eye = navigation::eye(&session.pose, session.scene_up());
+            let eye = navigation::eye(&session.project.pose, session.project.scene_up());
             let object_from_scene = session.object().transform.scene_from_object().inverse();
             let eye = object_from_scene.transform_point3(eye);
             let places = &mut session.object_mut().outside_from;
@@ -213,7 +216,7 @@ fn cut(ui: &mut Ui, session: &mut Session) {
         "Makes two objects of this one: what lies in the crop box, and the rest. Each can be moved; both know how they were lit side by side. (Undo puts them together again.)",
     );
     if session.object().hide.crop && button(ui, tr("Cut out"), tip) {
-        session.cut_out();
+        session.project.cut_out(session.selected);
     }
     if let Some(part) = session.asset().and_then(|a| a.part.as_ref()) {
         let (taken, all) = (part.surfels.len(), part.capture.cloud.len());

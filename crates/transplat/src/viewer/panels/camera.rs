@@ -14,11 +14,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         for (name, viewpoint) in navigation::VIEWPOINTS {
             let name = tr(name);
             if button(ui, name, tr("Looks at the object from there.")) {
-                navigation::look_from(&mut viewer.session.pose, viewpoint);
+                navigation::look_from(&mut viewer.session.project.pose, viewpoint);
             }
         }
         if button(ui, tr("Frame"), tr("Shows all of the object. (F)")) {
-            viewer.session.frame_all();
+            viewer.session.project.frame_all();
         }
         let tip = tr("Keeps where it is seen from, on the shelf. (ctrl + B)");
         if button(ui, tr("Keep this view"), tip) {
@@ -29,12 +29,20 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     cameras(ui, session);
     ui.horizontal(|ui| {
         let tip = tr("Parallel lines stay parallel in an orthographic view. (O)");
-        ui.selectable_value(&mut session.pose.orthographic, false, tr("perspective"))
-            .on_hover_text(tip);
-        ui.selectable_value(&mut session.pose.orthographic, true, tr("orthographic"))
-            .on_hover_text(tip);
+        ui.selectable_value(
+            &mut session.project.pose.orthographic,
+            false,
+            tr("perspective"),
+        )
+        .on_hover_text(tip);
+        ui.selectable_value(
+            &mut session.project.pose.orthographic,
+            true,
+            tr("orthographic"),
+        )
+        .on_hover_text(tip);
     });
-    let mut fov = session.pose.fov;
+    let mut fov = session.project.pose.fov;
     let changed = Control {
         label: tr("Field of view"),
         unit: "°",
@@ -45,9 +53,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     .show(ui, &mut fov)
     .changed();
     if changed {
-        navigation::set_fov(&mut session.pose, fov);
+        navigation::set_fov(&mut session.project.pose, fov);
     }
-    let mut percent = 100.0 * session.pose.aperture;
+    let mut percent = 100.0 * session.project.pose.aperture;
     let last = percent;
     Control {
         label: tr("Depth of field"),
@@ -58,7 +66,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     }
     .show(ui, &mut percent);
     if percent != last {
-        session.pose.aperture = percent / 100.0;
+        session.project.pose.aperture = percent / 100.0;
     }
     ui.checkbox(&mut session.overlays.grid, tr("Grid"))
         .on_hover_text(tr("A grid on the ground. (G)"));
@@ -70,7 +78,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// The cameras of a file that is open.
 fn cameras(ui: &mut Ui, session: &mut Session) {
-    let Some(open) = &session.cameras else {
+    let Some(open) = &session.project.cameras else {
         return;
     };
     let (count, mut at) = (open.file.frames.len(), open.at + 1);
@@ -92,6 +100,6 @@ fn cameras(ui: &mut Ui, session: &mut Session) {
         ui.weak(picture.unwrap_or_default());
     });
     if chosen {
-        session.look_through(at - 1);
+        session.project.look_through(at - 1);
     }
 }

@@ -108,7 +108,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
             );
         }
         if button(ui, tr("as here"), tr("The viewport's own size.")) {
-            settings.size = viewer.session.viewport;
+            settings.size = viewer.session.project.viewport;
         }
     });
     choice(
@@ -223,7 +223,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
             (tr("film, WebP"), Some(FilmFormat::WebP)),
         ],
     );
-    if settings.film.is_some() || viewer.session.scene.animation.keys.len() > 1 {
+    if settings.film.is_some() || viewer.session.project.scene.animation.keys.len() > 1 {
         let drag = number(&mut settings.frame_rate, 1..=240).suffix(tr(" frames a second"));
         let response = ui
             .add(drag)
@@ -235,7 +235,7 @@ fn turntable(ui: &mut Ui, viewer: &mut Viewer) -> Option<Task> {
         if button(ui, tr("Save turntable"), tr("A whole turn.")) {
             task = Some(Task::Turntable);
         }
-        let has_keys = viewer.session.scene.animation.keys.len() > 1;
+        let has_keys = viewer.session.project.scene.animation.keys.len() > 1;
         ui.add_enabled_ui(has_keys, |ui| {
             let tip = tr("The light from the timeline's first key to its last, at the frames a second above.");
             if button(ui, tr("Save animation"), tip) {

@@ -5,12 +5,13 @@ use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBI
 use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
+use crate::engine::environments::Environment;
+use crate::engine::project::stages::DROP_IT;
+use crate::engine::project::{SOURCE, TARGET};
 use crate::language::{tr, tr_format};
 use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
-use crate::viewer::environments::Environment;
-use crate::viewer::session::{SIDES, SOURCE, Session, TARGET};
-use crate::viewer::stages::DROP_IT;
+use crate::viewer::session::{SIDES, Session};
 use crate::viewer::tabs::LightPage;
 use crate::viewer::widgets::{
     Control, advanced, angle, button, choice, fact, file, name, named, number,
@@ -18,7 +19,7 @@ use crate::viewer::widgets::{
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {
-        let lights = match viewer.session.scene.lights.len() {
+        let lights = match viewer.session.project.scene.lights.len() {
             0 => tr("lights").to_owned(),
             n => format!("{} {n}", tr("lights")),
         };
@@ -123,7 +124,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// Suns of the picture as lights of one's own, or in it again.
 fn suns(ui: &mut Ui, session: &mut Session) {
-    if session.scene.environment.without_suns {
+    if session.project.scene.environment.without_suns {
         let tip = tr(
             "Its suns shine as they are in the picture; of those among the lights, one that was changed stays.",
         );
@@ -184,14 +185,14 @@ fn lying(ui: &mut Ui, viewer: &mut Viewer, side: usize) {
 
 /// Where the sun stands, and how clear the air is; or a button that takes sun and sky.
 fn sky(ui: &mut Ui, session: &mut Session) {
-    let Some(mut sky) = session.scene.environment.sky() else {
+    let Some(mut sky) = session.project.scene.environment.sky() else {
         let tip = tr(
             "The light of a day instead of a picture's: the sun stands where you put it, or where it stands at a place and time.",
         );
         if button(ui, tr("Sun and sky"), tip) {
             session.set_light(TARGET, SKY.into());
             // It is as bright as the hour makes it.
-            session.scene.match_strength = false;
+            session.project.scene.match_strength = false;
         }
         return;
     };
@@ -250,7 +251,7 @@ fn sky(ui: &mut Ui, session: &mut Session) {
         .on_hover_text(tr(
             "Without it there is the light of the sky alone, as in its shade.",
         ));
-    let environment = &mut session.scene.environment;
+    let environment = &mut session.project.scene.environment;
     if environment.sky != Some(sky) && environment.sky() != Some(sky) {
         environment.sky = Some(sky);
     }
@@ -379,7 +380,7 @@ fn other_sources(ui: &mut Ui, session: &mut Session) {
 }
 
 fn is_on_its_way(session: &Session) -> bool {
-    session.object().source.is_estimate() && session.is_estimating(session.selected)
+    session.object().source.is_estimate() && session.project.is_estimating(session.selected)
 }
 
 /// What is said of the light of the capture where nobody told it.
@@ -401,7 +402,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
         }
         match estimate.obstacle {
             Some(obstacle) => {
-                let so = instead(session.scene.transfer.method, obstacle);
+                let so = instead(session.project.scene.transfer.method, obstacle);
                 ui.weak(tr_format!(
                     "Why: {reason}. So {so}.",
                     reason = obstacle.reason(),
@@ -425,7 +426,7 @@ fn source_without_file(ui: &mut Ui, session: &mut Session) {
 
 fn match_strength(ui: &mut Ui, session: &mut Session) {
     let text = tr("Match the capture's strength");
-    ui.checkbox(&mut session.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
+    ui.checkbox(&mut session.project.scene.match_strength, text).on_hover_text(tr("Brings the mean irradiance of this light to that of the light of the capture, so that the object is about as bright as it was. The strength above comes on top. (M)"));
     // In a line of its own, so that nothing moves as it changes.
     let difference = match session.stops_over_source() {
         Some(stops) if stops.abs() < 0.05 => tr("now as strong as the light of the capture").into(),

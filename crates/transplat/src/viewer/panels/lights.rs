@@ -38,7 +38,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             .on_hover_text(tr("The lights in the picture: drag one, and it goes around what it shines at. The chosen one's arrow moves it in and out, its cross is where it shines, the small ring makes it larger."));
     });
     let session = &mut viewer.session;
-    if session.scene.lights.is_empty() {
+    if session.project.scene.lights.is_empty() {
         ui.weak(tr("No light of your own yet. They come on top of what the object is relit by, cast shadows, and may be near."));
         return;
     }
@@ -48,11 +48,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
         return;
     };
     rename(ui, session, at);
-    how_bright(ui, &mut session.scene.lights[at]);
+    how_bright(ui, &mut session.project.scene.lights[at]);
     let placing = &mut viewer.viewport.placing;
     where_it_is(ui, session, at);
     let Lit { radius, .. } = session.lit();
-    extent(ui, &mut session.scene.lights[at].source, radius);
+    extent(ui, &mut session.project.scene.lights[at].source, radius);
     by_click(ui, placing);
     fixed_to(ui, session, at);
 }
@@ -61,7 +61,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 fn map(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
     let (Lit { center, .. }, chosen) = (session.lit(), session.chosen_light());
-    let lights = session.scene.lights.iter().enumerate();
+    let lights = session.project.scene.lights.iter().enumerate();
     let lights: Vec<_> = lights
         .filter(|(_, light)| light.on)
         .map(|(at, light)| {
@@ -71,7 +71,7 @@ fn map(ui: &mut Ui, viewer: &mut Viewer) {
         .collect();
     let pointed = viewer.rig_map.show_lights(ui, session, lights.into_iter());
     if let (Some(toward), Some(at)) = (pointed, chosen) {
-        let aim = session.scene.lights[at].source.aim(center);
+        let aim = session.project.scene.lights[at].source.aim(center);
         session.put_light(at, aim, toward.as_dvec3(), 0.0);
     }
 }
@@ -96,7 +96,7 @@ fn rigs(ui: &mut Ui, viewer: &mut Viewer) {
         let dialog = Dialog::Save(SaveKind::OpenRig, String::new());
         ask(&mut viewer.session, dialog);
     }
-    ui.add_enabled_ui(!viewer.session.scene.lights.is_empty(), |ui| {
+    ui.add_enabled_ui(!viewer.session.project.scene.lights.is_empty(), |ui| {
         if entry(ui, tr("Save lights…")) {
             let dialog = Dialog::Save(SaveKind::Rig, "rig.json".into());
             ask(&mut viewer.session, dialog);
@@ -107,7 +107,7 @@ fn rigs(ui: &mut Ui, viewer: &mut Viewer) {
             ask(&mut viewer.session, dialog);
         }
         if entry(ui, tr("Remove all")) {
-            viewer.session.scene.set_lights(Vec::new());
+            viewer.session.project.scene.set_lights(Vec::new());
         }
     });
 }
@@ -115,8 +115,8 @@ fn rigs(ui: &mut Ui, viewer: &mut Viewer) {
 fn list(ui: &mut Ui, session: &mut Session) {
     let chosen = session.chosen_light();
     let (mut removed, mut doubled) = (None, None);
-    for at in 0..session.scene.lights.len() {
-        let light = &mut session.scene.lights[at];
+    for at in 0..session.project.scene.lights.len() {
+        let light = &mut session.project.scene.lights[at];
         let title = called(light).to_owned();
         ui.horizontal(|ui| {
             let on = ui
@@ -159,7 +159,7 @@ fn list(ui: &mut Ui, session: &mut Session) {
         session.duplicate_light(at);
     }
     if let Some(at) = removed {
-        session.scene.remove_light(at);
+        session.project.scene.remove_light(at);
         if session.selected_light > at {
             session.selected_light -= 1;
         }
@@ -167,7 +167,7 @@ fn list(ui: &mut Ui, session: &mut Session) {
 }
 
 fn rename(ui: &mut Ui, session: &mut Session, at: usize) {
-    let light = &mut session.scene.lights[at];
+    let light = &mut session.project.scene.lights[at];
     ui.horizontal(|ui| {
         name(ui, tr("Name"));
         let edit = egui::TextEdit::singleline(&mut light.name)
@@ -245,7 +245,7 @@ fn how_bright(ui: &mut Ui, light: &mut Light) {
 /// Where it stands, as seen from what it shines at, and in the world.
 fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
     let Lit { center, radius, .. } = session.lit();
-    let light = &session.scene.lights[at];
+    let light = &session.project.scene.lights[at];
     let aim = light.source.aim(center);
     let toward = toward(light, center);
     let azimuth = toward.y.atan2(toward.x).to_degrees();
@@ -271,7 +271,7 @@ fn where_it_is(ui: &mut Ui, session: &mut Session, at: usize) {
         let toward = DVec3::new(cos * turn.cos(), cos * turn.sin(), sin);
         session.put_light(at, aim, toward, 0.0);
     }
-    let source = &mut session.scene.lights[at].source;
+    let source = &mut session.project.scene.lights[at].source;
     let Some(position) = source.position() else {
         return;
     };
@@ -410,8 +410,8 @@ fn by_click(ui: &mut Ui, placing: &mut Option<Placing>) {
 }
 
 fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
-    let objects: Vec<String> = (0..session.scene.objects.len())
-        .map(|of| session.called(of))
+    let objects: Vec<String> = (0..session.project.scene.objects.len())
+        .map(|of| session.project.called(of))
         .collect();
     let mut options = vec![
         (tr("world"), FixedTo::World),
@@ -422,6 +422,6 @@ fn fixed_to(ui: &mut Ui, session: &mut Session, at: usize) {
     let tip = tr(
         "What it goes along with when that is moved. Turntables and pictures by a file's cameras keep it where it is.",
     );
-    let light = &mut session.scene.lights[at];
+    let light = &mut session.project.scene.lights[at];
     choice(ui, tr("Fixed to"), tip, &mut light.fixed_to, &options);
 }

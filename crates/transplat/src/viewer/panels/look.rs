@@ -30,10 +30,10 @@ fn kept(ui: &mut Ui, viewer: &mut Viewer) {
         "Keeps light and look as they are, on the shelf. (P also compares what comes next with it.)",
     );
     if button(ui, tr("Keep this look"), tip) {
-        viewer.session.keep_look();
+        viewer.session.project.keep_look();
     }
     let label = ui.label(tr("Note"));
-    let note = &mut viewer.session.scene.note;
+    let note = &mut viewer.session.project.scene.note;
     let edit = TextEdit::multiline(note)
         .desired_rows(2)
         .desired_width(f32::INFINITY);
@@ -43,7 +43,7 @@ fn kept(ui: &mut Ui, viewer: &mut Viewer) {
 }
 
 fn display(ui: &mut Ui, viewer: &mut Viewer) {
-    let scene = &mut viewer.session.scene;
+    let scene = &mut viewer.session.project.scene;
     Control {
         label: tr("Exposure"),
         unit: tr(" stops"),
@@ -68,7 +68,7 @@ fn display(ui: &mut Ui, viewer: &mut Viewer) {
         ],
     );
     lut(ui, viewer);
-    let scene = &mut viewer.session.scene;
+    let scene = &mut viewer.session.project.scene;
     ui.checkbox(&mut scene.false_color, tr("False-colour exposure"))
         .on_hover_text(tr(
             "Shows how many stops from middle grey each part of the picture is.",
@@ -95,7 +95,7 @@ fn lut(ui: &mut Ui, viewer: &mut Viewer) {
                 Dialog::Save(SaveKind::Lut, String::new()),
             );
         }
-        let file = viewer.session.scene.lut.clone();
+        let file = viewer.session.project.scene.lut.clone();
         let Some(file) = file else {
             ui.weak(tr("none"));
             return;
@@ -103,7 +103,7 @@ fn lut(ui: &mut Ui, viewer: &mut Viewer) {
         let none = ui.button("×").on_hover_text(tr("Without a table of colours."));
         named(&none, egui::Role::Button, tr("No table of colours"));
         if none.clicked() {
-            viewer.session.scene.lut = None;
+            viewer.session.project.scene.lut = None;
         }
         ui.weak(file_name(&file))
             .on_hover_text(file.display().to_string());
@@ -116,7 +116,7 @@ fn file_name(file: &Path) -> String {
 }
 
 fn background(ui: &mut Ui, viewer: &mut Viewer) {
-    let scene = &mut viewer.session.scene;
+    let scene = &mut viewer.session.project.scene;
     let all = [
         (tr("environment"), Background::Environment),
         (tr("colour"), Background::Color([0.18; 3])),
@@ -158,14 +158,14 @@ fn background(ui: &mut Ui, viewer: &mut Viewer) {
         Background::Plate => plate(ui, viewer),
         Background::Checker | Background::Transparent => {}
     }
-    let scene = &mut viewer.session.scene;
+    let scene = &mut viewer.session.project.scene;
     ui.checkbox(&mut scene.shadow_catcher, tr("Shadow on the ground")).on_hover_text(tr("The object's own visibility darkens a ground under it, in saved pictures too: on a transparent background it can be laid over anything."));
 }
 
 /// The photograph behind the objects.
 fn plate(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal(|ui| {
-        let file = viewer.session.scene.plate.as_ref();
+        let file = viewer.session.project.scene.plate.as_ref();
         let name = file.map_or(tr("none yet").into(), |file| file_name(file));
         let tip = tr("A picture that the objects are put into, framed by its shorter edge. The camera that took it: drop a transforms.json or a folder of COLMAP's on the window.");
         if button(ui, tr("Photograph…"), tip) {

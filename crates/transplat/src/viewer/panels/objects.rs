@@ -16,7 +16,7 @@ const LONGEST_NAME: usize = 64;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    for at in 0..session.scene.objects.len() {
+    for at in 0..session.project.scene.objects.len() {
         row(ui, session, at);
     }
     ui.horizontal(|ui| {
@@ -33,9 +33,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
             tr("Duplicate"),
             tr("Another object of the selected one's splat, beside it."),
         ) {
-            session.duplicate_object();
+            session.project.duplicate(session.selected);
         }
-        let several = session.scene.objects.len() > 1;
+        let several = session.project.scene.objects.len() > 1;
         ui.add_enabled_ui(several && !session.object().locked, |ui| {
             let tip = tr("Takes the selected object out of the scene. (Undo brings it back.)");
             if button(ui, tr("Remove"), tip) {
@@ -56,9 +56,9 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// An object of the list.
 fn row(ui: &mut Ui, session: &mut Session, at: usize) {
-    let called = session.called(at);
+    let called = session.project.called(at);
     ui.horizontal(|ui| {
-        let object = &mut session.scene.objects[at];
+        let object = &mut session.project.scene.objects[at];
         let shown = ui.checkbox(&mut object.shown, "").on_hover_text(tr(
             "Shown. What is not neither casts a shadow nor shines on anything.",
         ));
@@ -82,21 +82,21 @@ fn row(ui: &mut Ui, session: &mut Session, at: usize) {
         chosen.on_hover_text(tr(
             "The panels are about this object. A click on it in the picture selects it, too.",
         ));
-        if session.is_missing(at)
+        if session.project.is_missing(at)
             && button(
                 ui,
                 tr("Load"),
                 tr("It could not be loaded. Tries once more: the file may be there now."),
             )
         {
-            session.load_again(at);
+            session.project.load_again(at);
         }
     });
 }
 
 /// What the selected object is called: layers and files are named so.
 fn rename(ui: &mut Ui, session: &mut Session) {
-    let called = session.called(session.selected);
+    let called = session.project.called(session.selected);
     ui.horizontal(|ui| {
         name(ui, tr("Name"));
         let object = session.object_mut();
@@ -118,7 +118,10 @@ fn rename(ui: &mut Ui, session: &mut Session) {
 
 /// Where the selected object stands.
 fn stand(ui: &mut Ui, session: &mut Session) {
-    let step = session.scene_bounds().map_or(0.01, |b| b.radius / 200.0);
+    let step = session
+        .project
+        .scene_bounds()
+        .map_or(0.01, |b| b.radius / 200.0);
     let mut transform = session.object().transform;
     ui.horizontal(|ui| {
         name(ui, tr("Place"));
@@ -191,6 +194,6 @@ fn stand(ui: &mut Ui, session: &mut Session) {
         session.object_mut().transform = transform;
     }
     if drops {
-        session.drop_to_ground();
+        session.project.drop_to_ground(session.selected);
     }
 }

@@ -16,8 +16,8 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     doubts(ui, &mut viewer.session);
     ui.separator();
     let session = &viewer.session;
-    let passes = session.passes();
-    let stages = session.stages;
+    let passes = session.project.passes();
+    let stages = session.project.stages;
     egui::Grid::new("stages")
         .num_columns(3)
         .striped(true)
@@ -38,7 +38,11 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 (tr("sort"), passes.sort, None),
                 (tr("project surfels"), passes.project, None),
                 (tr("shade"), passes.shade, None),
-                (tr("draw"), passes.draw, Some(session.timers.frame.ms())),
+                (
+                    tr("draw"),
+                    passes.draw,
+                    Some(session.project.timers.frame.ms()),
+                ),
                 (tr("present"), passes.present, None),
             ];
             for (name, ran, ms) in rows {
@@ -81,13 +85,14 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
     if button.clicked() {
         session.measure();
     }
-    if std::mem::take(&mut session.state_mut().measured.is_new) {
+    if session.take_new_measured() {
         ui.scroll_to_cursor(Some(Align::TOP));
     }
     let mut chosen = None;
+    let points = || session.measured().into_iter().flat_map(|m| &m.points);
     egui::Grid::new("settings").num_columns(4).striped(true).show(ui, |ui| {
         let offered = |p: &&Point| p.stage == Stage::Transfer && p.setting.is_offered;
-        for (i, point) in session.state().measured.points.iter().filter(offered).enumerate() {
+        for (i, point) in points().filter(offered).enumerate() {
             if i == 0 {
                 ui.strong(tr("setting"));
                 ui.strong(tr("new light"));
@@ -103,9 +108,9 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.label(point.time.map_or(String::new(), |t| milliseconds(t.ms)));
             let psnr = point.numeric.and_then(|n| n.psnr);
             ui.label(psnr.map_or(String::new(), |v| tr_format!("{v:.1} dB", v = v)));
-            let is_set = session.scene.transfer.method == point.setting.settings.method
-                && session.scene.transfer.terms == point.setting.settings.terms
-                && session.scene.transfer.sh_degree == point.setting.settings.sh_degree;
+            let is_set = session.project.scene.transfer.method == point.setting.settings.method
+                && session.project.scene.transfer.terms == point.setting.settings.terms
+                && session.project.scene.transfer.sh_degree == point.setting.settings.sh_degree;
             let button = ui.add_enabled(!is_set, Button::new(tr("take")).small());
             let button = button.on_hover_text(if point.on_front {
                 tr("Nothing that was measured is both quicker and nearer.")
@@ -118,10 +123,10 @@ fn settings(ui: &mut Ui, viewer: &mut Viewer) {
             ui.end_row();
         }
     });
-    if !session.state().measured.points.is_empty() {
+    if points().next().is_some() {
         ui.weak(tr("PSNR is to the same preset computed in full, not to the truth: it compares settings of one preset."));
     }
-    for line in &session.state().measured.words {
+    for line in session.measured().into_iter().flat_map(|m| &m.words) {
         ui.weak(line);
     }
     if let Some(setting) = chosen {

@@ -10,7 +10,7 @@ use crate::viewer::app::Viewer;
 use crate::viewer::widgets::{Control, advanced, name};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
-    let transfer = &mut viewer.session.scene.transfer;
+    let transfer = &mut viewer.session.project.scene.transfer;
     ui.horizontal(|ui| {
         name(ui, tr("Relight by"));
         for (method, tip) in [
@@ -27,7 +27,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
 
 /// What a relight is made of.
 fn numbers_and_terms(ui: &mut Ui, viewer: &mut Viewer) {
-    let transfer = &mut viewer.session.scene.transfer;
+    let transfer = &mut viewer.session.project.scene.transfer;
     let method = transfer.method;
     // What has no effect now keeps its place, so that nothing moves under the mouse.
     let by_series = method == Method::Harmonic || !transfer.terms.sums;
@@ -111,7 +111,9 @@ fn harmonic_terms(ui: &mut Ui, terms: &mut Terms) {
 
 fn directions(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;
-    let mut directions = viewer.directions_draft.unwrap_or(session.scene.directions);
+    let mut directions = viewer
+        .directions_draft
+        .unwrap_or(session.project.scene.directions);
     let response = Control {
         label: tr("Directions"),
         tip: tr("Directions that visibility is baked for. More are finer and take longer; the bake runs again."),
@@ -124,6 +126,6 @@ fn directions(ui: &mut Ui, viewer: &mut Viewer) {
         viewer.directions_draft = Some(directions);
     } else {
         viewer.directions_draft = None;
-        session.scene.directions = directions;
+        session.project.scene.directions = directions;
     }
 }

@@ -13,6 +13,7 @@ use crate::engine::jobs::Kind;
 use crate::engine::project::{BackdropKey, Project, SOURCE, TARGET};
 use crate::language::tr_format;
 use crate::pipeline::SKY_COLUMNS;
+use crate::words::of_error;
 use transplat_core::scene::{EnvironmentLight, Scene};
 
 impl Project {
@@ -82,11 +83,8 @@ impl Project {
             Ok(([plate.width, plate.height], backdrop, plate.warnings))
         };
         let label = tr_format!("reading {}", path.display());
-        self.start(
-            kind,
-            label,
-            work,
-            move |project, (size, backdrop, warnings)| {
+        self.start_or_else(kind, label, work, move |project, read| match read {
+            Ok((size, backdrop, warnings)) => {
                 for warning in warnings {
                     project.info(format!("{}: {warning}", path.display()));
                 }
@@ -94,8 +92,17 @@ impl Project {
                     project.live().set_backdrop(TARGET, backdrop);
                     project.backdrops[TARGET].clear();
                 }
-            },
-        );
+            }
+            Err(error) => {
+                project.error(of_error(&error));
+                // The photograph before it stays.
+                let last = project.plate.made_from().cloned();
+                if let Some(last) = last.filter(|_| project.scene.plate.as_ref() == Some(&path)) {
+                    project.plate.ask(&last);
+                    project.scene.plate = Some(last);
+                }
+            }
+        });
     }
 
     /// The tables of colours of the pinned look and of the scene.
