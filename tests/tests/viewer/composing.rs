@@ -196,6 +196,15 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     d.after(|v| v.session.apply(back));
     assert_eq!(d.viewer().session.project.scene.objects.len(), 2);
     assert!(psnr(&dropped, &d.picture()) > 50.0);
+    // A look of fewer objects is applied while the last one is selected.
+    let mut fewer = scene.clone();
+    fewer.objects.truncate(1);
+    let session = &mut d.viewer().session;
+    session.selected = 1;
+    session.apply(fewer);
+    assert_eq!(session.selected, 0);
+    let back = scene.clone();
+    d.after(|v| v.session.apply(back));
     // What is not shown leaves no shadow, and neither does what is gone.
     d.after(|v| v.session.project.scene.objects[1].shown = false);
     let hidden = d.picture();

@@ -1,17 +1,16 @@
-//! What is opened: splats, environments, looks.
+//! A file that is opened in the window, by what is in it; and the lights of the selected object.
 
 use std::path::{Path, PathBuf};
 
 use transplat_core::environment::ImageReading;
 use transplat_core::files::{FileKind, file_kind, load_look};
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_file};
+use transplat_core::settings::Method;
 
 use super::session::Session;
 use crate::engine::asset::OpenedWith;
 use crate::engine::project::{SOURCE, TARGET};
 use crate::language::tr_format;
-
-use transplat_core::settings::Method;
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.
@@ -77,6 +76,8 @@ impl Session {
             }
         }
         self.project.take_over(scene);
+        // Fewer objects may be there now.
+        self.take_notices();
     }
 
     /// The scene's objects, what is told of any object said of the selected one.

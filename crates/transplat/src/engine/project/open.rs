@@ -1,4 +1,4 @@
-//! What is opened: splats, environments, looks.
+//! Splats, environments and looks that are opened into a project.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};

@@ -7,8 +7,7 @@ use transplat_core::files::{load_lut, load_plate};
 use transplat_core::present::{Background, View};
 use transplat_gpu::present::{Backdrop, ResidentLut};
 
-use crate::engine::environments::Environment;
-use crate::engine::environments::load_map;
+use crate::engine::environments::{Environment, load_map};
 use crate::engine::jobs::Kind;
 use crate::engine::project::{BackdropKey, Project, SOURCE, TARGET};
 use crate::language::tr_format;
