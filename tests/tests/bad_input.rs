@@ -158,7 +158,10 @@ fn bad_input_gets_one_clear_message_and_leaves_nothing() {
             folder.write("broken.png", [0x89, b'P', b'N', b'G', 13, 10, 26, 10, 0, 0]),
             "broken.png",
         ),
-        (folder.write("text.hdr", "hello"), "no image that is read here"),
+        (
+            folder.write("text.hdr", "hello"),
+            "no image that is read here",
+        ),
         (folder.name("missing.hdr"), "no such file"),
         (good_ply.clone(), "a splat, where an image"),
     ];

@@ -14,8 +14,9 @@ use transplat_core::scene::{Light, Scene};
 use transplat_core::settings::{Method, Terms};
 use transplat_core::surfels::UpAxis;
 
-use crate::film::FRAME_RATE;
-use crate::pipeline::delight::DelitAs;
+use crate::engine::delight::DelitAs;
+use crate::engine::device::DeviceChoice;
+use crate::engine::film::FRAME_RATE;
 pub use values::VIEWS;
 use values::*;
 
@@ -132,16 +133,6 @@ pub struct AssetOptions {
     /// Where to compute
     #[arg(long, value_enum, default_value_t = DeviceChoice::Auto)]
     pub device: DeviceChoice,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum DeviceChoice {
-    /// The GPU where there is one, else the CPU
-    Auto,
-    /// A GPU; a software Vulkan driver counts
-    Gpu,
-    /// The CPU, without any graphics driver
-    Cpu,
 }
 
 /// The light that an asset was captured under, and how that is told from its colour.

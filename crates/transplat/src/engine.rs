@@ -2,9 +2,19 @@
 
 pub mod adapter;
 pub mod asset;
+pub mod bake;
+pub mod bundled;
 pub mod capture;
+pub mod delight;
+pub mod device;
 pub mod environments;
+pub mod estimate;
+pub mod film;
 pub mod jobs;
+pub mod layers;
 pub mod memory;
 pub mod object;
+pub mod picture;
 pub mod project;
+pub mod warnings;
+pub mod words;

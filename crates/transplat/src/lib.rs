@@ -1,34 +1,29 @@
 //! The program `transplat`: its commands and its viewer. The mathematics is in `transplat_core`, its GPU passes in `transplat_gpu`.
 
-mod bundled;
 mod cli;
 mod commands;
-mod device;
 mod engine;
-mod film;
 mod ground_truth;
 pub mod language;
-mod layers;
 mod metrics;
-mod picture;
 mod pipeline;
 mod savings;
 mod summary;
 mod sweep;
 pub mod viewer;
-mod words;
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::Parser;
 
-use cli::{Cli, Command, DeviceChoice, Usage};
+use cli::{Cli, Command, Usage};
+use engine::device::DeviceChoice;
 
 /// The version, the commit that it was built from where that is known, and the adapter that `--device gpu` would take.
 fn version() -> String {
     let commit = option_env!("TRANSPLAT_COMMIT").map(|c| format!(" ({c})"));
-    let adapter = match device::Device::open(DeviceChoice::Gpu) {
+    let adapter = match engine::device::Device::open(DeviceChoice::Gpu) {
         Ok(device) => device.name(),
         Err(why) => format!("none ({why:#})"),
     };
@@ -69,7 +64,7 @@ pub fn main() -> ExitCode {
             if let Some(usage) = error.downcast_ref::<Usage>() {
                 usage.exit();
             }
-            eprintln!("transplat: {}", words::of_error(&error));
+            eprintln!("transplat: {}", engine::words::of_error(&error));
             ExitCode::FAILURE
         }
     }

@@ -1,11 +1,7 @@
 //! A scene between lights: the stages up to the transfer, as the commands share them.
 
-pub mod bake;
-pub mod delight;
-pub mod estimate;
 pub mod object;
 pub mod settings;
-pub mod warnings;
 
 use std::cell::OnceCell;
 use std::ops::ControlFlow;
@@ -35,14 +31,14 @@ use transplat_core::transfer::scene::harmonic::HarmonicScene;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use crate::cli::{AssetArgs, LightArgs};
-use crate::device::{Device, Transfer};
-use crate::summary::Summary;
-use estimate::{estimate_in_words, why_not};
-use object::LoadedObject;
-use settings::{asset_of, assets_of, not_environments, targets_of};
-use warnings::{
+use crate::engine::device::{Device, Transfer};
+use crate::engine::estimate::{estimate_in_words, why_not};
+use crate::engine::warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
 };
+use crate::summary::Summary;
+use object::LoadedObject;
+use settings::{asset_of, assets_of, not_environments, targets_of};
 
 /// Columns of the map of a sky that is shown.
 pub const SKY_COLUMNS: usize = 2048;

@@ -21,7 +21,7 @@ use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
-use crate::device::Device;
+use crate::engine::device::Device;
 use reference::Reference;
 pub use settings::{MapBake, Setting};
 pub use subject::{Effort, Numeric, Subject};

@@ -3,6 +3,9 @@
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::camera::APERTURE;
 use transplat_core::files::parse_json;
@@ -11,7 +14,8 @@ use transplat_core::scene::Light;
 use transplat_core::settings::{EPSILON, GLOW_RANGE};
 use transplat_core::surfels::UpAxis;
 
-use crate::pipeline::delight::ALBEDOS;
+use crate::engine::delight::{ALBEDOS, DelitAs};
+use crate::engine::device::DeviceChoice;
 
 pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     let is = |name: &str| name.eq_ignore_ascii_case(text);
@@ -165,6 +169,37 @@ pub(super) fn parse_background(text: &str) -> Result<Background, String> {
             Background::Color([16, 8, 0].map(|shift| (digits >> shift & 255) as f32 / 255.0))
         }
     })
+}
+
+impl ValueEnum for DelitAs {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Albedo, Self::Even]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(match self {
+            Self::Albedo => PossibleValue::new("albedo").help("Its albedo"),
+            Self::Even => {
+                PossibleValue::new("even").help("What it looks like under light from everywhere")
+            }
+        })
+    }
+}
+
+impl ValueEnum for DeviceChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Auto, Self::Gpu, Self::Cpu]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(match self {
+            Self::Auto => {
+                PossibleValue::new("auto").help("The GPU where there is one, else the CPU")
+            }
+            Self::Gpu => PossibleValue::new("gpu").help("A GPU; a software Vulkan driver counts"),
+            Self::Cpu => PossibleValue::new("cpu").help("The CPU, without any graphics driver"),
+        })
+    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use transplat_core::files::{check_output, load_asset, losses, write_relit};
 
 use crate::cli::ConvertArgs;
 use crate::commands::{called_as_a_splat, refuse_overwriting};
-use crate::pipeline::warnings::asset_warnings;
+use crate::engine::warnings::asset_warnings;
 use crate::summary::Summary;
 
 pub fn run(args: &ConvertArgs) -> Result<()> {

@@ -8,8 +8,8 @@ use transplat_core::scene::{EVEN, Transform};
 
 use crate::cli::{DelightArgs, LightArgs, usage};
 use crate::commands::{called_as_a_splat, refuse_overwriting};
+use crate::engine::delight::Delit;
 use crate::pipeline::Pipeline;
-use crate::pipeline::delight::Delit;
 use crate::pipeline::settings::{assets_of, check_objects, look_of, with_scene_as_look};
 use crate::summary::Summary;
 

@@ -5,8 +5,8 @@ use transplat_core::files::{check_output, write_environment};
 
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
+use crate::engine::estimate::estimate_in_words;
 use crate::pipeline::Pipeline;
-use crate::pipeline::estimate::estimate_in_words;
 use crate::pipeline::settings::{assets_of, look_of};
 use crate::summary::Summary;
 

@@ -16,11 +16,12 @@ use transplat_core::numeric::quantile;
 use transplat_core::scene::{Around, EnvironmentLight, Light, Object, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
-use crate::cli::{DeviceChoice, InfoArgs};
-use crate::device::Device;
-use crate::pipeline::estimate::estimate_in_words;
+use crate::cli::InfoArgs;
+use crate::engine::device::Device;
+use crate::engine::device::DeviceChoice;
+use crate::engine::estimate::estimate_in_words;
+use crate::engine::warnings::{asset_warnings, map_warnings, up_warning};
 use crate::pipeline::object::LoadedObject;
-use crate::pipeline::warnings::{asset_warnings, map_warnings, up_warning};
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {

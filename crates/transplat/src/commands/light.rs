@@ -15,10 +15,10 @@ use transplat_core::sh::MAX_DEGREE;
 
 use crate::cli::{AssetArgs, LightArgs, PanoramaArgs};
 use crate::commands::refuse_overwriting;
-use crate::device::Device;
+use crate::engine::device::Device;
+use crate::engine::warnings::map_warnings;
 use crate::pipeline::Pipeline;
 use crate::pipeline::settings::{take_rig, with_scene_as_look};
-use crate::pipeline::warnings::map_warnings;
 use crate::summary::Summary;
 
 pub fn run(args: &PanoramaArgs) -> Result<()> {

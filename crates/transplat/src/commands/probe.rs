@@ -11,13 +11,13 @@ use transplat_core::scene::{EnvironmentLight, is_estimate};
 
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
-use crate::device::Painter;
-use crate::picture::light_at;
+use crate::engine::device::Painter;
+use crate::engine::picture::light_at;
+use crate::engine::words::percent;
 use crate::pipeline::Pipeline;
 use crate::pipeline::object::{LoadedObject, as_file_name, told_apart};
 use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
 use crate::summary::Summary;
-use crate::words::percent;
 
 /// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
 const OPEN: f64 = 0.01;

@@ -13,7 +13,7 @@ use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
-use crate::device::Transfer;
+use crate::engine::device::Transfer;
 use crate::pipeline::Pipeline;
 use crate::pipeline::object::{LoadedObject, as_file_name, name_of, told_apart};
 use crate::pipeline::settings::{

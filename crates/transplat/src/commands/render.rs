@@ -25,10 +25,10 @@ use transplat_core::transfer::{Part, PreparedTransfer};
 
 use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
-use crate::device::Transfer;
-use crate::film::{Film, FilmFormat};
-use crate::layers::Layers;
-use crate::picture::{Backdrop, Lit, Studio, lit_ground};
+use crate::engine::device::Transfer;
+use crate::engine::film::{Film, FilmFormat};
+use crate::engine::layers::Layers;
+use crate::engine::picture::{Backdrop, Lit, Studio, lit_ground};
 use crate::pipeline::settings::{
     assets_of, check_objects, look_of, put, targets_of, with_scene_as_look,
 };

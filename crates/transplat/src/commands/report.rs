@@ -19,10 +19,11 @@ use transplat_core::files::load_environment;
 use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
 
-use crate::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
-use crate::cli::{AssetArgs, DeviceChoice, ReportArgs, ReportPart, usage};
+use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
 use crate::commands::{make_folder, refuse_file, refuse_overwriting};
-use crate::device::Device;
+use crate::engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::engine::device::Device;
+use crate::engine::device::DeviceChoice;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::insertion::TruthScene;
 use crate::ground_truth::views::{Views, light};

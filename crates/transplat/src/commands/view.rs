@@ -4,8 +4,9 @@ use anyhow::{Context, Result};
 use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
-use crate::cli::{DeviceChoice, ViewArgs, usage};
-use crate::device::pipelines_folder;
+use crate::cli::{ViewArgs, usage};
+use crate::engine::device::DeviceChoice;
+use crate::engine::device::pipelines_folder;
 use crate::pipeline::settings::{look_of, look_over};
 use crate::viewer::{self, Startup};
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use transplat_gpu::Context;
 
 use super::jobs::Wake;
-use crate::device::Device;
+use crate::engine::device::Device;
 
 /// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
 #[derive(Clone)]

@@ -19,8 +19,8 @@ use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::upright::{UpEvidence, proposed_up};
 
 use crate::engine::capture::{Capture, Part};
+use crate::engine::warnings::asset_warnings;
 use crate::pipeline::object::part_of;
-use crate::pipeline::warnings::asset_warnings;
 
 /// An asset as it is open.
 #[derive(Clone)]

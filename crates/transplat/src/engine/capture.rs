@@ -18,9 +18,9 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, TransferAsset};
 
-use crate::device::Device;
+use crate::engine::bake::{self, PartOf, Wanted};
+use crate::engine::device::Device;
 use crate::language::tr;
-use crate::pipeline::bake::{self, PartOf, Wanted};
 
 /// A splat as a whole, shared by the objects that are cut out of it.
 pub struct Capture {

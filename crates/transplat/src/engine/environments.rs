@@ -17,11 +17,11 @@ use transplat_core::scene::{
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
-use crate::device::Device;
 use crate::engine::adapter::BackgroundDevice;
+use crate::engine::device::Device;
+use crate::engine::warnings::map_warnings;
 use crate::language::tr;
 use crate::pipeline::SKY_COLUMNS;
-use crate::pipeline::warnings::map_warnings;
 
 /// Environments that are read at the same time.
 const READ_AT_ONCE: usize = 2;

@@ -23,8 +23,8 @@ use transplat_core::surfels::{Hide, UpAxis};
 use transplat_core::transfer::{Part, PreparedTransfer, RelitRows, TransferAsset};
 
 use crate::engine::asset::Asset;
+use crate::engine::bake::Baked;
 use crate::engine::environments::{Environment, Resolved};
-use crate::pipeline::bake::Baked;
 
 /// Number of the next state.
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);

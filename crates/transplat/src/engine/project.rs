@@ -33,7 +33,7 @@ use super::object::{
     Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, Surroundings,
     TogetherKey,
 };
-use crate::words::of_error;
+use crate::engine::words::of_error;
 
 /// The two sides' numbers.
 pub const SOURCE: usize = 0;

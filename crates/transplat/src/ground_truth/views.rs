@@ -14,7 +14,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Relit;
 
 use super::{TruthLight, TruthObject};
-use crate::device::{Device, Paint, Painter};
+use crate::engine::device::{Device, Paint, Painter};
 use crate::metrics::Picture;
 
 /// The truth under one light.

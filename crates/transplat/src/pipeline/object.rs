@@ -23,10 +23,10 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::{SurfelCloud, is_faint};
 use transplat_core::transfer::PreparedTransfer;
 
-use super::bake::{self, PartOf, Wanted};
-use super::estimate::estimate_as_json;
-use super::warnings::{asset_warnings, up_warning, up_warning_by_cameras};
-use crate::device::Device;
+use crate::engine::bake::{self, PartOf, Wanted};
+use crate::engine::device::Device;
+use crate::engine::estimate::estimate_as_json;
+use crate::engine::warnings::{asset_warnings, up_warning, up_warning_by_cameras};
 use crate::summary::Summary;
 
 /// Directions that are enough to tell a normal's sign.

@@ -19,7 +19,7 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::subject::{Numeric, Subject};
-use crate::device::{Device, Paint, Painter};
+use crate::engine::device::{Device, Paint, Painter};
 use crate::metrics::Picture;
 
 /// Surfels of the thinned asset.

@@ -26,14 +26,14 @@ use super::tabs::LightPage;
 use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use crate::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::engine::asset::OpenedWith;
+use crate::engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use crate::engine::delight::DelitAs;
 use crate::engine::project::{SOURCE, TARGET};
+use crate::engine::words::of_error;
 use crate::language::{tr, tr_format};
-use crate::pipeline::delight::DelitAs;
 use crate::pipeline::settings::{environments_in, not_environments};
 use crate::savings::Saved;
-use crate::words::of_error;
 
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";

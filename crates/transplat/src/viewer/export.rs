@@ -23,16 +23,16 @@ use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::session::{Event, Outcome, Session};
-use crate::device::Transfer;
 use crate::engine::adapter::BackgroundDevice;
 use crate::engine::asset::reading_of;
 use crate::engine::capture::Part;
+use crate::engine::delight::DelitAs;
+use crate::engine::device::Transfer;
 use crate::engine::environments::Environment;
+use crate::engine::film::{FRAME_RATE, FilmFormat};
 use crate::engine::jobs::{Handle, Kind};
 use crate::engine::project::{Pinned, SOURCE, TARGET, Whole};
-use crate::film::{FRAME_RATE, FilmFormat};
 use crate::language::{tr, tr_format, tr_later};
-use crate::pipeline::delight::DelitAs;
 use crate::pipeline::object::name_of;
 
 /// Format of saved pictures.

@@ -8,8 +8,8 @@ use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
 use super::session::Session;
 use crate::engine::object::ObjectState;
+use crate::engine::picture::half;
 use crate::engine::project::{SOURCE, TARGET};
-use crate::picture::half;
 
 impl Session {
     /// What a viewport of a size shows with the settings as they are.

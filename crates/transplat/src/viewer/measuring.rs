@@ -7,7 +7,7 @@ use transplat_core::extremes;
 use transplat_core::settings::Method;
 
 use super::session::{Measured, Outcome, Session};
-use crate::device::Device;
+use crate::engine::device::Device;
 use crate::engine::jobs::{Handle, Kind, Work};
 use crate::language::{tr, tr_format};
 use crate::savings;

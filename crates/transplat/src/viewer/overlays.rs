@@ -21,8 +21,8 @@ use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
 use crate::engine::jobs::{Job, Kind, TOLD_EVERY, Work};
 use crate::engine::project::{SOURCE, TARGET};
+use crate::engine::words::milliseconds;
 use crate::language::{tr, tr_format};
-use crate::words::milliseconds;
 
 /// Points across a ball in the corner.
 const BALL_SIZE: f32 = 46.0;

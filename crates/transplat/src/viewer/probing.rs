@@ -12,10 +12,10 @@ use super::export::free_name;
 use super::session::{Event, Session};
 use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
+use crate::engine::picture::light_at;
+use crate::engine::words::percent;
 use crate::language::{tr, tr_format};
-use crate::picture::light_at;
 use crate::pipeline::object::{as_file_name, name_of};
-use crate::words::percent;
 
 /// Share of the light that may come from where the capture is clipped before it is worth a word.
 const CLIPPED: f64 = 0.05;

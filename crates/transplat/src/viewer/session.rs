@@ -14,15 +14,15 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 
 use crate::engine::asset::Asset;
+use crate::engine::bake::Baked;
 use crate::engine::environments::Environment;
 use crate::engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use crate::engine::object::{ObjectState, OrientedLight};
 use crate::engine::project::{Notice, Project, SOURCE, Wants};
+use crate::engine::words::of_error;
 use crate::language::tr_later;
-use crate::pipeline::bake::Baked;
 use crate::savings::Saved;
 use crate::sweep::Point;
-use crate::words::of_error;
 use transplat_gpu::live::{Drawing, Live};
 
 /// How the two sides of the light are called.

@@ -255,7 +255,7 @@ impl Viewport {
         );
         let at = at - self.rect.min;
         if session.project.scene.view == View::SideBySide {
-            let half = crate::picture::half(&whole);
+            let half = crate::engine::picture::half(&whole);
             let x = at.x as usize % half.width.max(1);
             return Some((half, x, at.y as usize));
         }

@@ -6,7 +6,7 @@ use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
-use crate::bundled::{BUNDLED_SPLAT, bundled};
+use crate::engine::bundled::{BUNDLED_SPLAT, bundled};
 use crate::language::{tr, tr_format};
 
 impl Viewer {

@@ -10,7 +10,7 @@ use transplat_core::files::{image_size, load_cameras};
 use transplat_core::present::Background;
 
 use crate::cli::RenderArgs;
-use crate::picture::{MAX_SAMPLES, photographs_named};
+use crate::engine::picture::{MAX_SAMPLES, photographs_named};
 use crate::pipeline::Pipeline;
 use crate::summary::Summary;
 

@@ -14,7 +14,7 @@ use transplat_core::transfer::{Part, PreparedTransfer};
 use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
-use crate::device::Device;
+use crate::engine::device::Device;
 use crate::summary::Summary;
 use crate::sweep::Subject;
 

@@ -20,7 +20,7 @@ use super::page::write;
 use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::make_folder;
 use crate::commands::probe::{Around, Lights, seen};
-use crate::device::{Device, Paint};
+use crate::engine::device::{Device, Paint};
 use crate::ground_truth::insertion::{TruthScene, TruthView};
 use crate::metrics::Picture;
 use crate::pipeline::Pipeline;

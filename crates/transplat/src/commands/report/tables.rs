@@ -1,7 +1,7 @@
 //! The report's tables.
 
 use super::variants::Variant;
-use crate::words::milliseconds;
+use crate::engine::words::milliseconds;
 
 /// One pair of source and target, relit by one variant.
 #[derive(Clone, Debug)]

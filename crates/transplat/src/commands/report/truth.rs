@@ -21,7 +21,7 @@ use super::unknown::Unknown;
 use super::variants::Variant;
 use crate::cli::ReportArgs;
 use crate::commands::make_folder;
-use crate::device::Device;
+use crate::engine::device::Device;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::Picture;

@@ -10,9 +10,9 @@ use transplat_core::upright::up_from_cameras;
 
 use crate::engine::asset::Asset;
 use crate::engine::jobs::Kind;
+use crate::engine::picture::photographs_named;
 use crate::engine::project::{Notice, OpenCameras, Project};
 use crate::language::{tr, tr_format};
-use crate::picture::photographs_named;
 
 /// Folders, seen from that of a camera file, in which photographs lie.
 const FOLDERS: [&str; 6] = ["", "images", "..", "../images", "../..", "../../images"];

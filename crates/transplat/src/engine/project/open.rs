@@ -14,13 +14,13 @@ use transplat_gpu::live::{Drawing, LiveAsset};
 use crate::engine::asset::{Asset, OpenedWith, name_of, reading_of, told};
 use crate::engine::capture::Capture;
 use crate::engine::environments::{Environment, light_name};
+use crate::engine::estimate;
 use crate::engine::jobs::{Kind, Work};
 use crate::engine::object::ObjectState;
 use crate::engine::project::stages::DROP_IT;
 use crate::engine::project::{Notice, OpenCameras, Project};
+use crate::engine::words::of_error;
 use crate::language::{tr, tr_format};
-use crate::pipeline::estimate;
-use crate::words::of_error;
 
 impl Project {
     /// Opens a scene of one object: on success it is shown, otherwise everything stays.

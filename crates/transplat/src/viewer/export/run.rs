@@ -25,16 +25,16 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::{ExportSettings, ExportSides, Format, Made, Snapshot, Task, Turn, free_name};
+use crate::engine::bake::{self, Wanted};
+use crate::engine::delight::Delit;
 use crate::engine::environments::{Environment, load_map};
+use crate::engine::film::Film;
 use crate::engine::jobs::Handle;
+use crate::engine::layers::Layers;
+use crate::engine::picture::MAX_SAMPLES;
+use crate::engine::picture::{Backdrop, Before, Lit, Studio, lit_ground};
 use crate::engine::project::{Pinned, SOURCE, TARGET};
-use crate::film::Film;
 use crate::language::{tr, tr_format};
-use crate::layers::Layers;
-use crate::picture::MAX_SAMPLES;
-use crate::picture::{Backdrop, Before, Lit, Studio, lit_ground};
-use crate::pipeline::bake::{self, Wanted};
-use crate::pipeline::delight::Delit;
 use crate::viewer::navigation::wrap;
 use crate::viewer::session::Outcome;
 

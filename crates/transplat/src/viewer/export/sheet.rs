@@ -10,8 +10,8 @@ use super::run::{handle_step, step};
 use super::{Made, Snapshot};
 use crate::engine::environments::Environment;
 use crate::engine::jobs::Handle;
+use crate::engine::picture::MAX_SAMPLES;
 use crate::language::tr_format;
-use crate::picture::MAX_SAMPLES;
 use crate::viewer::session::Outcome;
 
 /// Height of a caption, one over that of the picture above it.

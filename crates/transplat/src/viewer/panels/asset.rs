@@ -9,8 +9,8 @@ use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
 
+use crate::engine::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
 use crate::language::{tr, tr_format};
-use crate::pipeline::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;

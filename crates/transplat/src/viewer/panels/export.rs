@@ -4,9 +4,9 @@ use eframe::egui::{self, RichText, Ui};
 use transplat_core::files::SplatFormat;
 use transplat_core::transfer::materials::WHITEST_ALBEDO;
 
-use crate::film::FilmFormat;
+use crate::engine::delight::{ALBEDOS, DelitAs};
+use crate::engine::film::FilmFormat;
 use crate::language::{tr, tr_format};
-use crate::pipeline::delight::{ALBEDOS, DelitAs};
 use crate::viewer::app::Viewer;
 use crate::viewer::export::{ExportSides, Format, Task, Turn};
 use crate::viewer::files::ask;

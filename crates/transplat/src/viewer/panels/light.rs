@@ -6,10 +6,10 @@ use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
 use crate::engine::environments::Environment;
+use crate::engine::estimate::instead;
 use crate::engine::project::stages::DROP_IT;
 use crate::engine::project::{SOURCE, TARGET};
 use crate::language::{tr, tr_format};
-use crate::pipeline::estimate::instead;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SIDES, Session};
 use crate::viewer::tabs::LightPage;

@@ -8,10 +8,10 @@ use transplat_core::settings::Method;
 use transplat_core::surfels::SurfelCloud;
 
 use crate::engine::asset::{OpenedWith, reading_of};
+use crate::engine::estimate;
 use crate::engine::jobs::{Kind, Work};
 use crate::engine::project::Project;
 use crate::language::tr;
-use crate::pipeline::estimate;
 
 impl Project {
     pub fn update_asset(&mut self, at: usize) {

@@ -10,9 +10,9 @@ use transplat_gpu::present::{Backdrop, ResidentLut};
 use crate::engine::environments::{Environment, load_map};
 use crate::engine::jobs::Kind;
 use crate::engine::project::{BackdropKey, Project, SOURCE, TARGET};
+use crate::engine::words::of_error;
 use crate::language::tr_format;
 use crate::pipeline::SKY_COLUMNS;
-use crate::words::of_error;
 use transplat_core::scene::{EnvironmentLight, Scene};
 
 impl Project {

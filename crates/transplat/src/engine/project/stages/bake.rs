@@ -7,12 +7,12 @@ use transplat_core::bake::patches;
 use transplat_core::files::inspect_bake;
 use transplat_core::settings::Method;
 
+use crate::engine::bake::{self, Baked, Wanted};
 use crate::engine::capture::kept_beside;
 use crate::engine::jobs::{Handle, Kind, Work};
 use crate::engine::object::BakeKey;
 use crate::engine::project::{Change, Project};
 use crate::language::{tr, tr_format};
-use crate::pipeline::bake::{self, Baked, Wanted};
 
 impl Project {
     pub fn baked_of(&self, at: usize) -> Option<&Baked> {

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use crate::engine::environments::Environment;
+use crate::engine::estimate::{make_and_keep, why_not};
 use crate::engine::jobs::{Handle, Kind, Work};
 use crate::engine::object::ObjectState;
 use crate::engine::project::Project;
+use crate::engine::words::of_error;
 use crate::language::{tr, tr_format, tr_later};
-use crate::pipeline::estimate::{make_and_keep, why_not};
-use crate::words::of_error;
 
 /// For the user, where nobody told the light.
 pub const DROP_IT: &str =

@@ -10,11 +10,11 @@ use transplat_core::environment::Illumination;
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
 
+use crate::engine::bake::{self, Wanted};
 use crate::engine::jobs::{Handle, Kind};
 use crate::engine::object::{InsertedKey, InsertionKey};
 use crate::engine::project::{Change, Project};
 use crate::language::tr;
-use crate::pipeline::bake::{self, Wanted};
 
 impl Project {
     /// All that is to be known of what the objects see as they stand now, once they are baked.

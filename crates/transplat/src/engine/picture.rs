@@ -22,7 +22,7 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
-use crate::device::{Paint, Painter};
+use crate::engine::device::{Paint, Painter};
 
 /// Pictures with more samples than this are refused: their buffers would not fit.
 pub const MAX_SAMPLES: usize = 1 << 28;

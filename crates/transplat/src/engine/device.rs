@@ -26,7 +26,16 @@ use transplat_gpu::{Context, GpuError};
 
 pub use transplat_gpu::rasterize::Paint;
 
-use crate::cli::DeviceChoice;
+/// Where work is computed, as the user chose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// The GPU where there is one, else the CPU.
+    Auto,
+    /// A GPU; a software Vulkan driver counts.
+    Gpu,
+    /// The CPU, without any graphics driver.
+    Cpu,
+}
 
 /// Where compiled pipelines are kept from start to start.
 pub fn pipelines_folder() -> Option<PathBuf> {

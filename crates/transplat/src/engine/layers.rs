@@ -13,8 +13,8 @@ use transplat_core::progress::no_progress;
 use transplat_core::rasterize::{ColorSpace, Raster, shade};
 use transplat_core::transfer::Relit;
 
-use crate::device::Paint;
-use crate::picture::{Lit, Studio};
+use crate::engine::device::Paint;
+use crate::engine::picture::{Lit, Studio};
 use crate::pipeline::object::told_apart;
 
 /// Layers that every picture has; objects are not called so.

@@ -18,7 +18,7 @@ use transplat_core::sh::refining_order;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::ensure_room;
 
-use crate::device::Device;
+use crate::engine::device::Device;
 
 /// Shares of the directions after which what there is can be seen.
 const STAGES: [usize; 5] = [16, 8, 4, 2, 1];

@@ -4,7 +4,6 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 
 use anyhow::Result;
-use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use transplat_core::environment::Illumination;
 use transplat_core::files::{AssetFile, write_delit};
@@ -14,7 +13,7 @@ use transplat_core::transfer::materials::{Materials, PLAUSIBLE_WHITEST};
 use transplat_core::transfer::{Part, PreparedTransfer};
 
 /// What a splat's colour becomes without its light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DelitAs {
     /// Its albedo.
