@@ -160,7 +160,7 @@ pub(super) struct Rounding {
     pub blurred: f64,
 }
 
-/// Where so many of the splats are rounded to their own size, that is seen.
+/// Share of blurred splats from which on a picture shows them.
 const SEEN_SHARE: f64 = 0.02;
 
 impl Rounding {
@@ -169,7 +169,7 @@ impl Rounding {
         self.step > self.size
     }
 
-    /// Whether the picture shows it.
+    /// True where a picture shows the rounding.
     pub fn is_seen(&self) -> bool {
         self.blurred > SEEN_SHARE
     }

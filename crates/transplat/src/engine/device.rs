@@ -26,7 +26,7 @@ use transplat_gpu::{Context, GpuError};
 
 pub use transplat_gpu::rasterize::Paint;
 
-/// Where work is computed, as the user chose.
+/// Device that the user chose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// The GPU where there is one, else the CPU.

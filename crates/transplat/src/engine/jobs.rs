@@ -101,8 +101,8 @@ struct Queue {
     moved: Condvar,
 }
 
-/// How often it is shown how far jobs are.
-pub const TOLD_EVERY: Duration = Duration::from_millis(250);
+/// Interval at which the progress of jobs is shown.
+pub const PROGRESS_INTERVAL: Duration = Duration::from_millis(250);
 
 /// How often one that waits looks whether it was cancelled.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
@@ -179,7 +179,7 @@ impl<E> Handle<E> {
         let per_mille = (done * 1e3) as u32;
         if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
             // Without a graphics card a picture of the window costs what the job would get.
-            (self.wake)(TOLD_EVERY);
+            (self.wake)(PROGRESS_INTERVAL);
         }
         if self.is_cancelled() {
             ControlFlow::Break(())

@@ -63,14 +63,14 @@ pub enum Notice {
 
 /// Results that are made only while the client shows them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Wants {
+pub struct Requested {
     /// Low-confidence surfels are marked.
     pub doubts: bool,
     /// A surfel is inspected, and nothing is being dragged.
     pub readout: bool,
 }
 
-/// How often the stages before the GPU's own ran, beside [`Passes`].
+/// Counts of runs of the stages before the GPU's own, beside [`Passes`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageCounts {
     pub load: usize,
@@ -80,7 +80,7 @@ pub struct StageCounts {
     pub ground: usize,
 }
 
-/// How long the GPU takes.
+/// GPU times of a frame and of a transfer.
 #[derive(Default)]
 pub struct Timers {
     pub frame: GpuTimer,
@@ -101,17 +101,17 @@ pub struct BackdropKey {
 #[derive(Clone)]
 pub struct Pinned {
     pub scene: Scene,
-    /// What each object was captured under.
+    /// Capture light of each object.
     pub sources: Vec<Arc<Environment>>,
     pub environment: Arc<Environment>,
-    /// Whether it stands where the capture would.
+    /// True where it takes the place of the capture.
     pub is_compared: bool,
 }
 
 /// All that is shown, to be put together beside the interface.
 pub struct Whole {
     each: Vec<(Arc<SurfelCloud>, Affine3A)>,
-    /// Those of the first object, in whose coordinates they stand.
+    /// Up axis and origin of the first object, in whose coordinates they stand.
     up: UpAxis,
     origin: DVec3,
 }
@@ -142,7 +142,7 @@ pub struct OpenCameras {
     pub at: usize,
     /// The photograph that was shown with it, if that was found.
     pub photograph: Option<PathBuf>,
-    /// Whether nobody opened it: it lies beside the first object's splat.
+    /// True for one found beside the first object's splat, which nobody opened.
     pub is_found: bool,
 }
 
@@ -157,27 +157,27 @@ pub struct Project {
     /// The settings.
     pub scene: Scene,
     pub pose: CameraPose,
-    /// Whether the lights' strengths are matched since nobody told the source's.
+    /// True where the lights' strengths are matched because nobody set the source's.
     pub matches_by_itself: bool,
     /// Where a scene that is still being opened was last looked at from, by itself.
     pub framed: Option<CameraPose>,
-    /// What is made of each of the scene's objects.
+    /// State of each of the scene's objects.
     pub states: Vec<ObjectState>,
-    /// What objects are cut out of.
+    /// Captures that objects are cut out of.
     pub captures: Vec<Weak<Capture>>,
-    /// What lights are fixed to, as it was last seen.
+    /// Camera and objects that lights are fixed to, as they were last seen.
     pub followed: Option<Followed>,
     pub environments: Environments,
-    /// What the objects are relit by.
+    /// Target light of the scene.
     pub environment: Resolved,
-    /// What the objects see of each other.
+    /// Inter-object visibility.
     pub surroundings: Surroundings,
     pub is_tracing_finely: bool,
     /// The objects as preset paper puts them into a scene.
     pub insertion: Derived<InsertionKey, Arc<InsertionBake>>,
     pub inserted: Derived<InsertedKey, Arc<HarmonicScene>>,
     pub relit_together: Derived<TogetherKey, ()>,
-    /// How long a relight takes that is shown coarsely first, in ms.
+    /// Milliseconds from which on a relight is shown coarsely first.
     pub coarse_from_ms: f64,
     /// The objects that are shown as they were relit together, by their states.
     pub together: Vec<u64>,
@@ -192,13 +192,13 @@ pub struct Project {
     /// Cameras of a file that was opened.
     pub cameras: Option<OpenCameras>,
     pub pinned: Option<Pinned>,
-    /// What is shown again once something is pinned to be compared with, and what that is.
+    /// Scene to be shown again once another one is pinned to be compared with, and that one.
     pub comparing: Option<[Scene; 2]>,
     /// Pixels of the viewport as it was last shown.
     pub viewport: [usize; 2],
     pub stages: StageCounts,
     /// Results that the client shows now.
-    pub wants: Wants,
+    pub requested: Requested,
     /// Notices since the client last took them.
     pub notices: Vec<Notice>,
 }
@@ -251,7 +251,7 @@ impl Project {
             comparing: None,
             viewport: [960, 600],
             stages: StageCounts::default(),
-            wants: Wants::default(),
+            requested: Requested::default(),
             notices: Vec::new(),
         }
     }
@@ -280,7 +280,7 @@ impl Project {
         self.up_of(0)
     }
 
-    /// Whether there is any splat.
+    /// True where any splat is open.
     pub fn has_asset(&self) -> bool {
         self.states.iter().any(|s| s.asset.is_some())
     }
@@ -335,7 +335,7 @@ impl Project {
         self.scene.objects[at].up.or(file).unwrap_or_default()
     }
 
-    /// What an object was captured under and what it is relit by: the settings, and what there is of them.
+    /// Source and target light of an object: the settings, and the environment in use.
     pub fn sides_of(&self, at: usize) -> [(&EnvironmentLight, &Resolved); 2] {
         [
             (&self.scene.objects[at].source, &self.states[at].source),
@@ -343,7 +343,7 @@ impl Project {
         ]
     }
 
-    /// What that file holds, or the estimate of the object's light: what is assumed until there is one.
+    /// Light of a file, or the estimate of the object's light, which is assumed until there is one.
     pub fn light_of(&self, at: usize, file: &Path) -> Option<Arc<Environment>> {
         if is_estimate(file) {
             let estimated = self.states[at].estimated.get().cloned();
@@ -360,8 +360,6 @@ impl Project {
         let normal = self.baked_of(object)?.bake.normals().get(surfel)?;
         Some(self.scene.objects[object].transform.rotation * *normal)
     }
-
-    // ---- what follows from what ----
 
     /// Takes in what jobs yielded, and starts what is to be done now.
     pub fn update(&mut self) {
@@ -407,7 +405,7 @@ impl Project {
         }
     }
 
-    /// Starts a job; what it makes is taken in by `take`, and what goes wrong is told.
+    /// Starts a job, gives its result to `take`, and reports its error.
     pub fn start<T: Send + 'static>(
         &mut self,
         kind: Kind,
@@ -421,7 +419,7 @@ impl Project {
         });
     }
 
-    /// The same, with something else to be done where it goes wrong.
+    /// Starts a job and gives its result or its error to `take`.
     pub fn start_or_else<T: Send + 'static>(
         &mut self,
         kind: Kind,

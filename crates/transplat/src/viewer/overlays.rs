@@ -19,7 +19,7 @@ use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
 use super::session::{Dialog, SIDES, SaveKind, Session};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
-use crate::engine::jobs::{Job, Kind, TOLD_EVERY, Work};
+use crate::engine::jobs::{Job, Kind, PROGRESS_INTERVAL, Work};
 use crate::engine::project::{SOURCE, TARGET};
 use crate::engine::words::milliseconds;
 use crate::language::{tr, tr_format};
@@ -201,7 +201,7 @@ impl Viewer {
         });
         // Errors stay; everything else goes by itself or goes on.
         if !jobs.is_empty() || messages.iter().any(|m| !m.is_error) {
-            context.request_repaint_after(TOLD_EVERY);
+            context.request_repaint_after(PROGRESS_INTERVAL);
         }
         if goes_on {
             self.session.project.rebake(self.session.selected);

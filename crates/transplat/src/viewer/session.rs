@@ -12,18 +12,18 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
+use transplat_gpu::live::{Drawing, Live};
 
 use crate::engine::asset::Asset;
 use crate::engine::bake::Baked;
 use crate::engine::environments::Environment;
 use crate::engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use crate::engine::object::{ObjectState, OrientedLight};
-use crate::engine::project::{Notice, Project, SOURCE, Wants};
+use crate::engine::project::{Notice, Project, SOURCE};
 use crate::engine::words::of_error;
 use crate::language::tr_later;
 use crate::savings::Saved;
 use crate::sweep::Point;
-use transplat_gpu::live::{Drawing, Live};
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];
@@ -87,7 +87,7 @@ pub struct Message {
     pub since: Instant,
 }
 
-/// What is laid over the picture, and what is asked for to be shown beside it.
+/// Overlays of the picture.
 pub struct Overlays {
     /// Handles on the selected object.
     pub handles: bool,
@@ -96,10 +96,6 @@ pub struct Overlays {
     pub lights: bool,
     pub marks: bool,
     pub grid: bool,
-    /// Whether something shows what is doubtful.
-    pub wants_doubts: bool,
-    /// Whether a surfel is inspected, and nothing is being dragged.
-    pub wants_readout: bool,
 }
 
 impl Default for Overlays {
@@ -110,8 +106,6 @@ impl Default for Overlays {
             lights: false,
             marks: false,
             grid: false,
-            wants_doubts: false,
-            wants_readout: false,
         }
     }
 }
@@ -198,10 +192,8 @@ impl Session {
         for outcome in self.jobs.events() {
             outcome(self);
         }
-        self.project.wants = Wants {
-            doubts: self.overlays.wants_doubts || self.overlays.marks,
-            readout: self.overlays.wants_readout,
-        };
+        // Marks in the picture ask for them, too.
+        self.project.requested.doubts |= self.overlays.marks;
         self.project.update();
         self.take_notices();
         self.forget_measured();
@@ -225,8 +217,6 @@ impl Session {
         let last = self.project.scene.objects.len() - 1;
         self.selected = self.selected.min(last);
     }
-
-    // ---- the object that is selected ----
 
     /// Its settings.
     pub fn object(&self) -> &Object {
@@ -347,7 +337,7 @@ impl Session {
         self.running_jobs().next().is_none() && self.project.is_relit_as_set()
     }
 
-    /// Starts a job; what it makes is taken in by `take`, and what goes wrong is told.
+    /// Starts a job, gives its result to `take`, and reports its error.
     pub fn start<T: Send + 'static>(
         &mut self,
         kind: Kind,
@@ -355,21 +345,12 @@ impl Session {
         work: impl FnOnce(&Handle<Outcome>) -> Result<T> + Send + 'static,
         take: impl FnOnce(&mut Self, T) + Send + 'static,
     ) {
-        self.start_or_else(kind, label, work, |session, result| match result {
-            Ok(made) => take(session, made),
-            Err(error) => session.error(of_error(&error)),
-        });
-    }
-
-    /// The same, with something else to be done where it goes wrong.
-    pub fn start_or_else<T: Send + 'static>(
-        &mut self,
-        kind: Kind,
-        label: impl Into<String>,
-        work: impl FnOnce(&Handle<Outcome>) -> Result<T> + Send + 'static,
-        take: impl FnOnce(&mut Self, Result<T>) + Send + 'static,
-    ) {
-        let finish = |result| -> Outcome { Box::new(|session: &mut Self| take(session, result)) };
+        let finish = |result| -> Outcome {
+            Box::new(|session: &mut Self| match result {
+                Ok(made) => take(session, made),
+                Err(error) => session.error(of_error(&error)),
+            })
+        };
         self.jobs.start(kind, label, work, finish);
     }
 }

@@ -6,14 +6,14 @@ use eframe::egui::{self, PointerButton, Pos2, Rect, Response, Ui, Vec2};
 use eframe::emath::Numeric;
 
 use super::style::NAME_WIDTH;
-use crate::engine::jobs::TOLD_EVERY;
+use crate::engine::jobs::PROGRESS_INTERVAL;
 use crate::language::{tr, tr_format};
 
 /// Says that something is awaited: a dot goes round in the middle of a rectangle, as often as it is told how far jobs are; a picture of the window
 /// for each frame would take from them.
 pub fn waiting(ui: &Ui, rect: Rect) {
     let (dots, radius) = (8u32, 0.32 * rect.size().min_elem().min(24.0));
-    let beat = ui.input(|i| i.time) / TOLD_EVERY.as_secs_f64();
+    let beat = ui.input(|i| i.time) / PROGRESS_INTERVAL.as_secs_f64();
     let lit = beat as u32 % dots;
     for dot in 0..dots {
         let turn = dot as f32 / dots as f32 * std::f32::consts::TAU;
@@ -25,7 +25,7 @@ pub fn waiting(ui: &Ui, rect: Rect) {
         let place = rect.center() + radius * Vec2::angled(turn);
         ui.painter().circle_filled(place, 0.25 * radius, color);
     }
-    ui.request_repaint_after(TOLD_EVERY);
+    ui.request_repaint_after(PROGRESS_INTERVAL);
 }
 
 /// Points that a slider's rail has at least.

@@ -89,7 +89,7 @@ impl eframe::App for Viewer {
                 .show(ui, |ui| self.timeline.show(ui, &mut self.session));
         }
         // Asked for by what is shown below.
-        self.session.overlays.wants_doubts = false;
+        self.session.project.requested.doubts = false;
         if self.shown.panels {
             egui::Panel::right("panels")
                 .default_size(324.0)

@@ -345,7 +345,6 @@ fn a_compressed_ply_keeps_the_object_among_floaters() {
         distances.fold(f32::INFINITY, f32::min) > cloud.scales[i].max_element()
     };
     let off = (0..n).filter(|i| i % 50 != 0 && is_off(*i)).count();
-    println!("{off} of the object are off");
     assert!(off < ply::compressed::CHUNK, "{off} of the object are off");
     let ply = made.folder.path().join("splat.ply");
     write_splat(&cloud, &cloud.sh, &ply).expect("room for it");

@@ -1,17 +1,21 @@
 //! PNG and JPEG images: decoded from sRGB, turned as EXIF says, their highlights clipped.
 
-use std::io::Read as _;
+use std::io::Cursor;
 use std::path::Path;
 
 use super::super::decode;
-use super::super::read::{MAX_ENVIRONMENT_PIXELS, check_map_size, open};
+use super::super::read::{MAX_ENVIRONMENT_PIXELS, check_map_size, open, read_all};
 use crate::color::srgb_decode;
 use crate::error::{Error, Result};
 use crate::images::Image;
 
+/// Bytes of the largest file: more than as many pixels as are accepted take, not compressed and of 16 bits.
+const LARGEST: u64 = 1 << 30;
+
 pub fn load(path: &Path) -> Result<Image> {
     let invalid = |why| Error::invalid(path, why);
-    let mut picture = decode::picture(open(path)?).map_err(invalid)?;
+    let bytes = read_all(path, LARGEST)?;
+    let mut picture = decode::picture(Cursor::new(&bytes)).map_err(invalid)?;
     let [width, height] = picture.size();
     check_map_size(path, width, height)?;
     let limit = 16 * MAX_ENVIRONMENT_PIXELS as u64;
@@ -20,7 +24,7 @@ pub fn load(path: &Path) -> Result<Image> {
     let pixels = decoded.pixels().map(|p| p.0.map(srgb_decode)).collect();
     let mut image = Image::new(width, height, pixels);
     image.is_clipped = true;
-    if is_cut(path)? {
+    if is_cut(&bytes) {
         let warning = "the file ends before its image does: what is missing of it is grey";
         image.provenance.warnings.push(warning.into());
     }
@@ -28,12 +32,9 @@ pub fn load(path: &Path) -> Result<Image> {
 }
 
 /// True for a JPEG without an end of image (FF D9) after its last scan (FF DA), neither of which occurs in coded data.
-fn is_cut(path: &Path) -> Result<bool> {
-    let mut bytes = Vec::new();
-    let mut reader = open(path)?;
-    reader.read_to_end(&mut bytes).map_err(Error::io(path))?;
+fn is_cut(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|w| w == [0xff, marker]);
-    Ok(bytes.starts_with(&[0xff, 0xd8]) && last(0xd9) < last(0xda))
+    bytes.starts_with(&[0xff, 0xd8]) && last(0xd9) < last(0xda)
 }
 
 /// Width and height.
@@ -54,13 +55,8 @@ mod tests {
         let noise = |x: u32, y: u32| image::Rgb([(x * 37 + y * 91) as u8, (x * y) as u8, x as u8]);
         let picture = image::RgbImage::from_fn(64, 64, noise);
         picture.save(file.path()).expect("room for it");
-        assert!(
-            load(file.path())
-                .expect("a good file")
-                .provenance
-                .warnings
-                .is_empty()
-        );
+        let whole = load(file.path()).expect("a good file");
+        assert!(whole.provenance.warnings.is_empty());
         let whole = std::fs::read(file.path()).expect("it is there");
         std::fs::write(file.path(), &whole[..whole.len() / 2]).expect("room for it");
         let cut = load(file.path()).map(|image| image.provenance.warnings.len());

@@ -232,7 +232,7 @@ fn inspected(ui: &mut Ui, viewer: &mut Viewer) {
     let mut close = false;
     let dragging = ui.input(|i| i.pointer.any_down());
     let inspected = viewer.viewport.inspected(&viewer.session);
-    viewer.session.overlays.wants_readout = inspected.is_some() && !dragging;
+    viewer.session.project.requested.readout = inspected.is_some() && !dragging;
     let session = &viewer.session;
     let (Some(i), Some(asset)) = (inspected, session.asset()) else {
         ui.weak(tr("Click the object to inspect a surfel."));

@@ -154,7 +154,7 @@ fn extremes(ui: &mut Ui, viewer: &mut Viewer) {
 /// What can be doubted of the result.
 fn doubts(ui: &mut Ui, session: &mut Session) {
     ui.label(tr("How far the result can be trusted"));
-    session.overlays.wants_doubts = !ui.input(|i| i.pointer.any_down());
+    session.project.requested.doubts = !ui.input(|i| i.pointer.any_down());
     match session.state().doubts.get().map(|d| d.shares) {
         Some(shares) => {
             for (doubt, share) in Doubt::ALL.iter().zip(shares) {

@@ -42,7 +42,7 @@ impl Project {
             return;
         }
         let wants_doubts = shows && !state.doubts.is_asked(&key);
-        let wants_readout = self.wants.readout && state.readout.of(&key).is_none();
+        let wants_readout = self.requested.readout && state.readout.of(&key).is_none();
         if !wants_doubts && !wants_readout {
             return;
         }
@@ -75,7 +75,7 @@ impl Project {
 
     /// Whether anything shows what is doubtful.
     pub fn shows_doubts(&self) -> bool {
-        self.wants.doubts || self.scene.view == View::Doubts
+        self.requested.doubts || self.scene.view == View::Doubts
     }
 
     fn show_doubts(

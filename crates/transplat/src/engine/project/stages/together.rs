@@ -194,7 +194,7 @@ impl Project {
         let [_, target] = self.oriented_of(members[0]);
         let part = self.scene.view.part();
         // Readout and doubts are of the whole.
-        let wants_whole = part != Part::Whole && (self.wants.readout || self.shows_doubts());
+        let wants_whole = part != Part::Whole && (self.requested.readout || self.shows_doubts());
         let key: TogetherKey = (
             each().map(|s| s.prepared.version()).collect(),
             self.scene_version(),
