@@ -89,7 +89,7 @@ impl Driver {
     /// What the viewport shows, `[height * width]`.
     pub fn picture(&mut self) -> Vec<[f32; 3]> {
         self.settle();
-        let live = self.harness.state().session.project.live();
+        let live = self.harness.state().session.canvas.live();
         live.read_screen().expect("the driver works").0
     }
 

@@ -10,12 +10,14 @@ pub mod batch;
 pub mod convert;
 pub mod delight;
 pub mod estimate;
+pub mod headless;
 pub mod info;
 pub mod light;
 pub mod probe;
 pub mod relight;
 pub mod render;
 pub mod report;
+pub mod settings;
 pub mod view;
 
 /// Refuses outputs that are also inputs: a capture is not to be lost to a slip of the hand.

@@ -6,7 +6,6 @@ mod engine;
 mod ground_truth;
 pub mod language;
 mod metrics;
-mod pipeline;
 mod savings;
 mod summary;
 mod sweep;

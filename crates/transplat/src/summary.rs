@@ -45,16 +45,9 @@ impl Summary {
         }
     }
 
-    /// A bar on stderr, when that is a terminal and the user did not ask for quiet; it goes when it is dropped.
+    /// See [`progress_bar`].
     pub fn progress_bar(&self, what: &'static str) -> ProgressBar {
-        if self.quiet {
-            return ProgressBar::hidden();
-        }
-        let bar = ProgressBar::new(1000);
-        let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent}% {eta}");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar.set_message(what);
-        bar
+        progress_bar(self.quiet, what)
     }
 
     /// Runs a stage and adds its time to what the stage took before.
@@ -220,6 +213,18 @@ impl Summary {
         }
         out.flush()
     }
+}
+
+/// A bar on stderr, when that is a terminal and the user did not ask for quiet; it goes when it is dropped.
+pub fn progress_bar(quiet: bool, what: &'static str) -> ProgressBar {
+    if quiet {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(1000);
+    let style = ProgressStyle::with_template("{msg} [{bar:30}] {percent}% {eta}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_message(what);
+    bar
 }
 
 fn compared(stops: f32) -> String {

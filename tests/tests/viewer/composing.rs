@@ -153,12 +153,12 @@ fn objects_are_moved_doubled_hidden_and_taken_away_and_come_back() {
     let first = d.picture();
     let session = &mut d.viewer().session;
     session.selected = 1;
-    let at_rest = session.project.passes();
+    let at_rest = session.canvas.passes();
     // Moved, everything is relit, drawn and sorted anew.
     session.project.scene.objects[1].transform.translation = Vec3::new(0.3, 0.0, 0.9);
     let moved = d.picture();
     assert!(psnr(&first, &moved) < 35.0);
-    assert!(d.viewer().session.project.passes().transfer > at_rest.transfer);
+    assert!(d.viewer().session.canvas.passes().transfer > at_rest.transfer);
     // Down on the plate: the ball's lowest point is on it.
     d.after(|v| v.session.project.drop_to_ground(v.session.selected));
     let foot = |d: &mut Driver| {

@@ -63,7 +63,7 @@ fn what_is_dropped_is_opened_and_what_is_broken_changes_nothing() {
     let splat = d.folder.write("unknown.ply", small_splat(50));
     d.after(|v| v.open(Path::new(&splat)));
     let session = &d.viewer().session;
-    assert!(session.source_is_assumed() && session.project.live().has_relit(0));
+    assert!(session.source_is_assumed() && session.canvas.live().has_relit(0));
     assert_eq!(session.light(1).name(), "sunset", "the target stays");
     d.harness.get_by_label("captured under: not known");
     d.viewer().session.object_mut().up = Some(UpAxis::MinusY);

@@ -34,7 +34,7 @@ fn the_light_is_estimated_where_nobody_tells_it() {
     let session = &d.viewer().session;
     let estimate = session.estimate().cloned().expect("it was asked");
     assert!(estimate.is_good() && estimate.confidence > 0.9);
-    assert!(!session.source_is_assumed() && session.project.live().has_relit(0));
+    assert!(!session.source_is_assumed() && session.canvas.live().has_relit(0));
     assert!(d.folder.path("own.ply.best.light").exists(), "it is kept");
     let toward = |d: &mut Driver| {
         let [source, _] = d.viewer().session.oriented_lights();

@@ -20,7 +20,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
     d.viewer().session.project.scene.background = Background::Color([0.2; 3]);
     d.picture();
     let session = &d.viewer().session;
-    let context = session.project.context.clone();
+    let context = session.canvas.context.clone();
     let cloud: Arc<_> = session.asset().expect("a splat").cloud.clone();
     let prepared = session.prepared().cloned().expect("it is prepared");
     let mut live = Live::new(&context, TextureFormat::Rgba8Unorm, Drawing::Gpu);
@@ -37,7 +37,7 @@ fn the_gpu_shows_what_the_cpu_relit() {
         let session = &d.viewer().session;
         let [_, target] = session.oriented_lights();
         let size = session
-            .project
+            .canvas
             .live()
             .read_screen()
             .expect("the driver works")
@@ -77,7 +77,7 @@ fn a_light_that_moves_is_shown_coarsely_until_it_rests() {
         d.harness.step();
         assert!(start.elapsed() < PATIENCE, "it is never coarse");
     }
-    let live = d.viewer().session.project.live();
+    let live = d.viewer().session.canvas.live();
     let coarse = live.read_screen().expect("the driver works").0;
     drop(live);
     assert!(psnr(&coarse, &exact) > psnr(&before, &exact) + 3.0);
@@ -102,10 +102,10 @@ fn two_objects_are_drawn_like_one_of_both() {
     d.viewer().session.project.scene.view = View::Before;
     let one = d.picture();
     let session = &d.viewer().session;
-    let context = session.project.context.clone();
+    let context = session.canvas.context.clone();
     let near = session.asset().expect("a splat").cloud.clone();
     let size = session
-        .project
+        .canvas
         .live()
         .read_screen()
         .expect("the driver works")

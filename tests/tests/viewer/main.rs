@@ -27,10 +27,10 @@ use transplat_tests::{Folder, args, asset, psnr, run_json, small_lut, small_spla
 fn controls_run_what_they_touch_and_nothing_else() {
     let mut d = Driver::bundled();
     let first = d.picture();
-    let at_rest = d.viewer().session.project.passes();
+    let at_rest = d.viewer().session.canvas.passes();
     d.settle();
     assert_eq!(
-        d.viewer().session.project.passes(),
+        d.viewer().session.canvas.passes(),
         at_rest,
         "nothing runs while nothing changes"
     );
@@ -39,7 +39,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     let stages = d.viewer().session.project.stages;
     d.viewer().session.project.scene.environment.rotation = 120.0;
     let turned = d.picture();
-    let after_turn = d.viewer().session.project.passes();
+    let after_turn = d.viewer().session.canvas.passes();
     assert_eq!(after_turn.transfer, at_rest.transfer + 1);
     assert_eq!(after_turn.shade, at_rest.shade + 1);
     assert_eq!(after_turn.draw, at_rest.draw + 1);
@@ -58,7 +58,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     // Exposure: no transfer.
     d.viewer().session.project.scene.display.exposure = 1.0;
     let exposed = d.picture();
-    let after_exposure = d.viewer().session.project.passes();
+    let after_exposure = d.viewer().session.canvas.passes();
     assert_eq!(after_exposure.transfer, after_turn.transfer);
     assert_eq!(after_exposure.shade, after_turn.shade + 1);
     assert!(psnr(&turned, &exposed) < 25.0);
@@ -67,7 +67,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     let interior = d.folder.path("interior.hdr");
     d.viewer().session.set_light(1, interior);
     d.picture();
-    let after_light = d.viewer().session.project.passes();
+    let after_light = d.viewer().session.canvas.passes();
     assert_eq!(after_light.transfer, after_exposure.transfer + 1);
     assert_eq!(after_light.backdrop, after_exposure.backdrop + 1);
     assert_eq!(
@@ -87,10 +87,10 @@ fn controls_run_what_they_touch_and_nothing_else() {
     );
 
     // The camera: no transfer.
-    let before_orbit = d.viewer().session.project.passes();
+    let before_orbit = d.viewer().session.canvas.passes();
     d.viewer().session.project.pose.azimuth += 20.0;
     d.picture();
-    let orbited = d.viewer().session.project.passes();
+    let orbited = d.viewer().session.canvas.passes();
     assert_eq!(orbited.transfer, before_orbit.transfer);
     assert_eq!(orbited.sort, before_orbit.sort + 1);
     assert_eq!(orbited.project, before_orbit.project + 1);
@@ -101,7 +101,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     d.viewer().session.object_mut().hide.crop_max.z = 0.0;
     let cropped = d.picture();
     assert_eq!(
-        d.viewer().session.project.passes().transfer,
+        d.viewer().session.canvas.passes().transfer,
         orbited.transfer
     );
     assert!(psnr(&whole, &cropped) < 30.0);
@@ -110,7 +110,7 @@ fn controls_run_what_they_touch_and_nothing_else() {
     d.viewer().session.object_mut().hide.crop = false;
     let released = d.picture();
     assert_eq!(
-        d.viewer().session.project.passes().transfer,
+        d.viewer().session.canvas.passes().transfer,
         orbited.transfer + 2
     );
     d.viewer().session.project.scene.environment.rotation = 0.0;
@@ -121,10 +121,10 @@ fn controls_run_what_they_touch_and_nothing_else() {
     // Moving the wipe only presents.
     d.viewer().session.project.scene.view = View::Split;
     d.picture();
-    let split = d.viewer().session.project.passes();
+    let split = d.viewer().session.canvas.passes();
     d.viewer().session.project.scene.wipe = 0.3;
     d.picture();
-    let wiped = d.viewer().session.project.passes();
+    let wiped = d.viewer().session.canvas.passes();
     assert_eq!((wiped.draw, wiped.shade), (split.draw, split.shade));
     assert_eq!(wiped.present, split.present + 1);
 }
@@ -391,7 +391,7 @@ fn what_is_seen_of_the_splat_can_be_said_to_be_its_outside() {
     assert_eq!(told.len(), 1);
     let cloud = &session.asset().expect("an asset").cloud;
     assert_eq!(cloud.outside_from, told);
-    assert!(session.project.live().has_relit(0) && bakes(&mut d) > before);
+    assert!(session.canvas.live().has_relit(0) && bakes(&mut d) > before);
     assert_eq!(
         d.viewer().session.project.scene_to_save().objects[0].outside_from,
         told
@@ -660,7 +660,7 @@ fn a_lost_device_keeps_the_look_and_closes_the_window() {
     let recovery = d.folder.path("cache/recovered.json");
     d.viewer().recovery = Some(recovery.clone());
     d.viewer().session.project.scene.environment.rotation = 33.0;
-    d.viewer().session.project.context.destroy();
+    d.viewer().session.canvas.context.destroy();
     let closed = (0..50).any(|_| {
         d.harness.step();
         std::thread::sleep(Duration::from_millis(10));

@@ -3,10 +3,10 @@
 use anyhow::Result;
 use transplat_core::files::{check_output, save_bake};
 
+use super::headless::{Headless, two_sided};
+use super::settings::{assets_of, look_of};
 use crate::cli::BakeArgs;
 use crate::commands::refuse_overwriting;
-use crate::pipeline::settings::{assets_of, look_of};
-use crate::pipeline::{Pipeline, two_sided};
 use crate::summary::Summary;
 
 pub fn run(args: &BakeArgs) -> Result<()> {
@@ -24,9 +24,9 @@ pub fn bake(args: &BakeArgs, summary: &mut Summary) -> Result<String> {
         &[&args.output],
     )?;
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&args.asset, scene, summary)?;
-    let bake = pipeline.bake(None, summary)?;
-    summary.time("export", || save_bake(&args.output, &pipeline.cloud, &bake))?;
+    let mut headless = Headless::load(&args.asset, scene, summary)?;
+    let bake = headless.bake(summary)?;
+    summary.time("export", || save_bake(&args.output, &headless.cloud, &bake))?;
     summary.set("output", args.output.display().to_string());
     Ok(format!(
         "wrote {} for preset {}: {} surfels of {} bytes, {} directions; {} normals turned, {} two-sided, {} buried",

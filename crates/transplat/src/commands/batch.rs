@@ -25,7 +25,8 @@ use crate::cli::{
 use crate::commands::bake::bake;
 use crate::commands::make_folder;
 use crate::commands::render::{Wanted, draw, pictures_in_words, settings};
-use crate::pipeline::settings::{environments_in, is_look, look_of};
+use crate::commands::settings::{is_look, look_of};
+use crate::engine::environments::environments_in;
 use crate::summary::Summary;
 
 /// Bytes of a batch, at most.

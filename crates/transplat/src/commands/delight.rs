@@ -6,11 +6,11 @@ use anyhow::Result;
 use transplat_core::files::{check_output, losses};
 use transplat_core::scene::{EVEN, Transform};
 
+use super::headless::Headless;
+use super::settings::{assets_of, check_objects, look_of, with_scene_as_look};
 use crate::cli::{DelightArgs, LightArgs, usage};
 use crate::commands::{called_as_a_splat, refuse_overwriting};
 use crate::engine::delight::Delit;
-use crate::pipeline::Pipeline;
-use crate::pipeline::settings::{assets_of, check_objects, look_of, with_scene_as_look};
 use crate::summary::Summary;
 
 pub fn run(args: &DelightArgs) -> Result<()> {
@@ -47,14 +47,13 @@ pub fn run(args: &DelightArgs) -> Result<()> {
         format.check_materials(&args.output)?;
     }
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
-    let lights = pipeline.lights(&light, &mut summary)?;
-    let bake = pipeline.bake(light.capture.bake.as_deref(), &mut summary)?;
-    let prepared = pipeline.prepare(&bake, &lights, &mut summary)?;
-    let object = pipeline.first();
+    let mut headless = Headless::load(&asset, scene, &mut summary)?;
+    headless.light(&light, &mut summary)?;
+    let (prepared, _) = headless.prepare(&mut summary)?;
+    let (cloud, (_, asset)) = (&headless.cloud, headless.first());
     let whitest = args.whitest.map(|w| w as f32);
     let delit = summary.time("delight", || {
-        Delit::of(&prepared, &object.cloud, args.delit_as, whitest)
+        Delit::of(&prepared, cloud, args.delit_as, whitest)
     })?;
     for warning in delit.warnings(whitest) {
         summary.warn(warning);
@@ -66,11 +65,11 @@ pub fn run(args: &DelightArgs) -> Result<()> {
     let glowing = share(&|i| delit.materials.each[i].glow > 0.5);
     let metallic = share(&|i| delit.materials.each[i].metallic > 0.5);
     let (whitest, gain) = (delit.materials.whitest, delit.materials.gain);
-    if let Some(lost) = losses(&object.file, &delit.cloud, &args.output) {
+    if let Some(lost) = losses(&asset.file, &delit.cloud, &args.output) {
         summary.warn(format!("{}: {lost}", args.output.display()));
     }
     summary.time("export", || {
-        delit.write(&object.file, args.materials, &args.output)
+        delit.write(&asset.file, args.materials, &args.output)
     })?;
     summary.set("light_told", delit.light_told);
     summary.set("whitest_albedo", whitest * gain);

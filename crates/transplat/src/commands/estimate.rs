@@ -3,11 +3,11 @@
 use anyhow::{Result, bail};
 use transplat_core::files::{check_output, write_environment};
 
+use super::headless::Headless;
+use super::settings::{assets_of, look_of};
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
 use crate::engine::estimate::estimate_in_words;
-use crate::pipeline::Pipeline;
-use crate::pipeline::settings::{assets_of, look_of};
 use crate::summary::Summary;
 
 pub fn run(args: &EstimateArgs) -> Result<()> {
@@ -21,9 +21,8 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
         bail!("{}: the light is written as .exr", args.output.display());
     }
     check_output(&args.output)?;
-    let pipeline = Pipeline::load(&args.asset, scene, &mut summary)?;
-    let (object, by) = (pipeline.first(), (&pipeline.device, &pipeline.scene));
-    let estimate = object.estimate(by, args.bake.as_deref(), &mut summary)?;
+    let mut headless = Headless::load(&args.asset, scene, &mut summary)?;
+    let estimate = headless.estimate_first(args.bake.as_deref(), &mut summary)?;
     if let Some(obstacle) = estimate.obstacle {
         bail!(
             "{}: the light of the capture cannot be told from the object: {}",
@@ -31,12 +30,12 @@ pub fn run(args: &EstimateArgs) -> Result<()> {
             obstacle.reason()
         );
     }
-    let map = estimate.light.map(pipeline.cloud.up);
+    let map = estimate.light.map(headless.cloud.up);
     summary.time("export", || write_environment(&args.output, &map))?;
     summary.set("output", args.output.display().to_string());
     summary.finish(&format!(
         "wrote {}: {}",
         args.output.display(),
-        estimate_in_words(estimate, pipeline.cloud.up)
+        estimate_in_words(&estimate, headless.cloud.up)
     ))
 }

@@ -13,15 +13,15 @@ use transplat_core::files::{
 };
 use transplat_core::lut::Table;
 use transplat_core::numeric::quantile;
-use transplat_core::scene::{Around, EnvironmentLight, Light, Object, Scene, is_file};
+use transplat_core::scene::{Around, EnvironmentLight, Light, Scene, is_file};
 use transplat_core::surfels::SurfelCloud;
 
+use super::headless::Headless;
 use crate::cli::InfoArgs;
 use crate::engine::device::Device;
 use crate::engine::device::DeviceChoice;
 use crate::engine::estimate::estimate_in_words;
 use crate::engine::warnings::{asset_warnings, map_warnings, up_warning};
-use crate::pipeline::object::LoadedObject;
 use crate::summary::Summary;
 
 pub fn run(args: &InfoArgs) -> Result<()> {
@@ -34,17 +34,21 @@ pub fn run(args: &InfoArgs) -> Result<()> {
     }
     match kind {
         FileKind::Splat(_) => {
-            let (cloud, file) = summary.time("load", || load_asset(path))?;
-            asset(&cloud, &file, &mut summary, &mut lines);
-            if let Some(warning) = up_warning(path, &cloud, &file) {
-                summary.warn(warning);
-            }
             if args.estimate_light {
                 let device = Device::open(DeviceChoice::Auto)?;
-                let object = LoadedObject::of(cloud, file, Object::default());
-                let by = (&device, &Scene::default());
-                let estimate = object.estimate(by, None, &mut summary)?;
-                lines.push(estimate_in_words(estimate, object.cloud.up));
+                let mut scene = Scene::default();
+                scene.objects[0].asset = Some(path.to_owned());
+                let mut headless = Headless::of(scene, device, &mut summary)?;
+                let (_, first) = headless.first();
+                asset(&first.cloud, &first.file, &mut summary, &mut lines);
+                let estimate = headless.estimate_first(None, &mut summary)?;
+                lines.push(estimate_in_words(&estimate, headless.cloud.up));
+            } else {
+                let (cloud, file) = summary.time("load", || load_asset(path))?;
+                asset(&cloud, &file, &mut summary, &mut lines);
+                if let Some(warning) = up_warning(path, &cloud, &file) {
+                    summary.warn(warning);
+                }
             }
         }
         FileKind::Hdr | FileKind::Exr | FileKind::Picture => {

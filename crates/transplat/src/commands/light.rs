@@ -1,24 +1,22 @@
 //! `transplat light`: lights and what is around them as an environment, for programs that know no others.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use glam::DVec3;
 use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
-    FileKind, check_output, file_kind, is_environment_name, load_environment_as, load_look,
-    write_environment,
+    FileKind, check_output, file_kind, is_environment_name, load_look, write_environment,
 };
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, is_estimate, is_even, is_file};
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
+use super::headless::{Headless, read_map};
 use crate::cli::{AssetArgs, LightArgs, PanoramaArgs};
 use crate::commands::refuse_overwriting;
+use crate::commands::settings::{take_rig, with_scene_as_look};
 use crate::engine::device::Device;
-use crate::engine::warnings::map_warnings;
-use crate::pipeline::Pipeline;
-use crate::pipeline::settings::{take_rig, with_scene_as_look};
 use crate::summary::Summary;
 
 pub fn run(args: &PanoramaArgs) -> Result<()> {
@@ -126,9 +124,9 @@ fn place(args: &PanoramaArgs, scene: &Scene, summary: &mut Summary) -> Result<DV
         options: args.options.clone(),
     };
     let (asset, _) = with_scene_as_look(&asset, &LightArgs::default());
-    let pipeline = Pipeline::load(&asset, scene.clone(), summary)?;
-    let world_from_scene = pipeline.cloud.up.asset_from_world().transpose();
-    Ok(world_from_scene * pipeline.cloud.bounds().center.as_dvec3())
+    let cloud = Headless::load(&asset, scene.clone(), summary)?.cloud;
+    let world_from_scene = cloud.up.asset_from_world().transpose();
+    Ok(world_from_scene * cloud.bounds().center.as_dvec3())
 }
 
 fn map_of(
@@ -142,17 +140,8 @@ fn map_of(
         Some(file) if is_estimate(file) => bail!(
             "the light of a capture that is to be estimated is written by transplat estimate; name that file here"
         ),
-        Some(file) => read(file, scene, summary),
+        Some(file) => read_map(file, &scene.reading_of(file), summary),
     }
-}
-
-fn read(file: &Path, scene: &Scene, summary: &mut Summary) -> Result<EnvironmentMap> {
-    let reading = scene.reading_of(file);
-    let map = summary.time("load", || load_environment_as(file, &reading))?;
-    for warning in map_warnings(file, &map, &reading) {
-        summary.warn(warning);
-    }
-    Ok(map)
 }
 
 fn light_of(map: &EnvironmentMap, summary: &mut Summary) -> Result<Illumination> {

@@ -1,22 +1,30 @@
 //! `transplat probe`: the light at a place in a scene, as the scene's splat shows it, into a file.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::Vec3;
+use transplat_core::bake::Bake;
+use transplat_core::bake::patches::DIRECTIONS;
 use transplat_core::environment::EnvironmentMap;
+use transplat_core::estimate::estimate_light;
 use transplat_core::files::{check_output, write_environment};
 use transplat_core::probe::{Beyond, Probe, RadianceToward};
-use transplat_core::scene::{EnvironmentLight, is_estimate};
+use transplat_core::progress::no_progress;
+use transplat_core::scene::{EnvironmentLight, is_estimate, is_even, is_sky};
+use transplat_core::settings::Method;
 
+use super::headless::{Headless, read_map, tell_of_estimate};
+use super::settings::{assets_of, look_of, with_scene_as_look};
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::engine::bake::{self, Wanted};
 use crate::engine::device::Painter;
+use crate::engine::environments::SKY_COLUMNS;
+use crate::engine::names::{as_file_name, name_of, told_apart};
 use crate::engine::picture::light_at;
 use crate::engine::words::percent;
-use crate::pipeline::Pipeline;
-use crate::pipeline::object::{LoadedObject, as_file_name, told_apart};
-use crate::pipeline::settings::{assets_of, look_of, with_scene_as_look};
 use crate::summary::Summary;
 
 /// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
@@ -42,8 +50,8 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     if is_file && !extension.eq_ignore_ascii_case("exr") {
         bail!("{}: the light is written as .exr", args.output.display());
     }
-    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
-    let places = args.at.iter().map(|at| place(&pipeline, at));
+    let headless = Headless::load(&asset, scene, &mut summary)?;
+    let places = args.at.iter().map(|at| place(&headless, at));
     let places: Vec<Place> = places.collect::<Result<_>>()?;
     let outputs: Vec<PathBuf> = if is_file {
         vec![args.output.clone()]
@@ -55,8 +63,10 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
                 places.len()
             );
         }
+        let shown = headless.shown();
+        let called: Vec<String> = shown.map(|(o, asset)| name_of(o, &asset.path)).collect();
         let called = |(i, place): (usize, &Place)| match place.object {
-            Some(object) => as_file_name(&pipeline.objects[object].name()),
+            Some(object) => as_file_name(&called[object]),
             None => format!("{i:03}"),
         };
         let names = told_apart(places.iter().enumerate().map(called));
@@ -72,16 +82,16 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
     let without = args
         .without
         .iter()
-        .map(|name| object_named(&pipeline, name));
+        .map(|name| object_named(&headless, name));
     let without: Vec<usize> = without.collect::<Result<_>>()?;
     let environment = args.environment.clone().map(EnvironmentLight::of);
     let environment = environment
-        .or_else(|| Some(pipeline.first().settings.source.clone()).filter(|s| s.file.is_some()));
+        .or_else(|| Some(headless.first().0.source.clone()).filter(|s| s.file.is_some()));
     let first = places.first().context("there is a place")?.at;
-    let around = Around::load(&pipeline, first, environment, &mut summary)?;
+    let around = Around::load(&headless, first, environment, &mut summary)?;
     let like = args.clipped_like.clone().map(EnvironmentLight::of);
-    let like = Around::load(&pipeline, first, like, &mut summary)?;
-    let (painter, warning) = pipeline.device.painter(&pipeline.cloud)?;
+    let like = Around::load(&headless, first, like, &mut summary)?;
+    let (painter, warning) = headless.device.painter(&headless.cloud)?;
     if let Some(warning) = warning {
         summary.warn(warning);
     }
@@ -94,7 +104,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
             clipped_like: like.as_ref(),
         };
         let probe = summary.time("probe", || {
-            seen(&pipeline, (&painter, without), place.at, args.rows, &lights)
+            seen(&headless, (&painter, without), place.at, args.rows, &lights)
         })?;
         tell(
             &probe,
@@ -105,7 +115,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
         );
         summary.time("export", || write_environment(output, &probe.map))?;
         told.push(serde_json::json!({
-            "at": (pipeline.first().cloud.origin + place.at.as_dvec3()).to_array(),
+            "at": (headless.first().1.cloud.origin + place.at.as_dvec3()).to_array(),
             "open_share": probe.open_share,
             "clipped_share": probe.clipped_share,
             "clipped_light": probe.clipped_light,
@@ -124,26 +134,27 @@ struct Place {
 }
 
 /// Coordinates, or the middle of an object, which is left out then.
-fn place(pipeline: &Pipeline, at: &str) -> Result<Place> {
+fn place(headless: &Headless, at: &str) -> Result<Place> {
     let numbers: Option<Vec<f64>> = at.split(',').map(|v| v.trim().parse().ok()).collect();
     if let Some(&[x, y, z]) = numbers.as_deref() {
-        let at = pipeline.place([x, y, z]);
+        let at = headless.place([x, y, z]);
         if !at.is_finite() {
             return usage("--at: three numbers X,Y,Z are expected, or the name of an object");
         }
         return Ok(Place { at, object: None });
     }
-    let which = object_named(pipeline, at)?;
-    let object = &pipeline.objects[which];
-    let scene_from_object = object.settings.transform.scene_from_object();
+    let which = object_named(headless, at)?;
+    let (object, asset) = headless.shown().nth(which).context("it is shown")?;
+    let scene_from_object = object.transform.scene_from_object();
     Ok(Place {
-        at: scene_from_object.transform_point3(object.cloud.bounds().center),
+        at: scene_from_object.transform_point3(asset.cloud.bounds().center),
         object: Some(which),
     })
 }
 
-fn object_named(pipeline: &Pipeline, name: &str) -> Result<usize> {
-    let names = told_apart(pipeline.objects.iter().map(|o| o.name()));
+fn object_named(headless: &Headless, name: &str) -> Result<usize> {
+    let shown = headless.shown();
+    let names = told_apart(shown.map(|(o, asset)| name_of(o, &asset.path)));
     let found = names.iter().position(|n| n == name);
     found.with_context(|| {
         format!(
@@ -173,7 +184,7 @@ pub struct Lights<'a> {
 impl Around {
     /// Reads one that settings name, if they do.
     pub fn load(
-        pipeline: &Pipeline,
+        headless: &Headless,
         place: Vec3,
         settings: Option<EnvironmentLight>,
         summary: &mut Summary,
@@ -182,18 +193,21 @@ impl Around {
             return Ok(None);
         };
         let map = if is_estimate(&file) {
-            let lit = near(pipeline.first(), place);
-            pipeline.load_light(&lit, &file, None, summary)?
+            estimated_near(headless, place, summary)?
+        } else if is_even(&file) {
+            EnvironmentMap::even()
+        } else if is_sky(&file) {
+            let sky = headless.project.scene.environment.sky();
+            sky.unwrap_or_default().map(SKY_COLUMNS)
         } else {
-            pipeline.load_light(pipeline.first(), &file, None, summary)?
+            read_map(&file, &headless.reading_of(&file), summary)?
         };
-        let map = map.unwrap_or_else(EnvironmentMap::even);
         Ok(Some(Self { map, settings }))
     }
 
     /// What shines from a direction of the scene.
-    fn radiance(&self, pipeline: &Pipeline) -> impl Fn(Vec3) -> [f32; 3] {
-        let turn = self.settings.map_from_asset(pipeline.cloud.up).as_mat3();
+    fn radiance(&self, headless: &Headless) -> impl Fn(Vec3) -> [f32; 3] {
+        let turn = self.settings.map_from_asset(headless.cloud.up).as_mat3();
         let gain = self.settings.gain();
         move |d| {
             let radiance = self.map.sample(turn * d);
@@ -202,33 +216,56 @@ impl Around {
     }
 }
 
-/// What of a scene is lit: a sky that was captured with it lies far away, and shines itself.
-fn near(scene: &LoadedObject, place: Vec3) -> LoadedObject {
-    let distance = |i: usize| scene.cloud.positions[i].distance(place);
-    let mut distances: Vec<f32> = (0..scene.cloud.len()).map(distance).collect();
+/// The light that a scene was captured under, as what is lit of it tells: a sky that was captured with it lies far away, and shines itself.
+fn estimated_near(
+    headless: &Headless,
+    place: Vec3,
+    summary: &mut Summary,
+) -> Result<EnvironmentMap> {
+    let (_, asset) = headless.first();
+    let cloud = &asset.cloud;
+    let distance = |i: usize| cloud.positions[i].distance(place);
+    let mut distances: Vec<f32> = (0..cloud.len()).map(distance).collect();
     let middle = distances.len() / 2;
     let (_, median, _) = distances.select_nth_unstable_by(middle, f32::total_cmp);
     let reach = FAR * *median;
-    let taken: Vec<usize> = (0..scene.cloud.len())
-        .filter(|i| distance(*i) < reach)
-        .collect();
-    let near = scene.cloud.selected(&taken);
-    LoadedObject::of(near, scene.file.clone(), scene.settings.clone())
+    let taken: Vec<usize> = (0..cloud.len()).filter(|i| distance(*i) < reach).collect();
+    let scene = &headless.project.scene;
+    let wanted = Wanted {
+        cloud: Arc::new(cloud.selected(&taken)),
+        method: Method::Directional,
+        directions: DIRECTIONS,
+        skips: scene.transfer.skips,
+        part_of: None,
+        beside: None,
+    };
+    let bake = || bake::bake(&headless.device, &wanted, &no_progress);
+    let Bake::Directional(bake) = summary.time("bake", bake)? else {
+        bail!("the bake is for the other preset");
+    };
+    let estimate = || estimate_light(&wanted.cloud, &bake, &no_progress);
+    let estimate = summary.time("estimate", estimate)?;
+    let up = headless.project.scene_up();
+    tell_of_estimate(&estimate, scene, up, summary);
+    Ok(match estimate.obstacle {
+        Some(_) => EnvironmentMap::even(),
+        None => estimate.light.map(up),
+    })
 }
 
 /// The light at a place, some objects left out.
 pub fn seen(
-    pipeline: &Pipeline,
+    headless: &Headless,
     (painter, without): (&Painter, impl Iterator<Item = usize>),
     at: Vec3,
     rows: usize,
     lights: &Lights<'_>,
 ) -> Result<Probe> {
-    let cloud = &pipeline.cloud;
+    let cloud = &headless.cloud;
     let mut hidden = vec![false; cloud.len()];
-    let firsts = pipeline.objects.iter().scan(0, |next, o| {
+    let firsts = headless.shown().scan(0, |next, (_, asset)| {
         let first = *next;
-        *next += o.cloud.len();
+        *next += asset.cloud.len();
         Some(first..*next)
     });
     let ranges: Vec<_> = firsts.collect();
@@ -236,7 +273,7 @@ pub fn seen(
         hidden[ranges[object].clone()].fill(true);
     }
     let [around, like] =
-        [lights.around, lights.clipped_like].map(|light| light.map(|l| l.radiance(pipeline)));
+        [lights.around, lights.clipped_like].map(|light| light.map(|l| l.radiance(headless)));
     let beyond = Beyond {
         environment: around.as_ref().map(|f| f as RadianceToward<'_>),
         clipped_gain: lights.clipped_gain,

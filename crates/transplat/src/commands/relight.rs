@@ -11,14 +11,13 @@ use transplat_core::files::{
 use transplat_core::scene::Scene;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
+use super::headless::Headless;
+use super::settings::{assets_of, check_objects, look_of, targets_of, with_scene_as_look};
 use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
+use crate::engine::asset::Asset;
 use crate::engine::device::Transfer;
-use crate::pipeline::Pipeline;
-use crate::pipeline::object::{LoadedObject, as_file_name, name_of, told_apart};
-use crate::pipeline::settings::{
-    assets_of, check_objects, look_of, targets_of, with_scene_as_look,
-};
+use crate::engine::names::{as_file_name, name_of, told_apart};
 use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
@@ -49,13 +48,12 @@ pub fn run(args: &RelightArgs) -> Result<()> {
     } else {
         check_folder(&args.output)?;
     }
-    let pipeline = Pipeline::load(&asset, scene, &mut summary)?;
-    let lights = pipeline.lights(&light, &mut summary)?;
-    let bake = pipeline.bake(light.capture.bake.as_deref(), &mut summary)?;
-    let prepared = pipeline.prepare(&bake, &lights, &mut summary)?;
-    let mut transfer = pipeline.transfer(&prepared, &mut summary)?;
-    for target in &lights.targets {
-        let light = lights.on_scene(&pipeline, target);
+    let mut headless = Headless::load(&asset, scene, &mut summary)?;
+    let targets = headless.light(&light, &mut summary)?;
+    let (prepared, _) = headless.prepare(&mut summary)?;
+    let mut transfer = headless.transfer(&prepared, &mut summary)?;
+    for target in &targets {
+        let light = headless.light_by(target, &mut summary)?;
         let files = output.files(&target.name);
         for folder in files
             .iter()
@@ -66,9 +64,9 @@ pub fn run(args: &RelightArgs) -> Result<()> {
         }
         let by = (&prepared, &mut transfer);
         let files = (&files[..], output.is_file);
-        write(&pipeline, by, (&target.name, &light), files, &mut summary)?;
+        write(&headless, by, (&target.name, &light), files, &mut summary)?;
     }
-    let written = lights.targets.iter().flat_map(|t| output.files(&t.name));
+    let written = targets.iter().flat_map(|t| output.files(&t.name));
     let names: Vec<String> = written.map(|o| o.display().to_string()).collect();
     summary.set("outputs", names.clone());
     summary.finish(&format!("wrote {}", names.join(", ")))
@@ -76,49 +74,40 @@ pub fn run(args: &RelightArgs) -> Result<()> {
 
 /// Writes what a light makes of the scene: each object into a file of its own, as it was captured, or all into one, where they stand.
 fn write(
-    pipeline: &Pipeline,
+    headless: &Headless,
     (prepared, transfer): (&PreparedTransfer, &mut Transfer),
     (name, light): (&str, &Illumination),
     (files, is_one_of_all): (&[PathBuf], bool),
     summary: &mut Summary,
 ) -> Result<()> {
-    let wanted = (light, Part::Whole, &[][..]);
     let is_scene = matches!(
         prepared,
         PreparedTransfer::Scene(_) | PreparedTransfer::HarmonicScene(_)
     );
     if is_scene && !is_one_of_all {
-        let relit = pipeline.relight_objects(prepared, name, wanted, summary)?;
-        for ((object, relit), file) in pipeline.objects.iter().zip(relit).zip(files) {
+        let relit = headless.relight_objects(prepared, name, light, summary)?;
+        for (((at, _, asset), relit), file) in headless.project.shown().zip(relit).zip(files) {
+            let cloud = asset.upright(headless.project.up_of(at));
             summary.time("export", || {
-                write_relit(
-                    &object.file,
-                    &object.cloud,
-                    &relit.stored(&object.cloud),
-                    file,
-                )
+                write_relit(&asset.file, &cloud, &relit.stored(&cloud), file)
             })?;
-            warn_of_losses(object, file, summary);
+            warn_of_losses(asset, file, summary);
         }
         return Ok(());
     }
-    let relit = pipeline.relight(prepared, transfer, name, wanted, summary)?;
+    let wanted = (light, Part::Whole, &[][..]);
+    let relit = headless.relight(prepared, transfer, name, wanted, summary)?;
+    let (cloud, (_, asset)) = (&headless.cloud, headless.first());
     summary.time("export", || {
         if is_scene {
-            let stored = relit.stored_as(pipeline.cloud.sh_degree, Encoding::Stored);
-            write_splat(&pipeline.cloud, &stored, &files[0])
+            let stored = relit.stored_as(cloud.sh_degree, Encoding::Stored);
+            write_splat(cloud, &stored, &files[0])
         } else {
-            let object = pipeline.first();
-            write_relit(
-                &object.file,
-                &object.cloud,
-                &relit.stored(&object.cloud),
-                &files[0],
-            )
+            write_relit(&asset.file, cloud, &relit.stored(cloud), &files[0])
         }
     })?;
     if !is_scene {
-        warn_of_losses(pipeline.first(), &files[0], summary);
+        warn_of_losses(asset, &files[0], summary);
     }
     Ok(())
 }
@@ -140,8 +129,8 @@ fn endings(assets: &[PathBuf]) -> impl Iterator<Item = &'static str> {
         .map(move |asset| ending(asset).unwrap_or(".ply"))
 }
 
-fn warn_of_losses(object: &LoadedObject, path: &Path, summary: &mut Summary) {
-    if let Some(lost) = losses(&object.file, &object.cloud, path) {
+fn warn_of_losses(asset: &Asset, path: &Path, summary: &mut Summary) {
+    if let Some(lost) = losses(&asset.file, &asset.cloud, path) {
         summary.warn(format!("{}: {lost}", path.display()));
     }
 }

@@ -2,7 +2,6 @@
 
 mod frames;
 
-use std::borrow::Cow;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,28 +10,26 @@ use anyhow::{Result, anyhow, bail};
 use clap::ValueEnum;
 use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
-use transplat_core::environment::{EnvironmentMap, Illumination};
 use transplat_core::files::{
     ExrFloats, PngBits, check_folder, check_output, load_lut, load_plate, look_text, save_look,
     write_exr, write_layers, write_png,
 };
 use transplat_core::present::{self, Background, View};
 use transplat_core::progress::no_progress;
-use transplat_core::scene::{EVEN, MOST_FRAMES, Scene, is_sky};
+use transplat_core::scene::{EVEN, MOST_FRAMES, Scene};
 use transplat_core::settings::skips::{Skip, Skipped};
-use transplat_core::sh::MAX_DEGREE;
-use transplat_core::transfer::{Part, PreparedTransfer};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
+use super::headless::{Headless, Target};
+use super::settings::{assets_of, check_objects, look_of, put, targets_of, with_scene_as_look};
 use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::engine::device::Transfer;
 use crate::engine::film::{Film, FilmFormat};
 use crate::engine::layers::Layers;
-use crate::engine::picture::{Backdrop, Lit, Studio, lit_ground};
-use crate::pipeline::settings::{
-    assets_of, check_objects, look_of, put, targets_of, with_scene_as_look,
-};
-use crate::pipeline::{Lights, Pipeline, SKY_COLUMNS, Target};
+use crate::engine::names::name_of;
+use crate::engine::picture::{Lit, Studio};
+use crate::engine::shot::{self, Backdrops};
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
 
@@ -107,21 +104,22 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
     if args.animation && !view.needs_relit() {
         return usage("--animation is of what is relit, and this view is not");
     }
-    let pipeline = Pipeline::load(&args.asset, scene, summary)?;
-    let frames = frames(args, &pipeline, summary)?;
+    let mut headless = Headless::load(&args.asset, scene, summary)?;
+    let scene = headless.project.scene.clone();
+    let frames = frames(args, &headless, summary)?;
     let mut output = Output::new(args, frames.len(), targets.len())?;
     if wanted.is_some() {
         // A look's own light has no name there.
         output.folder_per_target = !args.light.target.is_empty();
     }
     let cameras = args.camera.cameras.as_deref();
-    let photographs = photographs(pipeline.scene.plate.as_deref());
+    let photographs = photographs(scene.plate.as_deref());
     let inputs = args
         .light
-        .inputs(&pipeline.scene, &targets)
+        .inputs(&scene, &targets)
         .chain(assets.iter().map(|a| &**a))
         .chain(cameras)
-        .chain(pipeline.scene.lut.as_deref())
+        .chain(scene.lut.as_deref())
         .chain(photographs.iter().map(|p| &**p));
     let mut outputs = output.pictures(&targets, &frames);
     if args.layers {
@@ -135,55 +133,46 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         check_folder(&args.output)?;
     }
     // What is wrong with it is told before the work.
-    let lut = pipeline.scene.lut.as_ref().map(|path| load_lut(path));
+    let lut = scene.lut.as_ref().map(|path| load_lut(path));
     let lut = lut.transpose()?.map(Arc::new);
-    if let (Some(lut), Some(path)) = (&lut, &pipeline.scene.lut) {
+    if let (Some(lut), Some(path)) = (&lut, &scene.lut) {
         for warning in &lut.warnings {
             summary.warn(format!("{}: {warning}", path.display()));
         }
     }
     let linear = output.format == PictureFormat::Exr;
-    let is_plain = pipeline.scene.display.is_identity() && pipeline.scene.lut.is_none();
-    if linear && (pipeline.scene.false_color || !is_plain) {
+    let is_plain = scene.display.is_identity() && scene.lut.is_none();
+    if linear && (scene.false_color || !is_plain) {
         summary.warn(
             "exposure, tone map, table of colours and false colours are for PNG; an EXR stays linear",
         );
     }
-    // Matching the background's strength takes the lights as well.
-    let needs_lights = view.needs_relit()
-        || pipeline.scene.shadow_catcher
-        || (pipeline.scene.match_strength && pipeline.scene.background == Background::Environment);
-    let lights = if needs_lights && relit {
-        Some(pipeline.lights(&args.light, summary)?)
+    let is_seen = view.background(scene.background) == Background::Environment;
+    let needs_lights = view.needs_relit() || scene.shadow_catcher || is_seen;
+    let read = if needs_lights && relit {
+        Some(headless.light(&args.light, summary)?)
     } else {
         None
     };
     let needs_bake = view.needs_relit() || view == View::Visibility;
-    let bake = if needs_bake {
-        Some(pipeline.bake(args.light.capture.bake.as_deref(), summary)?)
+    if needs_bake {
+        if let (None, Some(saved)) = (&read, &args.light.capture.bake) {
+            headless.use_bake(saved, summary)?;
+        }
+        headless.bake(summary)?;
     } else {
         summary.skip("bake", "this view needs no visibility");
-        None
-    };
-    let (painter, warning) = pipeline.device.painter(&pipeline.cloud)?;
+    }
+    if read.is_some() {
+        headless.bake_ground(summary)?;
+    }
+    let of = (view, linear);
+    let (mut studio, warning) =
+        shot::studio(&headless.project, &headless.cloud, of, &headless.device)?;
     if let Some(warning) = warning {
         summary.warn(warning);
     }
-    let mut studio = Studio::new(
-        &pipeline.cloud,
-        pipeline.scene.clone(),
-        view,
-        linear,
-        painter,
-    );
-    studio.hidden = pipeline.hidden();
     studio.lut = lut;
-    if let (Some(bake), View::Visibility) = (&bake, view) {
-        studio.openness = bake.openness().iter().map(|o| [*o; 3]).collect();
-    }
-    if pipeline.scene.shadow_catcher && lights.is_some() {
-        studio.ground = Some(pipeline.bake_ground(summary)?);
-    }
     let mut shots = Shots {
         args,
         wanted,
@@ -191,19 +180,20 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         output: &output,
         studio,
         plate: None,
-        seen_behind: [None, None],
-        pipeline: &pipeline,
+        backdrops: Backdrops::default(),
+        headless,
     };
-    let written = match (&lights, &bake) {
-        (Some(lights), Some(bake)) if view.needs_relit() => shots.relit(lights, bake, summary)?,
-        _ => {
-            if relit {
-                summary.skip("transfer", "this view shows no relit colour");
-            }
-            shots.as_captured(&targets, lights.as_ref(), summary)?
-        }
-    };
-    Ok(written)
+    if view.needs_relit() {
+        return shots.relit(&read.unwrap_or_default(), summary);
+    }
+    if relit {
+        summary.skip("transfer", "this view shows no relit colour");
+    }
+    let named = targets
+        .into_iter()
+        .map(|(name, path)| Target { name, path });
+    let targets = read.unwrap_or_else(|| named.collect());
+    shots.as_captured(&targets, summary)
 }
 
 /// What is to be shown.
@@ -367,52 +357,53 @@ struct Shots<'a> {
     studio: Studio,
     /// The photograph that is behind it now.
     plate: Option<PathBuf>,
-    /// The maps that the last frame of an animation had behind it, of either side.
-    seen_behind: [Option<(PathBuf, Arc<EnvironmentMap>)>; 2],
-    pipeline: &'a Pipeline,
+    backdrops: Backdrops,
+    headless: Headless,
 }
 
 impl Shots<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
-    fn relit(&mut self, lights: &Lights, bake: &Bake, summary: &mut Summary) -> Result<usize> {
-        let pipeline = self.pipeline;
-        let prepared = pipeline.prepare(bake, lights, summary)?;
-        let mut transfer = pipeline.transfer(&prepared, summary)?;
+    fn relit(&mut self, targets: &[Target], summary: &mut Summary) -> Result<usize> {
+        let by = self.headless.prepare(summary)?;
+        let (prepared, bake) = &by;
+        let mut transfer = self.headless.transfer(prepared, summary)?;
         let mut written = 0;
-        let scene_alone = if self.args.layers {
-            summary.time("surroundings", || pipeline.scene_alone(&prepared))?
+        let is_of_place = self.args.layers && self.headless.project.scene.first_is_a_place();
+        let scene_alone = if is_of_place {
+            summary.time("surroundings", || prepared.first_alone(&no_progress))?
         } else {
             None
         };
-        for target in &lights.targets {
-            let light = lights.on_scene(pipeline, target);
-            let unseen = if pipeline.scene.transfer.skips.has(Skip::Unseen) {
-                &self.studio.hidden[..]
+        for target in targets {
+            let light = self.headless.light_by(target, summary)?;
+            let skips = &self.headless.project.scene.transfer.skips;
+            let unseen = if skips.has(Skip::Unseen) {
+                self.studio.hidden.clone()
             } else {
-                &[]
+                Vec::new()
             };
-            summary.skipped(Skipped::of_unseen(unseen));
+            summary.skipped(Skipped::of_unseen(&unseen));
             if self.args.animation {
-                let unseen = unseen.to_vec();
-                let by = (&prepared, &mut transfer, bake);
-                written += self.animate(by, (lights, target), &unseen, summary)?;
+                let by = (prepared, &mut transfer, &**bake);
+                written += self.animate(by, target, &unseen, summary)?;
                 continue;
             }
-            let wanted = (&light, self.studio.view.part(), unseen);
-            let relit =
-                pipeline.relight(&prepared, &mut transfer, &target.name, wanted, summary)?;
+            let wanted = (&light, self.studio.view.part(), &unseen[..]);
+            let by = (prepared, &mut transfer);
+            let relit = self
+                .headless
+                .relight(by.0, by.1, &target.name, wanted, summary)?;
             let layers = if self.args.layers {
                 let alone = scene_alone.as_ref();
                 let alone = alone.map(|scene| scene.relight(&light, Part::Whole));
-                let objects = pipeline.objects.iter();
-                let objects: Vec<_> = objects.map(|o| (o.name(), o.cloud.len())).collect();
+                let shown = self.headless.shown();
+                let shown = shown.map(|(o, a)| (name_of(o, &a.path), a.cloud.len()));
+                let objects: Vec<_> = shown.collect();
                 Some(Layers::new(&objects, relit.clone(), alone.transpose()?))
             } else {
                 None
             };
-            let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, &prepared);
-            let maps = lights.maps(target);
-            self.surround(&mut lit, &pipeline.scene, &target.path, Some(maps), summary)?;
+            let lit = self.lit(relit, (prepared, bake))?;
             written += match &layers {
                 Some(layers) => self.take_layers((target, layers), &lit, summary)?,
                 None => self.take(Some(&target.name), &lit, summary)?,
@@ -421,15 +412,24 @@ impl Shots<'_> {
         Ok(written)
     }
 
+    /// What the view shows of a relit result, and what is around it.
+    fn lit(&mut self, relit: Relit, by: (&PreparedTransfer, &Bake)) -> Result<Lit> {
+        let (view, cloud) = (self.studio.view, &self.headless.cloud);
+        let mut lit = Lit::of(view, relit, cloud, by.1, by.0);
+        self.backdrops
+            .surround(&mut lit, &self.headless.project, view)?;
+        Ok(lit)
+    }
+
     /// Frame by frame under the light of its time.
     fn animate(
         &mut self,
         (prepared, transfer, bake): (&PreparedTransfer, &mut Transfer, &Bake),
-        (lights, target): (&Lights, &Target),
+        target: &Target,
         unseen: &[bool],
         summary: &mut Summary,
     ) -> Result<usize> {
-        let pipeline = self.pipeline;
+        let scene = self.headless.project.scene.clone();
         let mut sink = Sink::default();
         let bar = summary.progress_bar("drawing");
         let name = Some(&*target.name);
@@ -441,122 +441,35 @@ impl Shots<'_> {
             if !self.wants(name, frame) {
                 continue;
             }
-            let mut scene = pipeline.scene.clone();
-            scene.go_to(frame.number as f64 / f64::from(self.args.frame_rate));
-            // A sky is another light for each place of its sun.
-            let sky = scene.environment.sky().filter(|_| is_sky(&target.path));
-            let of_sky = sky.map(|sky| Target {
-                name: target.name.clone(),
-                path: target.path.clone(),
-                light: sky.illumination(MAX_DEGREE),
-            });
-            let target = of_sky.as_ref().unwrap_or(target);
-            let light = lights.in_scene(pipeline, &scene, target);
+            let now = &mut self.headless.project.scene;
+            *now = scene.clone();
+            now.go_to(frame.number as f64 / f64::from(self.args.frame_rate));
+            let light = self.headless.light_by(target, summary)?;
             let part = self.studio.view.part();
             let change = || transfer.change_light(&light, part, unseen);
             summary.time("transfer", change)?;
-            let relit = transfer.result()?;
-            let mut lit = Lit::of(self.studio.view, relit, &pipeline.cloud, bake, prepared);
-            let maps = lights.maps(target);
-            self.surround(&mut lit, &scene, &target.path, Some(maps), summary)?;
+            let lit = self.lit(transfer.result()?, (prepared, bake))?;
             self.take_frame((name, frame), &lit, &mut sink, summary)?;
         }
+        self.headless.project.scene = scene;
         sink.finish(summary)
     }
 
     /// The same picture for each target, but for its background and ground.
-    fn as_captured(
-        &mut self,
-        targets: &[(String, PathBuf)],
-        lights: Option<&Lights>,
-        summary: &mut Summary,
-    ) -> Result<usize> {
+    fn as_captured(&mut self, targets: &[Target], summary: &mut Summary) -> Result<usize> {
         if targets.is_empty() {
             return self.take(None, &Lit::default(), summary);
         }
         let mut written = 0;
-        for (name, path) in targets {
+        for target in targets {
             let mut lit = Lit::default();
-            let target = lights.map(|l| l.targets.iter().find(|t| t.name == *name));
-            if target.is_some_and(|target| target.is_none()) {
-                // It could not be read, which is said.
-                continue;
-            }
-            let maps = lights
-                .zip(target.flatten())
-                .map(|(l, target)| l.maps(target));
-            let scene = &self.pipeline.scene;
-            self.surround(&mut lit, scene, path, maps, summary)?;
-            written += self.take(Some(name), &lit, summary)?;
+            self.headless.light_by(target, summary)?;
+            let view = self.studio.view;
+            self.backdrops
+                .surround(&mut lit, &self.headless.project, view)?;
+            written += self.take(Some(&target.name), &lit, summary)?;
         }
         Ok(written)
-    }
-
-    /// What is around the object under a target: maps behind it where they are shown (they are large, so only one target's are held
-    /// at a time), and the shadow on the ground.
-    fn surround(
-        &mut self,
-        lit: &mut Lit,
-        scene: &Scene,
-        target: &Path,
-        maps: Option<[&Illumination; 2]>,
-        summary: &mut Summary,
-    ) -> Result<()> {
-        let (pipeline, first) = (self.pipeline, self.pipeline.first());
-        let up = pipeline.cloud.up;
-        if let (Some(ground), Some(maps)) = (&self.studio.ground, maps) {
-            lit.ground = lit_ground(ground, scene, &first.settings, maps, up);
-        }
-        // The studio's own: channels that are no light show no environment, and its map is not read.
-        if self.studio.scene.background != Background::Environment {
-            return Ok(());
-        }
-        let view = self.studio.view;
-        let matched = maps.map_or(1.0, |[source, target]| {
-            scene.environment_gain(&first.settings, [source, target])
-        });
-        let sides = [
-            (
-                first.settings.source.file.as_deref(),
-                &first.settings.source,
-                1.0,
-            ),
-            (Some(target), &scene.environment, matched),
-        ];
-        for (side, (path, settings, gain)) in sides.into_iter().enumerate() {
-            let shown = view.backdrops()[side];
-            let Some(path) = path.filter(|_| shown) else {
-                continue;
-            };
-            let known = self.seen_behind[side].take();
-            let known = known.filter(|(of, _)| of == path && !is_sky(path));
-            let map = match known {
-                Some((_, map)) => map,
-                None => {
-                    let saved = self.args.light.capture.bake.as_deref();
-                    let map = match settings.sky() {
-                        Some(sky) => Some(sky.map(SKY_COLUMNS)),
-                        None => pipeline.load_light(first, path, saved, summary)?,
-                    };
-                    let map = map.unwrap_or_else(EnvironmentMap::even_backdrop);
-                    let light = match maps {
-                        Some(maps) => Cow::Borrowed(maps[side]),
-                        None if settings.without_suns => Cow::Owned(Illumination::of(&map, 0)),
-                        None => Cow::Owned(Illumination::even(0)),
-                    };
-                    Arc::new(
-                        settings
-                            .backdrop(&map, &light)
-                            .blurred(scene.background_blur),
-                    )
-                }
-            };
-            if self.args.animation {
-                self.seen_behind[side] = Some((path.to_owned(), map.clone()));
-            }
-            lit.backdrops[side] = Some(Backdrop::new(map, settings, up, gain));
-        }
-        Ok(())
     }
 
     /// Each frame in layers, and the look that they are made by.
@@ -570,15 +483,13 @@ impl Shots<'_> {
         if !self.output.is_file {
             make_folder(&self.output.folder(name))?;
         }
-        let pipeline = self.pipeline;
-        let mut look = pipeline.scene.clone();
-        look.environment.set_file(target.path.clone());
-        look.objects[0].asset = Some(pipeline.first().file.path.clone());
-        let middle = pipeline.cloud.bounds().center;
+        let cloud = self.headless.cloud.clone();
+        let mut look = self.headless.project.scene.clone();
+        let middle = cloud.bounds().center;
         let factor = usize::from(self.args.supersample);
         for frame in self.frames {
             self.set_plate(frame, summary)?;
-            look.camera = Some(CameraPose::of(&frame.camera, pipeline.cloud.up, middle));
+            look.camera = Some(CameraPose::of(&frame.camera, cloud.up, middle));
             look.plate = frame.plate.clone().or(look.plate);
             let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
             let path = self.output.picture(name, frame.number);

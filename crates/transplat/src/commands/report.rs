@@ -20,6 +20,8 @@ use transplat_core::scene::{Scene, is_file};
 use transplat_core::settings::Method;
 
 use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
+use crate::commands::headless::Headless;
+use crate::commands::settings::look_of;
 use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::engine::device::Device;
@@ -27,8 +29,6 @@ use crate::engine::device::DeviceChoice;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::insertion::TruthScene;
 use crate::ground_truth::views::{Views, light};
-use crate::pipeline::Pipeline;
-use crate::pipeline::settings::look_of;
 use crate::summary::Summary;
 use crate::sweep::{self, Effort, Subject, Sweep};
 
@@ -175,17 +175,17 @@ fn subject(args: &ReportArgs, device: &Device, summary: &mut Summary) -> Result<
         asset: Some(asset.clone()),
         options: args.options.clone(),
     };
-    let pipeline = Pipeline::load(&asset, scene, summary)?;
+    let mut headless = Headless::load(&asset, scene, summary)?;
     let map = load_environment(&target)?;
     let lights = [
-        pipeline.light_of(pipeline.first(), source, None, summary)?,
+        headless.source_light(summary)?,
         device.light(&map, Method::Directional)?,
     ];
-    let up = pipeline.cloud.up;
+    let up = headless.cloud.up;
     let plain = Scene::default();
     let lights = plain.lights_on(&plain.objects[0], lights.each_ref(), up);
     Ok(Subject {
-        cloud: pipeline.cloud.clone(),
+        cloud: headless.cloud,
         map: Some(map),
         lights,
         views: None,

@@ -5,9 +5,9 @@ use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
 use crate::cli::{ViewArgs, usage};
+use crate::commands::settings::{look_of, look_over};
 use crate::engine::device::DeviceChoice;
 use crate::engine::device::pipelines_folder;
-use crate::pipeline::settings::{look_of, look_over};
 use crate::viewer::{self, Startup};
 
 pub fn run(args: &ViewArgs) -> Result<()> {

@@ -1,4 +1,4 @@
-//! The adapter beside the window: a device for jobs, and how long submitted work takes.
+//! The device that stages compute on, and how long work takes that is submitted to a GPU.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -9,16 +9,23 @@ use transplat_gpu::Context;
 use super::jobs::Wake;
 use crate::engine::device::Device;
 
-/// A device of the jobs' own, opened when the first of them needs it: a window cannot be resized while another thread submits to its queue.
+/// Where stages compute.
 #[derive(Clone)]
-pub struct BackgroundDevice {
-    window: Arc<Context>,
-    own: Arc<Mutex<Option<Arc<Context>>>>,
+pub enum StageDevice {
+    /// On the device that the user chose.
+    Chosen(Device),
+    /// Beside a window, which cannot be resized while another thread submits to its queue: on a device of their own, opened when the first
+    /// of them needs it.
+    Beside {
+        window: Arc<Context>,
+        own: Arc<Mutex<Option<Arc<Context>>>>,
+    },
 }
 
-impl BackgroundDevice {
-    pub fn new(window: &Arc<Context>) -> Self {
-        Self {
+impl StageDevice {
+    /// A second device of a window's adapter.
+    pub fn beside(window: &Arc<Context>) -> Self {
+        Self::Beside {
             window: window.clone(),
             own: Arc::default(),
         }
@@ -26,19 +33,30 @@ impl BackgroundDevice {
 
     /// The adapter, software or not; none where it gives no second device. One that was lost is opened anew.
     pub fn gpu(&self) -> Option<Arc<Context>> {
-        let mut own = self.own.lock().unwrap_or_else(|p| p.into_inner());
-        if own.as_ref().is_none_or(|c| c.is_lost()) {
-            *own = self.window.sibling().ok().map(Arc::new);
+        match self {
+            Self::Chosen(Device::Cpu) => None,
+            Self::Chosen(Device::Gpu(context)) => Some(context.clone()),
+            Self::Beside { window, own } => {
+                let mut own = own.lock().unwrap_or_else(|p| p.into_inner());
+                if own.as_ref().is_none_or(|c| c.is_lost()) {
+                    *own = window.sibling().ok().map(Arc::new);
+                }
+                own.clone()
+            }
         }
-        own.clone()
     }
 
-    /// Where long work is the faster: the adapter if it is a real one, else the CPU.
-    pub fn fastest(&self) -> Device {
-        if self.window.is_software() {
-            return Device::Cpu;
-        }
+    /// For short work, the adapter where there is any; for long work see [`StageDevice::fastest`].
+    pub fn any(&self) -> Device {
         self.gpu().map_or(Device::Cpu, Device::Gpu)
+    }
+
+    /// Where long work is the faster: the adapter if it is a real one, else the CPU; what the user chose is taken as it is.
+    pub fn fastest(&self) -> Device {
+        match self {
+            Self::Beside { window, .. } if window.is_software() => Device::Cpu,
+            _ => self.any(),
+        }
     }
 }
 

@@ -18,9 +18,8 @@ use transplat_core::scene::{Cut, Object, Scene, splat_name};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::upright::{UpEvidence, proposed_up};
 
-use crate::engine::capture::{Capture, Part};
+use crate::engine::capture::{Capture, Part, part_of};
 use crate::engine::warnings::asset_warnings;
-use crate::pipeline::object::part_of;
 
 /// An asset as it is open.
 #[derive(Clone)]
@@ -94,24 +93,16 @@ impl Asset {
             ),
         };
         let file_up = cloud.up;
-        let cameras = cameras_of_training(&path).and_then(|path| load_cameras(&path).ok());
-        let whole = part.is_none().then_some(&cloud);
-        let habit = file.usual_up();
-        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, file.report.up, habit));
-        let bounds = cloud.bounds();
-        let whole = part.is_none().then_some(&cloud);
         Ok(Self {
-            proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &bounds)),
-            proposed_up: proposed_up.filter(|(up, _)| *up != file_up),
+            proposed_crop: None,
+            proposed_up: None,
             cut: object.cut.clone(),
-            cameras,
+            cameras: None,
             part,
-            bounds,
+            bounds: cloud.bounds(),
             ground: ground_plane(&cloud, file_up),
             up: file_up,
-            losses: SplatFormat::WRITTEN
-                .map(|(_, format)| (format, format.losses(&cloud)))
-                .to_vec(),
+            losses: Vec::new(),
             warnings,
             load_ms: start.elapsed().as_secs_f64() * 1e3,
             file_up,
@@ -122,9 +113,36 @@ impl Asset {
         })
     }
 
+    /// The same with what only somebody who looks at it needs: what is proposed to them, and what they are told of formats.
+    pub fn with_hints(self) -> Self {
+        let cloud = &self.cloud;
+        let whole = self.part.is_none().then_some(cloud);
+        let (told, habit) = (self.file.report.up, self.file.usual_up());
+        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, told, habit));
+        let losses = SplatFormat::WRITTEN.map(|(_, format)| (format, format.losses(cloud)));
+        Self {
+            proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &self.bounds)),
+            proposed_up: proposed_up.filter(|(up, _)| *up != self.file_up),
+            cameras: cameras_of_training(&self.path).and_then(|path| load_cameras(&path).ok()),
+            losses: losses.to_vec(),
+            ..self
+        }
+    }
+
     /// All of the splat that it is of.
     pub fn whole_cloud(&self) -> &Arc<SurfelCloud> {
         self.part.as_ref().map_or(&self.cloud, |p| &p.capture.cloud)
+    }
+
+    /// The splat as it stands with an up axis, which may be another than its file's.
+    pub fn upright(&self, up: UpAxis) -> Arc<SurfelCloud> {
+        if up == self.cloud.up {
+            return self.cloud.clone();
+        }
+        Arc::new(SurfelCloud {
+            up,
+            ..(*self.cloud).clone()
+        })
     }
 
     /// For the user.

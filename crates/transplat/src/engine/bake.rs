@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use transplat_core::bake::Bake;
 use transplat_core::bake::directional::DirectionalBake;
 use transplat_core::bake::harmonic::{BakeInput, HarmonicBake, fill_unfinished};
@@ -37,6 +37,18 @@ pub struct Baked {
     pub file: Option<PathBuf>,
     /// What went wrong on the way, without spoiling it.
     pub complaint: Option<String>,
+}
+
+impl Baked {
+    fn whole(bake: Bake, start: Instant, file: Option<PathBuf>) -> Self {
+        Self {
+            bake: Arc::new(bake),
+            share: 1.0,
+            ms: start.elapsed().as_secs_f64() * 1e3,
+            file,
+            complaint: None,
+        }
+    }
 }
 
 /// What is to be baked.
@@ -133,6 +145,25 @@ fn forget_old_parts(newest: &Path) {
 /// Bakes from start to end.
 pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Bake> {
     in_stages(device, wanted, &[1], progress, &|_, _| ())
+}
+
+/// Bakes from start to end, and takes the time.
+pub fn whole(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Baked> {
+    let start = Instant::now();
+    let bake = bake(device, wanted, progress)?;
+    Ok(Baked::whole(bake, start, None))
+}
+
+/// Reads a bake from a file.
+///
+/// # Errors
+/// It is of another asset, or for another method.
+pub fn saved(file: &Path, wanted: &Wanted) -> Result<Baked> {
+    let start = Instant::now();
+    let bake = load_bake(file, &wanted.cloud)?;
+    let of_method = bake.of_method(wanted.method);
+    of_method.with_context(|| file.display().to_string())?;
+    Ok(Baked::whole(bake, start, Some(file.to_owned())))
 }
 
 /// Bakes so that what there is can be used before it is whole, or reads what was baked before: `saved` first of all, of as many directions

@@ -13,6 +13,7 @@ use transplat_core::color::Encoding;
 use transplat_core::environment::Illumination;
 use transplat_core::files::{AssetFile, is_same_file};
 use transplat_core::progress::{Progress, no_progress};
+use transplat_core::scene::{Object, kept};
 use transplat_core::settings::skips::Skips;
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::SurfelCloud;
@@ -166,6 +167,26 @@ impl Part {
         let part = |whole: &PreparedTransfer| Ok(whole.part(bake, &self.surfels)?);
         self.capture.with_transfer(source, settings, part)
     }
+}
+
+/// The surfels of a splat that an object is which is cut out of it.
+///
+/// # Errors
+/// None of them are left.
+pub fn part_of(asset: &Path, object: &Object, whole: &SurfelCloud) -> Result<Arc<[usize]>> {
+    let surfels = kept(&object.cut, &whole.positions).unwrap_or_default();
+    if surfels.is_empty() {
+        let places = || whole.positions.iter().copied();
+        let [low, high] = [Vec3::min, Vec3::max].map(|end| {
+            let end = places().reduce(end).unwrap_or_default();
+            whole.origin + end.as_dvec3()
+        });
+        bail!(
+            "{}: nothing of it is on the kept side of its cut; its surfels lie between {low} and {high}",
+            asset.display()
+        );
+    }
+    Ok(surfels.into())
 }
 
 /// Where a part's bake may be kept: never in the place of the whole's.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use glam::Vec3;
 use transplat_core::color::luminance;
 use transplat_core::environment::{Beam, Beams, EnvironmentMap, Illumination, ImageReading, Sky};
@@ -17,11 +17,12 @@ use transplat_core::scene::{
 use transplat_core::settings::Method;
 use transplat_core::sh::MAX_DEGREE;
 
-use crate::engine::adapter::BackgroundDevice;
 use crate::engine::device::Device;
 use crate::engine::warnings::map_warnings;
 use crate::language::tr;
-use crate::pipeline::SKY_COLUMNS;
+
+/// Columns of the map of a sky that is shown.
+pub const SKY_COLUMNS: usize = 2048;
 
 /// Environments that are read at the same time.
 const READ_AT_ONCE: usize = 2;
@@ -244,16 +245,30 @@ impl Environment {
         }
     }
 
-    /// Reads a file and projects it, on the GPU where that can be had.
-    pub fn load(background: &BackgroundDevice, path: &Path, reading: ImageReading) -> Result<Self> {
+    /// Reads a file, and projects it for a method; what is projected for the directional one serves both.
+    pub fn load(
+        device: &Device,
+        path: &Path,
+        reading: ImageReading,
+        method: Method,
+    ) -> Result<Self> {
         let map = load_environment_as(path, &reading)?;
-        let device = background.gpu().map_or(Device::Cpu, Device::Gpu);
-        // For either method: they are changed with a click.
-        let illumination = device.light(&map, Method::Directional)?;
-        let warnings = map_warnings(path, &map, &reading);
+        Self::of_map(device, path, &map, reading, method)
+    }
+
+    /// The light of a file's map. See [`Environment::load`].
+    pub fn of_map(
+        device: &Device,
+        path: &Path,
+        map: &EnvironmentMap,
+        reading: ImageReading,
+        method: Method,
+    ) -> Result<Self> {
+        let illumination = device.light(map, method)?;
+        let warnings = map_warnings(path, map, &reading);
         Ok(Self {
             reading,
-            ..Self::of(path.to_owned(), &map, illumination, warnings)
+            ..Self::of(path.to_owned(), map, illumination, warnings)
         })
     }
 
@@ -343,6 +358,53 @@ pub fn light_name(path: &Path) -> String {
         || path.display().to_string(),
         |stem| stem.to_string_lossy().into_owned(),
     )
+}
+
+/// The environments (.hdr, .exr) in a folder, sorted by name; none that systems hide beside them.
+pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut inside: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|p| why_no_environment(p).is_none())
+        .collect();
+    inside.sort();
+    Ok(inside)
+}
+
+/// Why a file in a folder of lights is none of them, by its name.
+fn why_no_environment(path: &Path) -> Option<&'static str> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if name.starts_with('.') {
+        return Some("hidden");
+    }
+    if path.is_dir() {
+        return Some("a folder");
+    }
+    (extension != "hdr" && extension != "exr").then_some("neither .hdr nor .exr")
+}
+
+/// For the user: the files in a folder that are no lights, if there are any.
+pub fn not_environments(folder: &Path) -> Option<String> {
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let skipped = entries.filter_map(|entry| {
+        let why = why_no_environment(&entry.path())?;
+        Some(format!("{} ({why})", entry.file_name().to_string_lossy()))
+    });
+    let mut skipped: Vec<String> = skipped.collect();
+    skipped.sort();
+    let some = skipped.len().min(8);
+    let more = match skipped.len() - some {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    (some > 0).then(|| {
+        format!(
+            "{}: skipped {}{more}",
+            folder.display(),
+            skipped[..some].join(", ")
+        )
+    })
 }
 
 /// Reads the whole map again, to be seen behind the object.

@@ -171,11 +171,15 @@ pub struct Handle<E> {
     sender: Sender<Message<E>>,
     signals: Arc<Signals>,
     wake: Wake,
+    watch: Option<(Kind, Watch)>,
 }
 
 impl<E> Handle<E> {
     /// Tells how far it is, and learns whether to go on.
     pub fn progress(&self, done: f64) -> ControlFlow<()> {
+        if let Some((kind, watch)) = &self.watch {
+            return watch(*kind, done);
+        }
         let per_mille = (done * 1e3) as u32;
         if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
             // Without a graphics card a picture of the window costs what the job would get.
@@ -217,6 +221,9 @@ struct Message<E> {
 /// Asks whoever shows the engine's state to look at it again after a while.
 pub type Wake = Arc<dyn Fn(Duration) + Send + Sync>;
 
+/// Follows the work of who waits for it: what is done and how far it is, 0 to 1. It may be broken off.
+pub type Watch = Arc<dyn Fn(Kind, f64) -> ControlFlow<()> + Send + Sync>;
+
 /// Of threads whose work is long, out of 99; in Linux a niceness of 10, a tenth of a core where a picture is being drawn.
 const PRIORITY_OF_LONG: u8 = 25;
 
@@ -245,9 +252,22 @@ pub struct Jobs<E> {
     next: u64,
     wake: Wake,
     queue: Arc<Queue>,
+    /// Who waits for each of them where it is started; none where they run beside the rest.
+    watch: Option<Watch>,
+    /// What those took, in ms.
+    took: Vec<(Kind, f64)>,
 }
 
 impl<E: Send + 'static> Jobs<E> {
+    /// Jobs that are done where they are started.
+    pub fn at_once(watch: Watch) -> Self {
+        Self {
+            watch: Some(watch),
+            ..Self::new(Arc::new(|_| ()))
+        }
+    }
+
+    /// Jobs that run beside each other and all else.
     pub fn new(wake: Wake) -> Self {
         let (sender, receiver) = channel();
         Self {
@@ -257,7 +277,19 @@ impl<E: Send + 'static> Jobs<E> {
             next: 1,
             wake,
             queue: Arc::default(),
+            watch: None,
+            took: Vec::new(),
         }
+    }
+
+    /// How many were started so far.
+    pub fn count(&self) -> u64 {
+        self.next - 1
+    }
+
+    /// What was done since the last call, each with its milliseconds, where jobs are done at once.
+    pub fn take_times(&mut self) -> Vec<(Kind, f64)> {
+        std::mem::take(&mut self.took)
     }
 
     /// Starts one, or lets it wait for its turn; `finish` makes an event of its result.
@@ -278,6 +310,7 @@ impl<E: Send + 'static> Jobs<E> {
             sender: self.sender.clone(),
             signals: signals.clone(),
             wake: self.wake.clone(),
+            watch: self.watch.clone().map(|watch| (kind, watch)),
         };
         self.running.push(Job {
             id,
@@ -286,6 +319,12 @@ impl<E: Send + 'static> Jobs<E> {
             started: Instant::now(),
             signals,
         });
+        if self.watch.is_some() {
+            let start = Instant::now();
+            handle.post(Some(finish(work(&handle))), true);
+            self.took.push((kind, start.elapsed().as_secs_f64() * 1e3));
+            return;
+        }
         std::thread::spawn(move || {
             queue
                 .iter()

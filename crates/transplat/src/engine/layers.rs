@@ -14,8 +14,8 @@ use transplat_core::rasterize::{ColorSpace, Raster, shade};
 use transplat_core::transfer::Relit;
 
 use crate::engine::device::Paint;
+use crate::engine::names::told_apart;
 use crate::engine::picture::{Lit, Studio};
-use crate::pipeline::object::told_apart;
 
 /// Layers that every picture has; objects are not called so.
 const OWN: [&str; 5] = ["plate", "shadow", "depth", "normal", "id"];

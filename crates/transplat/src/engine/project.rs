@@ -1,6 +1,7 @@
 //! A scene as it is open, and all that is made of it: the stages, their jobs, and what they yield.
 
 mod cameras;
+pub mod canvas;
 mod composition;
 mod follow;
 mod open;
@@ -9,9 +10,9 @@ mod settled;
 pub mod stages;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, Weak};
+use std::sync::{Arc, Weak};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use glam::{Affine3A, DVec3, Vec3};
 use transplat_core::bake::insertion::InsertionBake;
 use transplat_core::camera::CameraPose;
@@ -21,19 +22,20 @@ use transplat_core::ground::Ground;
 use transplat_core::scene::{EnvironmentLight, Object, Scene, Transform, is_estimate, is_sky};
 use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
 use transplat_core::transfer::scene::harmonic::HarmonicScene;
-use transplat_gpu::Context;
-use transplat_gpu::live::{Live, Passes};
+use transplat_gpu::live::Live;
 
-use super::adapter::{BackgroundDevice, GpuTimer};
+use super::adapter::StageDevice;
 use super::asset::Asset;
 use super::capture::Capture;
+use super::device::Device;
 use super::environments::{Environment, Environments, Resolved};
-use super::jobs::{Handle, Jobs, Kind, Wake};
+use super::jobs::{Handle, Jobs, Kind, Wake, Watch};
 use super::object::{
     Followed, GroundKey, GroundLitKey, InsertedKey, InsertionKey, ObjectState, Surroundings,
     TogetherKey,
 };
 use crate::engine::words::of_error;
+use canvas::Canvas;
 
 /// The two sides' numbers.
 pub const SOURCE: usize = 0;
@@ -61,9 +63,17 @@ pub enum Notice {
     Removed(usize),
 }
 
-/// Results that are made only while the client shows them.
+/// Results that are made only where the client wants them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Requested {
+    /// Visibility, of each object and between them.
+    pub bakes: bool,
+    /// What the objects were captured under, and what lights them.
+    pub lights: bool,
+    /// Transfers, which need both.
+    pub transfers: bool,
+    /// The ground that catches shadows, if the scene has one.
+    pub ground: bool,
     /// Low-confidence surfels are marked.
     pub doubts: bool,
     /// A surfel is inspected, and nothing is being dragged.
@@ -78,13 +88,6 @@ pub struct StageCounts {
     pub bake: usize,
     pub prepare: usize,
     pub ground: usize,
-}
-
-/// GPU times of a frame and of a transfer.
-#[derive(Default)]
-pub struct Timers {
-    pub frame: GpuTimer,
-    pub transfer: GpuTimer,
 }
 
 /// All that a map behind the objects depends on.
@@ -148,12 +151,11 @@ pub struct OpenCameras {
 
 /// A scene as it is open, and all that is made of it.
 pub struct Project {
-    pub context: Arc<Context>,
-    /// Where jobs compute.
-    pub background: BackgroundDevice,
-    pub live: Arc<Mutex<Live>>,
+    /// Where it is shown; none where nobody looks on.
+    pub canvas: Option<Canvas>,
+    /// Where stages compute.
+    pub device: StageDevice,
     pub jobs: Jobs<Change>,
-    pub timers: Timers,
     /// The settings.
     pub scene: Scene,
     pub pose: CameraPose,
@@ -204,14 +206,32 @@ pub struct Project {
 }
 
 impl Project {
-    /// A scene of which nothing is made yet.
-    pub fn new(context: Arc<Context>, live: Live, wake: Wake, scene: Scene) -> Self {
+    /// A scene that is shown in a window, of which nothing is made yet.
+    pub fn shown_on(canvas: Canvas, wake: Wake, scene: Scene) -> Self {
+        let device = StageDevice::beside(&canvas.context);
         Self {
-            live: Arc::new(Mutex::new(live)),
-            background: BackgroundDevice::new(&context),
-            context,
-            jobs: Jobs::new(wake),
-            timers: Timers::default(),
+            canvas: Some(canvas),
+            requested: Requested {
+                bakes: true,
+                lights: true,
+                transfers: true,
+                ground: true,
+                ..Requested::default()
+            },
+            ..Self::new(device, Jobs::new(wake), scene)
+        }
+    }
+
+    /// A scene that nobody looks at, of which nothing is made yet; jobs are done where they are started, followed by `watch`.
+    pub fn unseen(device: Device, watch: Watch, scene: Scene) -> Self {
+        Self::new(StageDevice::Chosen(device), Jobs::at_once(watch), scene)
+    }
+
+    fn new(device: StageDevice, jobs: Jobs<Change>, scene: Scene) -> Self {
+        Self {
+            canvas: None,
+            device,
+            jobs,
             states: scene
                 .objects
                 .iter()
@@ -256,17 +276,6 @@ impl Project {
         }
     }
 
-    pub fn live(&self) -> MutexGuard<'_, Live> {
-        // A poisoned lock guards pictures, nothing that could be half-written.
-        self.live
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner())
-    }
-
-    pub fn passes(&self) -> Passes {
-        self.live().passes()
-    }
-
     pub fn info(&mut self, text: impl Into<String>) {
         self.notices.push(Notice::Info(text.into()));
     }
@@ -283,6 +292,11 @@ impl Project {
     /// True where any splat is open.
     pub fn has_asset(&self) -> bool {
         self.states.iter().any(|s| s.asset.is_some())
+    }
+
+    /// Whether an object is worked on: in a window each is, since it may be shown next.
+    fn is_used(&self, at: usize) -> bool {
+        self.canvas.is_some() || self.scene.objects[at].shown
     }
 
     /// The objects that are there and shown: their numbers, settings and splats.
@@ -363,9 +377,7 @@ impl Project {
 
     /// Takes in what jobs yielded, and starts what is to be done now.
     pub fn update(&mut self) {
-        for change in self.jobs.events() {
-            change(self);
-        }
+        self.take_changes();
         if self.states.len() != self.scene.objects.len() {
             self.match_states(&self.scene.objects.clone());
         }
@@ -382,26 +394,62 @@ impl Project {
         for at in objects {
             self.orient_lights(at);
             self.start_prepare(at);
-            self.update_hidden(at);
         }
         self.start_surroundings();
         self.start_insertion();
         self.start_inserted();
-        self.relight_together();
-        self.update_ground();
+        self.start_ground();
+        if let Some(canvas) = self.canvas.clone() {
+            self.show(&canvas);
+        }
+    }
+
+    /// Shows on a canvas what there is.
+    fn show(&mut self, canvas: &Canvas) {
+        for at in 0..self.scene.objects.len() {
+            self.update_hidden(at);
+        }
+        self.relight_together(canvas);
+        self.light_ground();
         for at in 0..self.scene.objects.len() {
             if !self.together.contains(&self.states[at].id) {
-                self.relight(at);
+                self.relight(at, canvas);
             }
             self.update_channel(at);
             self.start_doubts(at);
         }
-        self.start_backdrops();
-        self.start_plate();
-        self.start_luts();
+        self.start_backdrops(canvas);
+        self.start_plate(canvas);
+        self.start_luts(canvas);
         self.pin_compared();
-        if let Some(error) = self.context.take_error() {
+        if let Some(error) = canvas.context.take_error() {
             self.error(error.to_string());
+        }
+    }
+
+    /// Changes what is drawn, where anything is.
+    fn draw(&self, change: impl FnOnce(&mut Live)) {
+        if let Some(canvas) = &self.canvas {
+            change(&mut canvas.live());
+        }
+    }
+
+    /// Makes all that is requested, where jobs are done at once.
+    ///
+    /// # Errors
+    /// What could not be made; nothing is begun after it.
+    pub fn settle(&mut self) -> Result<()> {
+        loop {
+            let done = self.jobs.count();
+            self.update();
+            for notice in std::mem::take(&mut self.notices) {
+                if let Notice::Error(why) = notice {
+                    bail!(why);
+                }
+            }
+            if self.jobs.count() == done {
+                return Ok(());
+            }
         }
     }
 
@@ -427,8 +475,22 @@ impl Project {
         work: impl FnOnce(&Handle<Change>) -> Result<T> + Send + 'static,
         take: impl FnOnce(&mut Self, Result<T>) + Send + 'static,
     ) {
+        let has_failed = || self.notices.iter().any(|n| matches!(n, Notice::Error(_)));
+        if self.canvas.is_none() && has_failed() {
+            return;
+        }
         let finish = |result| -> Change { Box::new(|project: &mut Self| take(project, result)) };
         self.jobs.start(kind, label, work, finish);
+        if self.canvas.is_none() {
+            self.take_changes();
+        }
+    }
+
+    /// Takes in what jobs yielded.
+    fn take_changes(&mut self) {
+        for change in self.jobs.events() {
+            change(self);
+        }
     }
 
     /// The object whose state has a number, unless another splat has taken its place.

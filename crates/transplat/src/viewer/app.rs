@@ -29,10 +29,10 @@ use super::widgets::Grab;
 use crate::engine::asset::OpenedWith;
 use crate::engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::engine::delight::DelitAs;
+use crate::engine::environments::{environments_in, not_environments};
 use crate::engine::project::{SOURCE, TARGET};
 use crate::engine::words::of_error;
 use crate::language::{tr, tr_format};
-use crate::pipeline::settings::{environments_in, not_environments};
 use crate::savings::Saved;
 
 /// Where the preferences are kept.
@@ -689,7 +689,7 @@ impl Viewer {
 
     /// A device that is gone takes the window with it; the look is kept.
     pub(super) fn check_device(&mut self, context: &egui::Context) {
-        if self.lost || !self.session.project.context.is_lost() {
+        if self.lost || !self.session.canvas.context.is_lost() {
             return;
         }
         self.lost = true;

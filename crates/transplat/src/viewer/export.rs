@@ -23,7 +23,7 @@ use transplat_core::surfels::{SurfelCloud, UpAxis};
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::session::{Event, Outcome, Session};
-use crate::engine::adapter::BackgroundDevice;
+use crate::engine::adapter::StageDevice;
 use crate::engine::asset::reading_of;
 use crate::engine::capture::Part;
 use crate::engine::delight::DelitAs;
@@ -31,9 +31,9 @@ use crate::engine::device::Transfer;
 use crate::engine::environments::Environment;
 use crate::engine::film::{FRAME_RATE, FilmFormat};
 use crate::engine::jobs::{Handle, Kind};
+use crate::engine::names::name_of;
 use crate::engine::project::{Pinned, SOURCE, TARGET, Whole};
 use crate::language::{tr, tr_format, tr_later};
-use crate::pipeline::object::name_of;
 
 /// Format of saved pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -271,7 +271,7 @@ struct Snapshot {
     pinned_lut: OnceCell<Option<Arc<Lut>>>,
     /// Blurred maps by light, and whether their suns are taken out.
     maps: RefCell<HashMap<(u64, bool), Arc<EnvironmentMap>>>,
-    device: BackgroundDevice,
+    device: StageDevice,
     cloud: Arc<SurfelCloud>,
     /// That the cloud is yet to be made of, where it is all objects.
     whole: Option<Whole>,
@@ -366,7 +366,7 @@ pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings
         pinned_relit: OnceCell::new(),
         pinned_lut: OnceCell::new(),
         maps: RefCell::default(),
-        device: session.project.background.clone(),
+        device: session.project.device.clone(),
         cloud: asset.cloud.clone(),
         whole: None,
         part: asset.part.clone(),
@@ -452,7 +452,7 @@ struct Composed {
     captures: Vec<PathBuf>,
     objects: Vec<(String, usize)>,
     /// With the bake; none where nothing relit is to be saved.
-    prepared: Option<(PreparedTransfer, Bake)>,
+    prepared: Option<(PreparedTransfer, Arc<Bake>)>,
 }
 
 /// What of a scene is to be saved where it is more than an object as it was captured.
@@ -465,10 +465,12 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
         bail!(tr("no object is shown: there is nothing to save"));
     }
     // As things stand now, and not as they stood before the last move.
-    let prepared = session.project.scene_transfer().filter(|(members, ..)| {
+    let prepared = session.project.scene_transfer().filter(|(members, _)| {
         session.project.is_traced() && members.iter().all(|at| session.project.is_prepared(*at))
     });
-    let prepared = prepared.map(|(_, scene, bake)| (scene, bake));
+    let prepared = prepared
+        .map(|(_, scene)| scene)
+        .zip(session.project.shown_bake());
     let view = session.project.scene.view;
     let needs_scene =
         matches!(task, Task::Splat(_)) || view.needs_relit() || view == View::Visibility;
@@ -501,7 +503,7 @@ impl Composed {
         let source = session.project.states[0].source.light.clone();
         let [_, target] = one.lights;
         let (prepared, bake) = match self.prepared {
-            Some((prepared, bake)) => (OnceCell::from(prepared), Arc::new(bake)),
+            Some((prepared, bake)) => (OnceCell::from(prepared), bake),
             None => (OnceCell::new(), one.bake),
         };
         Snapshot {

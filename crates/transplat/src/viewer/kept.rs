@@ -82,7 +82,7 @@ impl Session {
         let mut frame = self.frame_from(pose, PIXELS, View::After)?;
         frame.presentation.ground.grid = None;
         frame.marks = false;
-        let mut live = self.project.live();
+        let mut live = self.canvas.live();
         live.frame(&frame);
         let (pixels, size) = live.read_screen().ok()?;
         let byte = |v: f32| (v * 255.0).round() as u8;

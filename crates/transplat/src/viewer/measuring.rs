@@ -62,7 +62,7 @@ impl Session {
         // A driver that computes on the CPU is not what the user would buy time with.
         devices.extend(
             self.project
-                .background
+                .device
                 .gpu()
                 .filter(|gpu| !gpu.is_software())
                 .map(Device::Gpu),

@@ -55,11 +55,11 @@ impl Viewer {
         ui.horizontal(|ui| {
             let assets = session.project.states.iter().filter_map(|s| s.asset.as_ref());
             let total = assets.map(|a| a.cloud.len()).sum();
-            let drawn = session.project.live().drawn();
+            let drawn = session.canvas.live().drawn();
             ui.label(tr_format!("{} of {} surfels", thousands(drawn), thousands(total)))
                 .on_hover_text(tr("Drawn, of all that there are: what is hidden is not drawn."));
             ui.separator();
-            ui.label(tr_format!("frame {}", milliseconds(session.project.timers.frame.ms())))
+            ui.label(tr_format!("frame {}", milliseconds(session.canvas.timers.frame.ms())))
                 .on_hover_text(tr("From the first command of the last changed picture to its end on the graphics adapter."));
             ui.separator();
             ui.label(tr_format!("transfer {}", milliseconds(session.transfer_ms())))
@@ -80,8 +80,8 @@ impl Viewer {
                     .on_hover_text(tr("Memory that the program holds."));
                 ui.separator();
             }
-            let software = session.project.context.is_software();
-            let name = ui.label(session.project.context.name());
+            let software = session.canvas.context.is_software();
+            let name = ui.label(session.canvas.context.name());
             if software {
                 ui.colored_label(ui.visuals().warn_fg_color, tr("software"))
                     .on_hover_text(tr("This driver computes on the CPU: everything works, slowly. A graphics card with its Vulkan driver makes it fast."));

@@ -12,10 +12,10 @@ use super::export::free_name;
 use super::session::{Event, Session};
 use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
+use crate::engine::names::{as_file_name, name_of};
 use crate::engine::picture::light_at;
 use crate::engine::words::percent;
 use crate::language::{tr, tr_format};
-use crate::pipeline::object::{as_file_name, name_of};
 
 /// Share of the light that may come from where the capture is clipped before it is worth a word.
 const CLIPPED: f64 = 0.05;
@@ -44,7 +44,7 @@ impl Session {
         );
         let (source, up) = (source.clone(), self.project.scene_up());
         let (turn, gain) = (settings.map_from_asset(up).as_mat3(), settings.gain());
-        let (device, whole) = (self.project.background.clone(), self.project.whole());
+        let (device, whole) = (self.project.device.clone(), self.project.whole());
         let folder = PathBuf::from(folder);
         let label = tr_format!("looking around from {}", asset.name());
         let work = move |_: &_| -> Result<_> {

@@ -12,12 +12,12 @@ use transplat_core::scene::{
 };
 
 use super::session::{Event, Session};
+use crate::engine::environments::SKY_COLUMNS;
 use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
+use crate::engine::names::beside;
 use crate::engine::project::pinned::free;
 use crate::language::{tr, tr_format, tr_later};
-use crate::pipeline::SKY_COLUMNS;
-use crate::pipeline::settings::beside;
 
 /// How the kinds of lights are called.
 pub fn kind_name(kind: LightKind) -> &'static str {

@@ -19,6 +19,7 @@ use crate::engine::bake::Baked;
 use crate::engine::environments::Environment;
 use crate::engine::jobs::{Handle, Job, Jobs, Kind, Wake};
 use crate::engine::object::{ObjectState, OrientedLight};
+use crate::engine::project::canvas::Canvas;
 use crate::engine::project::{Notice, Project, SOURCE};
 use crate::engine::words::of_error;
 use crate::language::tr_later;
@@ -127,6 +128,8 @@ pub struct Measured {
 /// A project in the window, and what the window adds.
 pub struct Session {
     pub project: Project,
+    /// What draws the project.
+    pub canvas: Canvas,
     /// Work for the window itself: exports, dialogs, measurements.
     pub jobs: Jobs<Outcome>,
     /// The object that the panels are about.
@@ -155,9 +158,11 @@ impl Session {
         scene: Scene,
     ) -> Self {
         let live = Live::new(&context, window, Drawing::fastest(&context));
+        let canvas = Canvas::new(context, live);
         Self {
             jobs: Jobs::new(wake.clone()),
-            project: Project::new(context, live, wake, scene),
+            project: Project::shown_on(canvas.clone(), wake, scene),
+            canvas,
             selected: 0,
             selected_light: 0,
             adds_splats: false,
@@ -307,7 +312,7 @@ impl Session {
     pub fn transfer_ms(&self) -> f64 {
         let relit = self.state().relit.get();
         let on_cpu = relit.and_then(|r| r.cpu_ms);
-        on_cpu.unwrap_or_else(|| self.project.timers.transfer.ms())
+        on_cpu.unwrap_or_else(|| self.canvas.timers.transfer.ms())
     }
 
     /// How many stops the target's mean irradiance is over the source's, as they are shown.

@@ -1,7 +1,5 @@
 //! The viewport: what is seen of the asset, and what the mouse does there.
 
-use std::sync::{Arc, Mutex};
-
 use eframe::egui::{self, Key, PointerButton, Pos2, Rect, Sense, Ui};
 use eframe::{egui_wgpu, wgpu};
 use glam::{DVec3, Vec2, Vec3};
@@ -9,7 +7,6 @@ use transplat_core::camera::Camera;
 use transplat_core::present::View;
 use transplat_core::rasterize::{Pick, pick};
 use transplat_core::surfels::UpAxis;
-use transplat_gpu::live::Live;
 
 use super::annotations::{annotate, draw_crop_box, mark_surfel, tag};
 use super::gestures::{Gesture, Gestures, Press, Step};
@@ -21,6 +18,7 @@ use super::screen::Screen;
 use super::session::Session;
 use super::widgets::named;
 use crate::engine::project::TARGET;
+use crate::engine::project::canvas::Canvas;
 use crate::language::tr;
 
 /// Cosine to where a highlight is wanted from which it is there.
@@ -109,7 +107,7 @@ impl Default for Viewport {
     }
 }
 
-struct Paint(Arc<Mutex<Live>>);
+struct Paint(Canvas);
 
 impl egui_wgpu::CallbackTrait for Paint {
     fn paint(
@@ -118,8 +116,7 @@ impl egui_wgpu::CallbackTrait for Paint {
         pass: &mut wgpu::RenderPass<'static>,
         _resources: &egui_wgpu::CallbackResources,
     ) {
-        let live = self.0.lock().unwrap_or_else(|p| p.into_inner());
-        live.paint(pass);
+        self.0.live().paint(pass);
     }
 }
 
@@ -163,12 +160,12 @@ impl Viewport {
         if let Some(mut frame) = session.frame(pixels, view) {
             frame.pixel_step = self.step;
             let start = std::time::Instant::now();
-            let ran = session.project.live().frame(&frame);
+            let ran = session.canvas.live().frame(&frame);
             if ran {
-                let timer = &session.project.timers.frame;
-                timer.measure(&session.project.context, start, session.jobs.wake());
+                let timer = &session.canvas.timers.frame;
+                timer.measure(&session.canvas.context, start, session.jobs.wake());
             }
-            let callback = Paint(session.project.live.clone());
+            let callback = Paint(session.canvas.clone());
             ui.painter()
                 .add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         }
@@ -204,8 +201,8 @@ impl Viewport {
         let moving = now - self.last_move < SETTLE_S;
         if moving {
             let (ms, frame) = (
-                session.project.timers.frame.ms(),
-                session.project.timers.frame.count(),
+                session.canvas.timers.frame.ms(),
+                session.canvas.timers.frame.count(),
             );
             // Once for each measured frame; and back only to what would be fast enough.
             if frame != self.judged {

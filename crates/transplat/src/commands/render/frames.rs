@@ -10,8 +10,8 @@ use transplat_core::files::{image_size, load_cameras};
 use transplat_core::present::Background;
 
 use crate::cli::RenderArgs;
+use crate::commands::headless::{Headless, up_warning_of};
 use crate::engine::picture::{MAX_SAMPLES, photographs_named};
-use crate::pipeline::Pipeline;
 use crate::summary::Summary;
 
 /// A picture to be taken.
@@ -24,11 +24,11 @@ pub struct Frame {
 }
 
 /// The cameras to draw.
-pub fn frames(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let mut frames = cameras(args, pipeline, summary)?;
+pub fn frames(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> Result<Vec<Frame>> {
+    let mut frames = cameras(args, headless, summary)?;
     if let Some(aperture) = args.camera.aperture {
-        let middle = pipeline.cloud.bounds().center;
-        let place = args.camera.look_at.map_or(middle, |at| pipeline.place(at));
+        let middle = headless.cloud.bounds().center;
+        let place = args.camera.look_at.map_or(middle, |at| headless.place(at));
         for Frame { camera, .. } in &mut frames {
             if camera.lens.focus.is_infinite() {
                 camera.lens.focus = camera.project(place).1.max(camera.near);
@@ -58,8 +58,8 @@ fn asked(args: &RenderArgs, count: usize) -> Result<std::ops::RangeInclusive<usi
     Ok(first..=last.min(count - 1))
 }
 
-fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Result<Vec<Frame>> {
-    let (scene, cloud) = (&pipeline.scene, &pipeline.cloud);
+fn cameras(args: &RenderArgs, headless: &Headless, summary: &mut Summary) -> Result<Vec<Frame>> {
+    let (scene, cloud) = (&headless.project.scene, &headless.cloud);
     let bounds = cloud.bounds();
     let near = NEAR * bounds.radius;
     let plate = scene.plate.as_ref();
@@ -69,7 +69,8 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let size_of_all = one_for_all.map(|path| image_size(path)).transpose()?;
     if let Some(path) = &args.camera.cameras {
         let file = load_cameras(path)?.placed_for(cloud);
-        if let Some(warning) = pipeline.first().up_warning_by_cameras(&file) {
+        let (object, asset) = headless.first();
+        if let Some(warning) = up_warning_of(object, asset, &file) {
             summary.warn(warning);
         }
         for warning in &file.warnings {
@@ -118,10 +119,10 @@ fn cameras(args: &RenderArgs, pipeline: &Pipeline, summary: &mut Summary) -> Res
     let fov_x = camera.fov.unwrap_or(FIELD_OF_VIEW).to_radians();
     let up = cloud.up.direction();
     if let Some(eye) = camera.eye {
-        let eye = pipeline.place(eye);
+        let eye = headless.place(eye);
         let target = camera
             .look_at
-            .map_or(bounds.center, |at| pipeline.place(at));
+            .map_or(bounds.center, |at| headless.place(at));
         if eye == target {
             bail!("--eye is where it looks at: the two need to be apart");
         }

@@ -10,21 +10,21 @@ use transplat_core::files::{PngBits, load_environment, write_png};
 use transplat_core::present::{self, PLAIN};
 use transplat_core::probe::DEFAULT_ROWS;
 use transplat_core::rasterize::shade;
-use transplat_core::scene::{EnvironmentLight, Scene};
+use transplat_core::scene::{EVEN, EnvironmentLight, Object, Scene, Transform};
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::lattice;
 use transplat_core::surfels::SurfelCloud;
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{Part, Relit};
 
 use super::page::write;
 use crate::cli::{LightArgs, ReportArgs};
+use crate::commands::headless::Headless;
 use crate::commands::make_folder;
 use crate::commands::probe::{Around, Lights, seen};
+use crate::engine::asset::Asset;
 use crate::engine::device::{Device, Paint};
 use crate::ground_truth::insertion::{TruthScene, TruthView};
 use crate::metrics::Picture;
-use crate::pipeline::Pipeline;
-use crate::pipeline::object::LoadedObject;
 use crate::summary::Summary;
 
 /// What [`run`] writes, beside the pictures.
@@ -155,7 +155,7 @@ pub fn run(
 struct Subject<'a> {
     truth: &'a TruthScene,
     insert: &'a str,
-    pipeline: Pipeline,
+    headless: Headless,
     views: Vec<TruthView>,
     /// The light that the scene shows at the object.
     probe: EnvironmentMap,
@@ -168,13 +168,13 @@ impl<'a> Subject<'a> {
         device: &Device,
         summary: &mut Summary,
     ) -> Result<Self> {
-        let pipeline = loaded(&truth.with(insert)?, Method::Directional, device, summary)?;
-        let views = truth.views(insert, pipeline.cloud.bounds().radius)?;
-        let probe = probe(&pipeline, summary)?;
+        let headless = loaded(&truth.with(insert)?, Method::Directional, device, summary)?;
+        let views = truth.views(insert, headless.cloud.bounds().radius)?;
+        let probe = probe(&headless, summary)?;
         Ok(Self {
             truth,
             insert,
-            pipeline,
+            headless,
             views,
             probe,
         })
@@ -182,7 +182,8 @@ impl<'a> Subject<'a> {
 
     /// What a way makes of scene and object, each in its own coordinates; none where it cannot be told.
     fn relit(&self, way: Way, summary: &mut Summary) -> Result<Option<Vec<Relit>>> {
-        let [scene, object] = &self.pipeline.objects[..] else {
+        let shown: Vec<(&Object, &Asset)> = self.headless.shown().collect();
+        let [(_, scene), (inserted, object)] = shown[..] else {
             return Ok(None);
         };
         let light = match way {
@@ -192,25 +193,25 @@ impl<'a> Subject<'a> {
                 Some(path) => load_environment(&path)?,
                 None => return Ok(None),
             },
-            Way::Paper => return together(&self.pipeline, Method::Harmonic, summary).map(Some),
-            Way::Best => return together(&self.pipeline, Method::Directional, summary).map(Some),
+            Way::Paper => return together(&self.headless, Method::Harmonic, summary).map(Some),
+            Way::Best => return together(&self.headless, Method::Directional, summary).map(Some),
         };
-        let light = self.pipeline.device.light(&light, Method::Directional)?;
-        let relit = alone(&self.pipeline, object, &light, summary)?;
+        let light = self.headless.device.light(&light, Method::Directional)?;
+        let relit = alone(&self.headless, inserted, &light, summary)?;
         Ok(Some(vec![captured(&scene.cloud), relit]))
     }
 
     /// Draws each view, writes it, and compares it with the truth.
     fn score(&self, relit: &[Relit], folder: &Path) -> Result<Score> {
         make_folder(folder)?;
-        let (painter, _) = self.pipeline.device.painter(&self.pipeline.cloud)?;
+        let (painter, _) = self.headless.device.painter(&self.headless.cloud)?;
         let mut scores = Vec::new();
         for (number, view) in self.views.iter().enumerate() {
             let mut colors = Vec::new();
-            for (object, relit) in self.pipeline.objects.iter().zip(relit) {
-                let object_from_scene = object.settings.transform.scene_from_object().inverse();
+            for ((object, asset), relit) in self.headless.shown().zip(relit) {
+                let object_from_scene = object.transform.scene_from_object().inverse();
                 let eye = object_from_scene.transform_point3(view.camera.eye);
-                let (positions, sh) = (&object.cloud.positions, &relit.sh);
+                let (positions, sh) = (&asset.cloud.positions, &relit.sh);
                 colors.extend(shade(
                     positions,
                     sh,
@@ -258,47 +259,47 @@ fn loaded(
     method: Method,
     device: &Device,
     summary: &mut Summary,
-) -> Result<Pipeline> {
-    let mut wholes = Vec::new();
-    let load = |o: &transplat_core::scene::Object| {
-        let asset = o.asset.as_deref().context("an asset")?;
-        LoadedObject::load_part(asset, o.clone(), &mut wholes, summary)
-    };
-    let objects = scene.objects.iter().map(load).collect::<Result<_>>()?;
+) -> Result<Headless> {
     let scene = Scene {
         transfer: TransferSettings::of(method),
         ..scene.clone()
     };
-    Ok(Pipeline::of(objects, None, scene, device.clone()))
+    Headless::of(scene, device.clone(), summary)
 }
 
 /// Both relit by what lights the scene.
-fn together(pipeline: &Pipeline, method: Method, summary: &mut Summary) -> Result<Vec<Relit>> {
-    let again = loaded(&pipeline.scene, method, &pipeline.device, summary)?;
-    let lights = again.lights(&LightArgs::default(), summary)?;
-    let bake = again.bake(None, summary)?;
-    let prepared = again.prepare(&bake, &lights, summary)?;
-    let target = lights.targets.first().context("a light")?;
-    let light = lights.on_scene(&again, target);
-    again.relight_objects(&prepared, &target.name, (&light, Part::Whole, &[]), summary)
+fn together(headless: &Headless, method: Method, summary: &mut Summary) -> Result<Vec<Relit>> {
+    let scene = &headless.project.scene;
+    let mut again = loaded(scene, method, &headless.device, summary)?;
+    let targets = again.light(&LightArgs::default(), summary)?;
+    let (prepared, _) = again.prepare(summary)?;
+    let target = targets.first().context("a light")?;
+    let light = again.light_by(target, summary)?;
+    again.relight_objects(&prepared, &target.name, &light, summary)
 }
 
 /// An object relit alone by a light of the scene.
 fn alone(
-    pipeline: &Pipeline,
-    object: &LoadedObject,
+    headless: &Headless,
+    object: &Object,
     light: &Illumination,
     summary: &mut Summary,
 ) -> Result<Relit> {
-    let scene = &pipeline.scene;
-    let bake = object.bake((&pipeline.device, scene), None, summary)?;
-    let source = object.settings.source.file.as_deref().context("a light")?;
-    let source = pipeline.light_of(object, source, None, summary)?;
-    let source = object.settings.source.orient(&source, object.cloud.up);
-    let prepared = PreparedTransfer::new(&object.cloud, &bake, &source, &scene.transfer)?;
-    let object_from_scene = object.settings.transform.rotation.inverse().as_dquat();
+    let scene = &headless.project.scene;
+    let as_captured = Scene {
+        objects: vec![Object {
+            transform: Transform::default(),
+            ..object.clone()
+        }],
+        environment: EnvironmentLight::of(EVEN),
+        ..scene.clone()
+    };
+    let mut again = Headless::of(as_captured, headless.device.clone(), summary)?;
+    again.light(&LightArgs::default(), summary)?;
+    let (prepared, _) = again.prepare(summary)?;
+    let object_from_scene = object.transform.rotation.inverse().as_dquat();
     // As the scene sees it, and as the object is turned in it.
-    let light = EnvironmentLight::default().orient(light, pipeline.cloud.up);
+    let light = EnvironmentLight::default().orient(light, headless.cloud.up);
     let light = light.rotated(DMat3::from_quat(object_from_scene));
     Ok(prepared.relight(&light, Part::Whole)?)
 }
@@ -314,21 +315,22 @@ fn captured(cloud: &Arc<SurfelCloud>) -> Relit {
 }
 
 /// The light that the scene shows at the object's place, which is left out.
-fn probe(pipeline: &Pipeline, summary: &mut Summary) -> Result<EnvironmentMap> {
-    let [scene, object] = &pipeline.objects[..] else {
+fn probe(headless: &Headless, summary: &mut Summary) -> Result<EnvironmentMap> {
+    let shown: Vec<(&Object, &Asset)> = headless.shown().collect();
+    let [(scene, _), (object, asset)] = shown[..] else {
         anyhow::bail!("a scene and an object are expected");
     };
-    let scene_from_object = object.settings.transform.scene_from_object();
-    let place = scene_from_object.transform_point3(object.cloud.bounds().center);
-    let light = Some(scene.settings.source.clone());
-    let around = Around::load(pipeline, place, light, summary)?;
-    let (painter, _) = pipeline.device.painter(&pipeline.cloud)?;
+    let scene_from_object = object.transform.scene_from_object();
+    let place = scene_from_object.transform_point3(asset.cloud.bounds().center);
+    let light = Some(scene.source.clone());
+    let around = Around::load(headless, place, light, summary)?;
+    let (painter, _) = headless.device.painter(&headless.cloud)?;
     let lights = Lights {
         around: around.as_ref(),
         ..Lights::default()
     };
     let without = std::iter::once(1);
-    let probe = seen(pipeline, (&painter, without), place, DEFAULT_ROWS, &lights)?;
+    let probe = seen(headless, (&painter, without), place, DEFAULT_ROWS, &lights)?;
     Ok(probe.map)
 }
 

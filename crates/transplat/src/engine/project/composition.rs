@@ -11,9 +11,9 @@ use transplat_core::scene::{
 
 use transplat_core::surfels::{Bounds, Hide};
 
+use crate::engine::names::{name_of, told_apart};
 use crate::engine::project::{Notice, Project};
 use crate::language::{tr, tr_format};
-use crate::pipeline::object::{name_of, told_apart};
 
 /// Where an object stands on the surface below it, a robust highest point counts: that share of the surfels may stick out.
 const STICKING_OUT: f32 = 0.001;

@@ -8,6 +8,7 @@ use transplat_core::camera::{CameraPose, first_pose, framed};
 use transplat_core::estimate::Estimate;
 use transplat_core::files::is_same_file;
 use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_even};
+use transplat_core::settings::Method;
 use transplat_core::upright::UpEvidence;
 use transplat_gpu::live::{Drawing, LiveAsset};
 
@@ -17,6 +18,7 @@ use crate::engine::environments::{Environment, light_name};
 use crate::engine::estimate;
 use crate::engine::jobs::{Kind, Work};
 use crate::engine::object::ObjectState;
+use crate::engine::project::canvas::Canvas;
 use crate::engine::project::stages::DROP_IT;
 use crate::engine::project::{Notice, OpenCameras, Project};
 use crate::engine::words::of_error;
@@ -98,7 +100,7 @@ impl Project {
         for state in last.into_iter().flatten() {
             self.jobs.cancel_object(state.id);
         }
-        self.live().arrange(of);
+        self.draw(|live| live.arrange(of));
         self.pinned = None;
     }
 
@@ -109,7 +111,8 @@ impl Project {
         }
         let each = self.scene.objects.iter().zip(&self.states).enumerate();
         let mut missing = each.filter_map(|(at, (object, state))| {
-            let path = object.asset.as_deref()?;
+            let is_needed = at == 0 || self.is_used(at);
+            let path = object.asset.as_deref().filter(|_| is_needed)?;
             (state.path() != Some(path)).then(|| (at, path.to_owned()))
         });
         if let Some((at, path)) = missing.next() {
@@ -135,7 +138,7 @@ impl Project {
         let id = self.states[at].id;
         let kind = Kind::Of(id, Work::Load);
         self.jobs.cancel(kind);
-        let context = self.context.clone();
+        let canvas = self.canvas.clone();
         let label = tr_format!("loading {name}", name = name_of(&path));
         let asked = self.scene.objects[at].clone();
         let object = match &opened_with {
@@ -157,9 +160,13 @@ impl Project {
                 },
                 None => Asset::load(path, &object, capture)?,
             };
-            let live = LiveAsset::new(&context, &asset.cloud, Drawing::fastest(&context))?;
+            let Some(Canvas { context, .. }) = &canvas else {
+                return Ok((asset, None, None));
+            };
+            let asset = asset.with_hints();
+            let live = LiveAsset::new(context, &asset.cloud, Drawing::fastest(context))?;
             let estimate = estimate::kept(&asset.path, asset.whole_cloud());
-            Ok((asset, live, estimate))
+            Ok((asset, Some(live), estimate))
         };
         self.start_or_else(kind, label, work, move |project, loaded| {
             // Its object may have been taken away meanwhile.
@@ -227,15 +234,16 @@ impl Project {
         mut at: usize,
         opened_with: OpenedWith,
         asked: &Object,
-        (asset, live, estimate): (Asset, LiveAsset, Option<Estimate>),
+        (asset, live, estimate): (Asset, Option<LiveAsset>, Option<Estimate>),
     ) {
         if let OpenedWith::Scene(scene) = &opened_with {
             // It has room alone, or would not have come this far.
             self.take_over((**scene).clone());
             at = 0;
         }
-        let is_taken = self.live().set_asset(at, live);
-        if let Err(error) = is_taken {
+        let drawn = self.canvas.as_ref().zip(live);
+        let is_taken = drawn.map(|(canvas, live)| canvas.live().set_asset(at, live));
+        if let Some(Err(error)) = is_taken {
             self.error(error.to_string());
             self.drop_added(at);
             return;
@@ -280,13 +288,17 @@ impl Project {
             object.transform = transform;
             self.propose(at, &asset);
         } else {
-            let moved = self.scene.take_origin(at, origin, asset.cloud.up);
+            let moved = self.scene.take_origin(at, origin, asset.file_up);
             self.pose.pivot = (self.pose.pivot.as_dvec3() + moved).as_vec3();
+            // Lights that are fixed to the camera are moved already.
+            self.followed = None;
         }
         let object = &mut self.scene.objects[at];
         object.asset = Some(asset.path.clone());
-        // Where nobody tells it, and as long as what is told cannot be read.
-        object.source.file.get_or_insert(ESTIMATE.into());
+        if self.canvas.is_some() {
+            // Where nobody tells it, and as long as what is told cannot be read.
+            object.source.file.get_or_insert(ESTIMATE.into());
+        }
         if object.source.file.as_deref().is_some_and(is_even) {
             self.info(tr_format!(
                 "what it was captured under is not known: even light is assumed. {drop_it}",
@@ -405,6 +417,9 @@ impl Project {
 
     /// Reads the environments that wait, and those that the settings name.
     pub fn start_lights(&mut self) {
+        if !self.requested.lights {
+            return;
+        }
         let lights = self.scene.environment_lights();
         let shown: Vec<&Path> = lights.filter_map(|l| l.file.as_deref()).collect();
         for path in &shown {
@@ -424,10 +439,12 @@ impl Project {
     }
 
     fn start_light(&mut self, path: PathBuf) {
-        let background = self.background.clone();
+        let device = self.device.clone();
         let label = tr_format!("reading {}", light_name(&path));
         let (file, reading) = (path.clone(), self.scene.reading_of(&path));
-        let work = move |_: &_| Environment::load(&background, &file, reading);
+        // For either method: they are changed with a click.
+        let method = Method::Directional;
+        let work = move |_: &_| Environment::load(&device.any(), &file, reading, method);
         self.start_or_else(Kind::Light, label, work, move |project, read| match read {
             Ok(read) => {
                 project.stages.project_environment += 1;

@@ -8,6 +8,7 @@ use transplat_core::scene::{MOST_KEPT, Scene, Variant};
 use transplat_core::transfer::{Part, Relit};
 use transplat_gpu::live::{Drawing, LiveSh};
 
+use crate::engine::project::canvas::Canvas;
 use crate::engine::project::{Pinned, Project};
 use crate::language::{tr, tr_format};
 
@@ -19,12 +20,15 @@ impl Project {
 
     /// Keeps the settings as they are, to compare others with them.
     pub fn pin(&mut self) {
-        let relit = (0..self.states.len()).any(|at| self.live().has_relit(at));
-        if !relit {
+        let Some(canvas) = self.canvas.clone() else {
+            return;
+        };
+        let is_relit = (0..self.states.len()).any(|at| canvas.live().has_relit(at));
+        if !is_relit {
             self.error(tr("there is nothing relit to be pinned yet"));
             return;
         }
-        if self.pin_what_is_shown(self.scene.display) {
+        if self.pin_what_is_shown(&canvas, self.scene.display) {
             self.pinned = Some(self.to_pin(true));
             self.keep_look();
         }
@@ -70,8 +74,11 @@ impl Project {
 
     /// Exchanges the pinned settings with those of now.
     pub fn swap_pinned(&mut self) {
+        let Some(canvas) = self.canvas.clone().filter(|_| self.pinned.is_some()) else {
+            return;
+        };
         // What is on the screen is what is pinned now.
-        if self.pinned.is_some() && self.pin_what_is_shown(self.scene.display) {
+        if self.pin_what_is_shown(&canvas, self.scene.display) {
             let now = self.to_pin(self.compared().is_some());
             if let Some(pinned) = self.pinned.replace(now) {
                 let last = std::mem::replace(&mut self.scene, pinned.scene);
@@ -91,22 +98,24 @@ impl Project {
         }
     }
 
-    fn pin_what_is_shown(&mut self, display: Display) -> bool {
+    fn pin_what_is_shown(&mut self, canvas: &Canvas, display: Display) -> bool {
         if self.scene.view.part() != Part::Whole && !self.together.is_empty() {
-            return self.pin_together(display);
+            return self.pin_together(canvas, display);
         }
         let has_asset = |at: &usize| self.states[*at].asset.is_some();
         let objects: Vec<usize> = (0..self.states.len()).filter(has_asset).collect();
-        objects.into_iter().all(|at| self.pin_object(at, display))
+        objects
+            .into_iter()
+            .all(|at| self.pin_object(at, canvas, display))
     }
 
     /// Keeps all objects as they are relit together, all parts of them.
-    fn pin_together(&mut self, display: Display) -> bool {
+    fn pin_together(&mut self, canvas: &Canvas, display: Display) -> bool {
         let scene = self.scene_transfer();
-        let is_of_now = |(members, ..): &(Vec<usize>, _, _)| {
+        let is_of_now = |(members, _): &(Vec<usize>, _)| {
             self.is_traced() && members.iter().all(|at| self.is_prepared(*at))
         };
-        let Some((members, scene, _)) = scene.filter(is_of_now) else {
+        let Some((members, scene)) = scene.filter(is_of_now) else {
             self.error(tr(
                 "the objects are still being prepared; try again when that is done",
             ));
@@ -116,7 +125,7 @@ impl Project {
         match scene.relight_objects(&target.light.rotated(turn), Part::Whole, &[]) {
             Ok(relit) => {
                 for (at, relit) in members.into_iter().zip(relit) {
-                    self.pin_relit(at, relit, display);
+                    pin_relit(canvas, at, relit, display);
                 }
                 true
             }
@@ -127,26 +136,20 @@ impl Project {
         }
     }
 
-    fn pin_relit(&self, at: usize, relit: Relit, display: Display) {
-        let drawing = Drawing::fastest(&self.context);
-        let sh = LiveSh::new(&self.context, &Arc::new(drawing.kept(relit)), drawing);
-        self.live().pin_relit(at, sh, display);
-    }
-
     /// Keeps what is shown relit of an object, all parts of it.
-    fn pin_object(&mut self, at: usize, display: Display) -> bool {
+    fn pin_object(&mut self, at: usize, canvas: &Canvas, display: Display) -> bool {
         let state = &self.states[at];
         let (Some(shown), Some(made)) = (state.relit.made_from(), state.prepared.get()) else {
             return false;
         };
         let lacks_none = shown.unseen == state.unseen.version && !state.unseen.has_hidden;
         if shown.part == Part::Whole && lacks_none && !shown.coarse {
-            self.live().pin(at, display);
+            canvas.live().pin(at, display);
             return true;
         }
         let target = &shown.target.light;
         let pinned = if made.on_gpu {
-            let mut live = self.live();
+            let mut live = canvas.live();
             let whole = live.relight(at, target, Part::Whole, &[]);
             whole.and_then(|()| {
                 live.pin(at, display);
@@ -155,7 +158,7 @@ impl Project {
         } else {
             let whole = made.prepared.relight(target, Part::Whole);
             whole.map(|relit| {
-                self.pin_relit(at, relit, display);
+                pin_relit(canvas, at, relit, display);
             })
         };
         if let Err(error) = &pinned {
@@ -188,6 +191,12 @@ impl Project {
             self.scene = self.scene.clone().with_look(&kept.look);
         }
     }
+}
+
+fn pin_relit(canvas: &Canvas, at: usize, relit: Relit, display: Display) {
+    let drawing = Drawing::fastest(&canvas.context);
+    let sh = LiveSh::new(&canvas.context, &Arc::new(drawing.kept(relit)), drawing);
+    canvas.live().pin_relit(at, sh, display);
 }
 
 /// A name that is not taken.

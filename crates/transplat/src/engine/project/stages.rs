@@ -1,4 +1,4 @@
-//! The pipeline's stages as the window runs them: each has a key, all that its value depends on, and runs when that has changed; long ones
+//! The stages of a project: each has a key, all that its value depends on, and runs when that has changed; long ones
 //! as jobs, whose result is taken in where it is still asked for.
 
 mod asset;

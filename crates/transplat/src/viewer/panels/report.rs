@@ -16,7 +16,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     doubts(ui, &mut viewer.session);
     ui.separator();
     let session = &viewer.session;
-    let passes = session.project.passes();
+    let passes = session.canvas.passes();
     let stages = session.project.stages;
     egui::Grid::new("stages")
         .num_columns(3)
@@ -41,7 +41,7 @@ pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
                 (
                     tr("draw"),
                     passes.draw,
-                    Some(session.project.timers.frame.ms()),
+                    Some(session.canvas.timers.frame.ms()),
                 ),
                 (tr("present"), passes.present, None),
             ];

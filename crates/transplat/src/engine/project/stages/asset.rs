@@ -84,7 +84,7 @@ impl Project {
         for work in [Work::Bake(Method::Directional), Work::Estimate] {
             self.jobs.cancel(Kind::Of(id, work));
         }
-        self.live().set_cloud(at, &cloud);
+        self.draw(|live| live.set_cloud(at, &cloud));
         self.pinned = None;
         let state = &mut self.states[at];
         if let Some(bake) = state.bakes.get_mut(&Method::Directional) {

@@ -7,17 +7,17 @@ use transplat_core::files::{load_lut, load_plate};
 use transplat_core::present::{Background, View};
 use transplat_gpu::present::{Backdrop, ResidentLut};
 
-use crate::engine::environments::{Environment, load_map};
+use crate::engine::environments::{Environment, SKY_COLUMNS, load_map};
 use crate::engine::jobs::Kind;
+use crate::engine::project::canvas::Canvas;
 use crate::engine::project::{BackdropKey, Project, SOURCE, TARGET};
 use crate::engine::words::of_error;
 use crate::language::tr_format;
-use crate::pipeline::SKY_COLUMNS;
 use transplat_core::scene::{EnvironmentLight, Scene};
 
 impl Project {
     /// Reads the maps behind the objects: that of the side that is seen first, then the other's, since before and after are a key apart.
-    pub fn start_backdrops(&mut self) {
+    pub fn start_backdrops(&mut self, canvas: &Canvas) {
         let view = self.scene.view;
         let is_seen = view.background(self.scene.background) == Background::Environment;
         if !is_seen || self.states.iter().all(|s| s.asset.is_none()) {
@@ -37,7 +37,7 @@ impl Project {
             if self.jobs.is_running(kind) || !self.backdrops[side].ask(&key) {
                 continue;
             }
-            let context = self.context.clone();
+            let context = canvas.context.clone();
             let label = tr_format!("reading {} for the background", light.name());
             let kept = self.environments.kept_map(light.id);
             let blur = key.blur;
@@ -56,7 +56,7 @@ impl Project {
                     project.environments.keep_map(key.light, map);
                 }
                 if project.backdrops[side].accept(key, ()) {
-                    project.live().set_backdrop(side, backdrop);
+                    project.draw(|live| live.set_backdrop(side, backdrop));
                     if side == TARGET {
                         project.plate.clear();
                     }
@@ -66,7 +66,7 @@ impl Project {
     }
 
     /// Reads the photograph behind the objects, which is shown in the place of the target's map.
-    pub fn start_plate(&mut self) {
+    pub fn start_plate(&mut self, canvas: &Canvas) {
         let is_seen = self.scene.view.background(self.scene.background) == Background::Plate;
         let kind = Kind::Backdrop(TARGET);
         let Some(path) = self.scene.plate.clone().filter(|_| is_seen) else {
@@ -75,7 +75,7 @@ impl Project {
         if self.jobs.is_running(kind) || !self.plate.ask(&path) {
             return;
         }
-        let (context, file) = (self.context.clone(), path.clone());
+        let (context, file) = (canvas.context.clone(), path.clone());
         let work = move |_: &_| {
             let plate = load_plate(&file)?;
             let backdrop = Backdrop::of_plate(&context, &plate);
@@ -88,7 +88,7 @@ impl Project {
                     project.info(format!("{}: {warning}", path.display()));
                 }
                 if project.plate.accept(path, size) {
-                    project.live().set_backdrop(TARGET, backdrop);
+                    project.draw(|live| live.set_backdrop(TARGET, backdrop));
                     project.backdrops[TARGET].clear();
                 }
             }
@@ -119,7 +119,7 @@ impl Project {
     }
 
     /// Reads the tables of colours that are asked for.
-    pub fn start_luts(&mut self) {
+    pub fn start_luts(&mut self, canvas: &Canvas) {
         for of in [TARGET, SOURCE] {
             let kind = Kind::Lut(of);
             let Some(path) = self.lut_paths()[of].cloned() else {
@@ -128,12 +128,12 @@ impl Project {
             if self.jobs.is_running(kind) || !self.luts[of].ask(&path) {
                 continue;
             }
-            let (context, file) = (self.context.clone(), path.clone());
+            let (context, file) = (canvas.context.clone(), path.clone());
             let work = move |_: &_| Ok(ResidentLut::new(&context, &load_lut(&file)?));
             let label = tr_format!("reading {}", path.display());
             self.start(kind, label, work, move |project, lut| {
                 if project.luts[of].accept(path, ()) {
-                    project.live().set_lut(of, lut);
+                    project.draw(|live| live.set_lut(of, lut));
                 }
             });
         }
@@ -143,7 +143,10 @@ impl Project {
     pub fn open_lut(&mut self, path: PathBuf) {
         // The last one that is asked for is taken, however long each takes to read.
         self.jobs.cancel(Kind::Lut(TARGET));
-        let (context, file) = (self.context.clone(), path.clone());
+        let Some(canvas) = self.canvas.clone() else {
+            return;
+        };
+        let (context, file) = (canvas.context.clone(), path.clone());
         let work = move |_: &_| {
             let lut = load_lut(&file)?;
             Ok((ResidentLut::new(&context, &lut), lut.warnings))
@@ -157,7 +160,7 @@ impl Project {
             // The file may be another one than when it was last read.
             project.luts[SOURCE].clear();
             project.luts[TARGET].set(path.clone(), ());
-            project.live().set_lut(TARGET, lut);
+            canvas.live().set_lut(TARGET, lut);
             project.scene.lut = Some(path);
         });
     }

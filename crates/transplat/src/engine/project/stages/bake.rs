@@ -14,14 +14,22 @@ use crate::engine::object::BakeKey;
 use crate::engine::project::{Change, Project};
 use crate::language::{tr, tr_format};
 
+/// Directions that are enough to tell a normal's sign.
+const ORIENTATION_DIRECTIONS: usize = 64;
+
 impl Project {
     pub fn baked_of(&self, at: usize) -> Option<&Baked> {
         let method = self.scene.transfer.method;
         self.states[at].bakes.get(&method)?.get()
     }
 
-    fn bake_key(&self, method: Method) -> BakeKey {
+    /// Directions of a method's bake.
+    pub fn bake_key(&self, method: Method) -> BakeKey {
         match method {
+            // Without shadows only the normals need it, and nobody will ask for them next.
+            Method::Harmonic if self.canvas.is_none() && !self.scene.transfer.terms.shadow => {
+                self.scene.directions.min(ORIENTATION_DIRECTIONS)
+            }
             Method::Harmonic => self.scene.directions,
             Method::Directional => patches::DIRECTIONS,
         }
@@ -70,10 +78,12 @@ impl Project {
         let set = self.scene.transfer.method;
         let is_wanted = |method| !self.is_bake_asked(at, method);
         let for_estimate = Method::Directional;
-        if is_wanted(set) {
+        let is_requested = self.requested.bakes && self.is_used(at) && self.needs_own_bake(at);
+        if is_requested && is_wanted(set) {
             self.bake(at, set, tr("the visibility"));
         } else if self.estimate_needs_bake(at) {
-            if is_wanted(for_estimate) && self.states[at].bake_share(set) == 1.0 {
+            let is_next = !is_requested || self.states[at].bake_share(set) == 1.0;
+            if is_wanted(for_estimate) && is_next {
                 self.bake(at, for_estimate, tr("what tells the light"));
             }
         } else if set != for_estimate && self.is_bake_awaited(at, for_estimate) {
@@ -91,7 +101,13 @@ impl Project {
         state.bakes.entry(method).or_default().ask(&key);
         // One of the other method is kept until that is set.
         let is_other = |file: &PathBuf| inspect_bake(file).is_ok_and(|h| h.method != method);
-        let saved = state.saved_bake.take_if(|file| !is_other(file));
+        let is_seen = self.canvas.is_some();
+        let is_set = method == self.scene.transfer.method;
+        let saved = state.saved_bake.take_if(|file| match is_seen {
+            true => !is_other(file),
+            false => is_set,
+        });
+        let is_read = saved.is_some();
         let part = asset.part.clone();
         let (part, path) = (
             part.filter(|_| method == Method::Directional),
@@ -103,29 +119,39 @@ impl Project {
             directions: key,
             skips: self.scene.transfer.skips,
             part_of: None,
-            beside: kept_beside(&path, asset.part.as_ref(), method),
+            beside: kept_beside(&path, asset.part.as_ref(), method).filter(|_| is_seen),
         };
         let label = tr_format!(
             "baking {what} of {asset}",
             asset = asset.name(),
             what = what
         );
-        let (id, background) = (state.id, self.background.clone());
+        let (id, device) = (state.id, self.device.clone());
         let take = move |project: &mut Self, baked: Baked| project.take_bake(id, key, baked);
         let work = move |handle: &Handle<Change>| {
             let preview = |baked: Baked| {
                 handle.send(Box::new(move |project: &mut Self| take(project, baked)));
             };
-            let (device, progress) = (background.fastest(), |done: f64| handle.progress(done));
+            let (device, progress) = (device.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
+            if let (false, Some(saved)) = (is_seen, saved) {
+                return bake::saved(saved, &wanted);
+            }
             if let Some(part) = &part {
                 let of_whole = part.of_whole(&device, wanted.skips, &progress);
                 wanted.part_of = Some(of_whole.context(tr("the bake failed"))?);
             }
+            if !is_seen {
+                return bake::whole(&device, &wanted, &progress);
+            }
             bake::refined(&device, &wanted, saved, &progress, preview)
                 .context(tr("the bake failed"))
         };
-        self.start(Kind::Of(id, Work::Bake(method)), label, work, take);
+        let what = match is_seen || !is_read {
+            true => Work::Bake(method),
+            false => Work::Load,
+        };
+        self.start(Kind::Of(id, what), label, work, take);
     }
 
     fn take_bake(&mut self, id: u64, key: BakeKey, mut baked: Baked) {

@@ -40,7 +40,7 @@ impl Project {
                 None => bake.bake.openness(),
             };
             let colors = open.into_iter().map(|o| [o; 3]).collect();
-            self.live().set_channel(at, View::Visibility, colors);
+            self.draw(|live| live.set_channel(at, View::Visibility, colors));
         }
     }
 
@@ -66,7 +66,7 @@ impl Project {
                     return;
                 };
                 if project.states[at].channel.accept(key, ()) {
-                    project.live().set_channel(at, view, colors);
+                    project.draw(|live| live.set_channel(at, view, colors));
                 }
             },
         );

@@ -102,7 +102,7 @@ impl Project {
         });
         let (colors, marks): (_, Vec<_>) = (present::doubt_colors(&doubts.of), marks.collect());
         if state.doubts.accept(key, doubts) {
-            self.live().set_doubts(at, colors, marks.into_iter());
+            self.draw(|live| live.set_doubts(at, colors, marks.into_iter()));
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use transplat_core::estimate::estimate_light;
+
 use crate::engine::environments::Environment;
 use crate::engine::estimate::{make_and_keep, why_not};
 use crate::engine::jobs::{Handle, Kind, Work};
@@ -17,9 +19,18 @@ pub const DROP_IT: &str =
 impl Project {
     /// Whether the settings ask for the light that the asset tells of.
     fn asks_for_estimate(&self, at: usize) -> bool {
+        if !self.requested.lights || !(self.is_used(at) || at == 0) {
+            return false;
+        }
         // That of the scene: its first object.
         let is_asked_as_target = at == 0 && self.scene.environment.is_estimate();
         self.scene.objects[at].source.is_estimate() || is_asked_as_target
+    }
+
+    /// Whether nothing is to be made under an object's light yet: it is being estimated, and nobody looks on meanwhile.
+    pub fn waits_for_estimate(&self, at: usize) -> bool {
+        let is_asked = self.canvas.is_none() && self.asks_for_estimate(at);
+        is_asked && self.states[at].estimated.get().is_none()
     }
 
     /// Whether a bake is needed to estimate the light.
@@ -63,9 +74,13 @@ impl Project {
         let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
         let label = tr_format!("estimating the light of {}", asset.name());
         let kind = Kind::Of(id, Work::Estimate);
+        let is_kept = self.canvas.is_some();
         let work = move |handle: &Handle<_>| {
             let report = |done| handle.progress(done);
-            Ok(make_and_keep(&path, &cloud, &bake, &report)?)
+            Ok(match is_kept {
+                true => make_and_keep(&path, &cloud, &bake, &report)?,
+                false => estimate_light(&cloud, &bake, &report)?,
+            })
         };
         self.start(kind, label, work, move |project, estimate| {
             if let Some(at) = project.at(id) {

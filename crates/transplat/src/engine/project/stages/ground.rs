@@ -12,8 +12,11 @@ use crate::language::tr;
 
 impl Project {
     /// Bakes it under what is shown where that stands now; the last one serves until then.
-    pub fn update_ground(&mut self) {
+    pub fn start_ground(&mut self) {
         let kind = Kind::Ground;
+        if !self.requested.ground {
+            return;
+        }
         if !self.scene.shadow_catcher || self.shown().next().is_none() {
             // One that was cancelled can be had again.
             if self.ground.current().is_none() && !self.jobs.is_awaited(kind) {
@@ -45,10 +48,12 @@ impl Project {
                 },
             );
         }
-        self.light_ground();
     }
 
-    fn light_ground(&mut self) {
+    pub fn light_ground(&mut self) {
+        if !self.scene.shadow_catcher || self.shown().next().is_none() {
+            return;
+        }
         let turn = self.scene.objects[0].transform.rotation;
         let key: GroundLitKey = (self.ground.version(), self.oriented_of(0), turn);
         let Some(ground) = self.ground.get() else {
@@ -62,7 +67,7 @@ impl Project {
         let place = self.scene.objects[0].transform.scene_from_object();
         let target = target.seen_by(place.inverse());
         let lit = [&**source, &target].map(|light| ground.lit_share(light));
-        self.live().set_ground([&lit[0], &lit[1]]);
+        self.draw(|live| live.set_ground([&lit[0], &lit[1]]));
         self.ground_lit.set(key, ());
     }
 

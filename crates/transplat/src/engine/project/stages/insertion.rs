@@ -17,13 +17,23 @@ use crate::engine::project::{Change, Project};
 use crate::language::tr;
 
 impl Project {
+    /// Whether an object's bake as it was captured is used: that of preset paper does not turn with it, and is shown in a window alone.
+    pub fn needs_own_bake(&self, at: usize) -> bool {
+        let is_turned = self.scene.objects[at].transform.rotation != Quat::IDENTITY;
+        let is_inserted = self.scene.transfer.method == Method::Harmonic && self.is_composed();
+        self.canvas.is_some() || !(is_turned && is_inserted)
+    }
+
     /// All that is to be known of what the objects see as they stand now, once they are baked.
     fn insertion_key(&self) -> Option<InsertionKey> {
         let each = self.members().into_iter().map(|at| {
-            let state = &self.states[at];
+            let (state, transform) = (&self.states[at], self.scene.objects[at].transform);
+            if !self.needs_own_bake(at) {
+                return Some((state.id, 0, transform));
+            }
             let made = state.bakes.get(&Method::Harmonic)?;
             made.current().filter(|b| b.share == 1.0)?;
-            Some((state.id, made.version(), self.scene.objects[at].transform))
+            Some((state.id, made.version(), transform))
         });
         let each = each.collect::<Option<Vec<_>>>()?;
         (!each.is_empty()).then_some((each, self.scene.transfer.terms.shadow))
@@ -40,7 +50,8 @@ impl Project {
             }
             return;
         }
-        let Some(key) = self.insertion_key().filter(|k| !self.insertion.is_asked(k)) else {
+        let key = self.insertion_key().filter(|_| self.requested.bakes);
+        let Some(key) = key.filter(|k| !self.insertion.is_asked(k)) else {
             return;
         };
         // Nobody waits for where they were.
@@ -50,16 +61,18 @@ impl Project {
         let known = known.map(|((of, _), bake)| (of.clone(), bake.clone()));
         let each = key.0.iter().filter_map(|object| {
             let state = &self.states[self.at(object.0)?];
-            let Bake::Harmonic(own) = &*state.bakes.get(&Method::Harmonic)?.get()?.bake else {
-                return None;
-            };
-            let cloud = state.asset.as_ref()?.cloud.clone();
-            Some((*object, cloud, own.clone()))
+            let own = state.bakes.get(&Method::Harmonic).and_then(|b| b.get());
+            let own = own.and_then(|baked| match &*baked.bake {
+                Bake::Harmonic(own) => Some(own.clone()),
+                _ => None,
+            });
+            Some((*object, state.asset.as_ref()?.cloud.clone(), own))
         });
         let each: Vec<_> = each.collect();
         let count = each.len() as f64 + 1.0;
-        let (directions, skips) = (self.scene.directions, self.scene.transfer.skips);
-        let (background, shadows) = (self.background.clone(), key.1);
+        let directions = self.bake_key(Method::Harmonic);
+        let skips = self.scene.transfer.skips;
+        let (device, shadows) = (self.device.clone(), key.1);
         let work = move |handle: &Handle<Change>| {
             let mut standing = Vec::new();
             for (i, (object, cloud, own)) in each.iter().enumerate() {
@@ -75,7 +88,8 @@ impl Project {
                 };
                 let turned = last.filter(|(stood, _)| stood.rotation == transform.rotation);
                 // Its directions do not turn with it.
-                let bake = if transform.rotation == Quat::IDENTITY {
+                let is_unturned = transform.rotation == Quat::IDENTITY;
+                let bake = if let Some(own) = own.as_ref().filter(|_| is_unturned) {
                     own.clone()
                 } else if let Some((_, last)) = turned {
                     last.bake.clone()
@@ -89,7 +103,7 @@ impl Project {
                         beside: None,
                     };
                     let progress = |done: f64| handle.progress((i as f64 + done) / count);
-                    match bake::bake(&background.fastest(), &wanted, &progress)? {
+                    match bake::bake(&device.fastest(), &wanted, &progress)? {
                         Bake::Harmonic(bake) => bake,
                         _ => bail!(tr("the bake is for the other preset")),
                     }
@@ -130,6 +144,10 @@ impl Project {
     pub fn start_inserted(&mut self) {
         let kind = Kind::PrepareTogether;
         if self.scene.transfer.method != Method::Harmonic || self.jobs.is_running(kind) {
+            return;
+        }
+        let mut members = self.members().into_iter();
+        if !self.requested.transfers || members.any(|at| self.waits_for_estimate(at)) {
             return;
         }
         let key = self.inserted_key().zip(self.insertion.get().cloned());

@@ -44,6 +44,13 @@ impl Project {
     }
 
     pub fn start_prepare(&mut self, at: usize) {
+        let is_alone = self.canvas.is_some()
+            || !self.is_composed()
+            || self.scene.transfer.method == Method::Directional;
+        let is_requested = self.requested.transfers && self.is_used(at) && is_alone;
+        if !is_requested || self.waits_for_estimate(at) {
+            return;
+        }
         let [_, target] = self.oriented_of(at);
         let Some(key) = self.prepare_key(at) else {
             return;
@@ -59,7 +66,7 @@ impl Project {
         }
         let (id, bake, cloud) = (state.id, bake.bake.clone(), asset.cloud.clone());
         let (part, asset_name) = (asset.part.clone(), asset.name());
-        let (context, transfer) = (self.context.clone(), state.transfer.clone());
+        let (canvas, transfer) = (self.canvas.clone(), state.transfer.clone());
         let wanted = key.clone();
         let work = move |handle: &Handle<Change>| {
             let start = Instant::now();
@@ -72,7 +79,8 @@ impl Project {
                     transfer.prepare(&cloud, &bake, wanted.bake, source, settings, &report)?
                 }
             };
-            let live = on_gpu(&context, &prepared)?;
+            let live = canvas.map(|c| on_gpu(&c.context, &prepared)).transpose()?;
+            let live = live.flatten();
             if let Some(live) = &live {
                 live.warm_up(&target.light);
             }
@@ -92,7 +100,7 @@ impl Project {
                 project.stages.prepare += 1;
                 // What is relit together is not drawn from there.
                 if let Some(live) = live.filter(|_| !project.together.contains(&id)) {
-                    project.live().set_transfer(at, live);
+                    project.draw(|drawn| drawn.set_transfer(at, live));
                 }
             }
         };

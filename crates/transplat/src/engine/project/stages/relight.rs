@@ -11,13 +11,14 @@ use transplat_gpu::live::{Drawing, LiveSh};
 use crate::engine::jobs::{Kind, Work};
 use crate::engine::object::{Relighting, RelitKey};
 use crate::engine::project::Project;
+use crate::engine::project::canvas::Canvas;
 use crate::language::tr;
 
 /// So long a light is the same before the exact one begins.
 const REST: Duration = Duration::from_millis(250);
 
 impl Project {
-    pub fn relight(&mut self, at: usize) {
+    pub fn relight(&mut self, at: usize, canvas: &Canvas) {
         let [_, target] = self.oriented_of(at);
         let state = &mut self.states[at];
         let Some(made) = state.prepared.get() else {
@@ -47,19 +48,19 @@ impl Project {
         let is_near = !key.target.light.emitters.is_empty();
         let is_traced = is_near && matches!(prepared, PreparedTransfer::Directional(_));
         if !on_gpu || is_traced {
-            self.start_relight(at, prepared, (key, on_gpu));
+            self.start_relight(at, canvas, prepared, (key, on_gpu));
             return;
         }
         let start = Instant::now();
         let unseen = state.unseen.surfels.clone();
-        let relit = self
+        let relit = canvas
             .live()
             .relight(at, &key.target.light, key.part, &unseen);
         if let Err(error) = relit {
             self.error(error.to_string());
         }
-        let timer = &self.timers.transfer;
-        timer.measure(&self.context, start, self.jobs.wake());
+        let timer = &canvas.timers.transfer;
+        timer.measure(&canvas.context, start, self.jobs.wake());
         let relighting = self.relighting(at, &key, None);
         self.states[at].relit.set(key, relighting);
     }
@@ -68,10 +69,11 @@ impl Project {
     fn start_coarse_relight(
         &mut self,
         at: usize,
+        canvas: &Canvas,
         prepared: &PreparedTransfer,
         key: &RelitKey,
     ) -> bool {
-        let is_drawn_here = Drawing::fastest(&self.context) == Drawing::Cpu;
+        let is_drawn_here = Drawing::fastest(&canvas.context) == Drawing::Cpu;
         let state = &mut self.states[at];
         let shown = state.relit.made_from();
         let light_rests = shown.is_some_and(|shown| !shown.coarse && shown.target == key.target);
@@ -129,7 +131,7 @@ impl Project {
             // Of a light that is gone: the next exact one gets its room.
             state.readout.clear();
             let colors = present::tau_colors(&tau);
-            (self.live()).set_relit(at, LiveSh::Coarse(Arc::new(tau)), colors);
+            self.draw(|live| live.set_relit(at, LiveSh::Coarse(Arc::new(tau)), colors));
         }
     }
 
@@ -144,10 +146,11 @@ impl Project {
     fn start_relight(
         &mut self,
         at: usize,
+        canvas: &Canvas,
         prepared: PreparedTransfer,
         (key, on_gpu): (RelitKey, bool),
     ) {
-        if !on_gpu && self.start_coarse_relight(at, &prepared, &key) {
+        if !on_gpu && self.start_coarse_relight(at, canvas, &prepared, &key) {
             return;
         }
         let state = &mut self.states[at];
@@ -155,7 +158,7 @@ impl Project {
         if self.jobs.is_running(kind) || !state.relit.ask(&key) {
             return;
         }
-        let (context, unseen) = (self.context.clone(), state.unseen.surfels.clone());
+        let (context, unseen) = (canvas.context.clone(), state.unseen.surfels.clone());
         let (id, wanted) = (state.id, key.clone());
         let work = move |_: &_| {
             let start = Instant::now();
@@ -197,11 +200,10 @@ impl Project {
         if part == Part::Whole && !state.unseen.has_hidden {
             state.readout.set(shown, relit.clone());
         }
-        let mut live = self.live();
-        match there {
+        self.draw(|live| match there {
             Some(there) => live.set_relit(at, there, present::tau_colors(&relit.tau)),
             None => live.take_relit(at, &relit, part),
-        }
+        });
     }
 
     pub fn relighting(&self, at: usize, key: &RelitKey, cpu_ms: Option<f64>) -> Relighting {

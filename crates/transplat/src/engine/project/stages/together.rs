@@ -7,15 +7,18 @@ use glam::DMat3;
 use transplat_core::bake::Bake;
 use transplat_core::bake::scene::SceneBake;
 use transplat_core::bake::surroundings::{Detail, Placed};
+use transplat_core::environment::Illumination;
 use transplat_core::present;
-use transplat_core::scene::Transform;
+use transplat_core::scene::{Object, Transform};
 use transplat_core::settings::Method;
 use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
 
+use crate::engine::asset::Asset;
 use crate::engine::jobs::{Handle, Kind};
 use crate::engine::object::{OrientedLight, RelitKey, SurroundingsKey, TogetherKey};
+use crate::engine::project::canvas::Canvas;
 use crate::engine::project::{Change, Project};
 use crate::language::tr;
 
@@ -34,8 +37,11 @@ impl Project {
 
     /// Whether the scene is more than one object where it was captured.
     pub fn is_composed(&self) -> bool {
-        let objects = &self.scene.objects;
-        objects.len() > 1 || objects[0].transform != Transform::default()
+        let mut shown = self.shown();
+        match (shown.next(), shown.next()) {
+            (Some((0, first, _)), None) => first.transform != Transform::default(),
+            (one, _) => one.is_some(),
+        }
     }
 
     /// Those objects where they stand, once they are baked for the directional method.
@@ -70,12 +76,13 @@ impl Project {
             self.jobs.cancel(kind);
             self.surroundings.ask_again();
         }
-        let Some((of, placed)) = self.placed() else {
+        let Some((of, placed)) = self.placed().filter(|_| self.requested.bakes) else {
             return;
         };
         let surfels: usize = placed.iter().map(|p| p.bake.len()).sum();
         let [coarse, fine] = [Detail::Coarse, Detail::Full].map(|detail| (of.clone(), detail));
-        let is_fine_next = surfels < SOON_TRACED || self.surroundings.made_from() == Some(&coarse);
+        let is_soon_done = surfels < SOON_TRACED || self.canvas.is_none();
+        let is_fine_next = is_soon_done || self.surroundings.made_from() == Some(&coarse);
         let next = if is_fine_next { &fine } else { &coarse };
         // One that was cancelled is not begun again.
         if self.surroundings.is_asked(&fine) || self.surroundings.is_asked(next) {
@@ -90,7 +97,7 @@ impl Project {
             self.jobs.cancel(kind);
         }
         // What is known coarsely is shown before it is refined.
-        if is_fine_next && surfels >= SOON_TRACED && !self.is_together_shown() {
+        if is_fine_next && !is_soon_done && !self.is_together_shown() {
             return;
         }
         self.surroundings.ask(next);
@@ -131,8 +138,8 @@ impl Project {
             .is_some_and(|(of, _)| made_from == Some(&(of, Detail::Full)))
     }
 
-    /// The objects that are shown, ready to be relit as one scene, with its bake: those that are known to each other, and prepared.
-    pub fn scene_transfer(&self) -> Option<(Vec<usize>, PreparedTransfer, Bake)> {
+    /// The objects that are shown, ready to be relit as one scene: those that are known to each other, and prepared.
+    pub fn scene_transfer(&self) -> Option<(Vec<usize>, PreparedTransfer)> {
         let shown = self.members();
         let known: Vec<u64> = match self.scene.transfer.method {
             Method::Directional => {
@@ -151,12 +158,7 @@ impl Project {
         let members = members.collect::<Option<Vec<_>>>()?;
         if self.scene.transfer.method == Method::Harmonic {
             let scene = self.inserted.get()?;
-            let bake = Bake::Harmonic(scene.bake.together.clone());
-            return Some((
-                members,
-                PreparedTransfer::HarmonicScene(scene.clone()),
-                bake,
-            ));
+            return Some((members, PreparedTransfer::HarmonicScene(scene.clone())));
         }
         let bake = self.surroundings.get()?.clone();
         let transfers = members.iter().map(|at| {
@@ -171,16 +173,62 @@ impl Project {
         let sizes: Vec<usize> = bake.bakes().map(|b| b.len()).collect();
         let fits = transfers.iter().map(|t| t.asset.bake.len()).eq(sizes);
         fits.then(|| {
-            let scene = SceneTransfer::new(transfers, bake.clone());
-            let scene = PreparedTransfer::Scene(Arc::new(scene));
-            (members, scene, Bake::Scene(bake))
+            let scene = SceneTransfer::new(transfers, bake);
+            (members, PreparedTransfer::Scene(Arc::new(scene)))
         })
     }
 
+    /// The bake of all that is shown: of the one object as it was captured, or of the scene.
+    pub fn shown_bake(&self) -> Option<Arc<Bake>> {
+        if !self.is_composed() {
+            let (at, ..) = self.shown().next()?;
+            return Some(self.baked_of(at)?.bake.clone());
+        }
+        Some(Arc::new(match self.scene.transfer.method {
+            Method::Directional => Bake::Scene(self.surroundings.get()?.clone()),
+            Method::Harmonic => Bake::Harmonic(self.insertion.get()?.together.clone()),
+        }))
+    }
+
+    /// What relights all that is shown.
+    pub fn shown_transfer(&self) -> Option<PreparedTransfer> {
+        if self.is_composed() {
+            return self.scene_transfer().map(|(_, transfer)| transfer);
+        }
+        let (at, ..) = self.shown().next()?;
+        Some(self.states[at].prepared.get()?.prepared.clone())
+    }
+
+    /// The light that all is relit by, as the scene sees it.
+    pub fn target_light(&self) -> Illumination {
+        let maps = self.sides_of(0).map(|(_, there)| &there.light.illumination);
+        let first = &self.scene.objects[0];
+        let [_, target] = self.scene.lights_on(first, maps, self.scene_up());
+        target
+    }
+
+    /// Surfels of all that is shown that are not drawn, `[n]` or empty: hidden, or too faint to be seen.
+    pub fn unseen_surfels(&self) -> Vec<bool> {
+        let skips = &self.scene.transfer.skips;
+        let unseen = |(_, object, asset): (usize, &Object, &Asset)| {
+            let unseen = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
+            (unseen, asset.cloud.len())
+        };
+        let each: Vec<(Vec<bool>, usize)> = self.shown().map(unseen).collect();
+        if each.iter().all(|(unseen, _)| unseen.is_empty()) {
+            return Vec::new();
+        }
+        let whole = |(mut unseen, surfels): (Vec<bool>, usize)| {
+            unseen.resize(surfels, false);
+            unseen
+        };
+        each.into_iter().flat_map(whole).collect()
+    }
+
     /// Relights all objects that are known to each other as one scene. The others are relit alone until it is known what they see.
-    pub fn relight_together(&mut self) {
+    pub fn relight_together(&mut self, canvas: &Canvas) {
         let shown = self.members();
-        let Some((members, scene, _)) = self.scene_transfer() else {
+        let Some((members, scene)) = self.scene_transfer() else {
             // What is taken away leaves its shadow until the rest is traced anew.
             let mut traces = [Kind::Surroundings, Kind::Insertion].into_iter();
             let waits = traces.any(|kind| self.jobs.is_awaited(kind));
@@ -206,7 +254,7 @@ impl Project {
             return;
         }
         let (target, turn) = self.scene_target(members[0]);
-        let context = self.context.clone();
+        let context = canvas.context.clone();
         let relit_key = |at: &usize| {
             let [_, target] = self.oriented_of(*at);
             let state = &self.states[*at];
@@ -299,6 +347,6 @@ impl Project {
         if let Some(whole) = whole {
             state.readout.set(shown, whole);
         }
-        self.live().set_relit(at, there, tau);
+        self.draw(|live| live.set_relit(at, there, tau));
     }
 }

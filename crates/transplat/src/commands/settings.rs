@@ -9,8 +9,9 @@ use transplat_core::files::{FileKind, check_readable, file_kind, load_look, load
 use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
 use transplat_core::settings::skips::Skips;
 
-use super::object::name_of;
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
+use crate::engine::environments::environments_in;
+use crate::engine::names::{beside, name_of};
 
 /// The splats of the objects that are shown: the first one's by the command line or else by the look.
 pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Result<Vec<PathBuf>> {
@@ -178,15 +179,6 @@ pub fn take_rig(scene: &mut Scene, path: &Path, with_environment: bool) -> Resul
     Ok(())
 }
 
-/// Where a file is that is named without its folder: beside one of some others, the first of them unless it is beside another.
-pub fn beside(file: &Path, others: [Option<&Path>; 2]) -> PathBuf {
-    let folders = || others.iter().flatten().filter_map(|other| other.parent());
-    let mut places = folders().map(|folder| folder.join(file));
-    let found = places.find(|place| place.is_file());
-    let first = || folders().next().map(|folder| folder.join(file));
-    found.or_else(first).unwrap_or_else(|| file.to_owned())
-}
-
 /// The targets on the command line, folders replaced by the environments in them, each with the name of its output.
 pub fn targets_of(light: &LightArgs, scene: &Scene) -> Result<Vec<(String, PathBuf)>> {
     let mut targets: Vec<(String, PathBuf)> = Vec::new();
@@ -227,53 +219,6 @@ pub fn targets_of(light: &LightArgs, scene: &Scene) -> Result<Vec<(String, PathB
         }
     }
     Ok(targets)
-}
-
-/// The environments (.hdr, .exr) in a folder, sorted by name; none that systems hide beside them.
-pub fn environments_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
-    let mut inside: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|p| why_no_environment(p).is_none())
-        .collect();
-    inside.sort();
-    Ok(inside)
-}
-
-/// Why a file in a folder of lights is none of them, by its name.
-fn why_no_environment(path: &Path) -> Option<&'static str> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    if name.starts_with('.') {
-        return Some("hidden");
-    }
-    if path.is_dir() {
-        return Some("a folder");
-    }
-    (extension != "hdr" && extension != "exr").then_some("neither .hdr nor .exr")
-}
-
-/// For the user: the files in a folder that are no lights, if there are any.
-pub fn not_environments(folder: &Path) -> Option<String> {
-    let entries = std::fs::read_dir(folder).ok()?.flatten();
-    let skipped = entries.filter_map(|entry| {
-        let why = why_no_environment(&entry.path())?;
-        Some(format!("{} ({why})", entry.file_name().to_string_lossy()))
-    });
-    let mut skipped: Vec<String> = skipped.collect();
-    skipped.sort();
-    let some = skipped.len().min(8);
-    let more = match skipped.len() - some {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    (some > 0).then(|| {
-        format!(
-            "{}: skipped {}{more}",
-            folder.display(),
-            skipped[..some].join(", ")
-        )
-    })
 }
 
 /// Sets what the command line says, and leaves what it leaves open.

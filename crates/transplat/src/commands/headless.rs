@@ -1,0 +1,587 @@
+//! A project without a window, as commands work on it, and what is told of it.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use glam::{DVec3, Vec3};
+use indicatif::ProgressBar;
+use transplat_core::bake::Bake;
+use transplat_core::environment::{EnvironmentMap, Illumination, ImageReading};
+use transplat_core::estimate::Estimate;
+use transplat_core::files::{
+    CameraFile, cameras_of_training, inspect_bake, load_cameras, load_environment_as,
+};
+use transplat_core::scene::{
+    ESTIMATE, EnvironmentLight, Object, Scene, is_estimate, is_even, is_file,
+};
+use transplat_core::settings::Method;
+use transplat_core::surfels::{SurfelCloud, UpAxis, is_faint};
+use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+
+use super::settings::{asset_of, assets_of, targets_of};
+use crate::cli::{AssetArgs, LightArgs};
+use crate::engine::asset::Asset;
+use crate::engine::device::{Device, Transfer};
+use crate::engine::environments::{Environment, not_environments};
+use crate::engine::estimate::{estimate_as_json, estimate_in_words, why_not};
+use crate::engine::jobs::{Kind, Watch, Work};
+use crate::engine::names::name_of;
+use crate::engine::project::Project;
+use crate::engine::warnings::{
+    AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
+    up_warning, up_warning_by_cameras,
+};
+use crate::summary::{Summary, progress_bar};
+
+/// One light to relight by.
+pub struct Target {
+    /// Of its output.
+    pub name: String,
+    /// A file, or the name of a light that needs none.
+    pub path: PathBuf,
+}
+
+/// A project without a window.
+pub struct Headless {
+    pub project: Project,
+    pub device: Device,
+    /// All that is shown, where it stands.
+    pub cloud: Arc<SurfelCloud>,
+    bar: Bar,
+}
+
+impl Headless {
+    /// Loads the objects of a scene, and tells what is odd about them; what the command line says of the splat is the first one's.
+    pub fn load(args: &AssetArgs, mut scene: Scene, summary: &mut Summary) -> Result<Self> {
+        let assets = assets_of(args, &scene)?;
+        scene.objects[0].asset = Some(asset_of(args, &scene, 0)?);
+        let device = summary.time("open device", || Device::open(args.options.device))?;
+        let headless = Self::of(scene, device, summary)?;
+        summary.set("asset", assets[0].display().to_string());
+        summary.set("surfels", headless.cloud.len());
+        summary.set("sh_degree", headless.cloud.sh_degree);
+        summary.set("adapter", headless.device.name());
+        Ok(headless)
+    }
+
+    /// The same on a device that is open.
+    pub fn of(mut scene: Scene, device: Device, summary: &mut Summary) -> Result<Self> {
+        let told = scene.objects.iter().filter(|o| o.shown);
+        let mut told = told.filter(|o| o.source.file.is_some());
+        if let (None, Some(source)) = (&scene.objects[0].source.file, told.next()) {
+            // What is shown is what strengths are matched to.
+            scene.objects[0].source = source.source.clone();
+        }
+        let bar = Bar::default();
+        let watch = bar.watch(summary.quiet);
+        let mut project = Project::unseen(device.clone(), watch, scene);
+        settle(&mut project, &bar, summary)?;
+        let cloud = project.whole().cloud().context("no object is shown")?;
+        let headless = Self {
+            project,
+            device,
+            cloud,
+            bar,
+        };
+        for (object, asset) in headless.used() {
+            tell_of_asset(object, asset, summary);
+        }
+        Ok(headless)
+    }
+
+    /// Makes what is requested, and notes what that took.
+    fn settle(&mut self, summary: &mut Summary) -> Result<()> {
+        settle(&mut self.project, &self.bar, summary)
+    }
+
+    /// The objects that are loaded: those that are shown, and the first one in any case.
+    fn used(&self) -> impl Iterator<Item = (&Object, &Asset)> {
+        let each = self.project.scene.objects.iter().zip(&self.project.states);
+        each.filter_map(|(object, state)| Some((object, state.asset.as_ref()?)))
+    }
+
+    /// The objects that are shown.
+    pub fn shown(&self) -> impl Iterator<Item = (&Object, &Asset)> + Clone {
+        self.project
+            .shown()
+            .map(|(_, object, asset)| (object, asset))
+    }
+
+    /// The first object, in whose coordinates the scene is.
+    pub fn first(&self) -> (&Object, &Asset) {
+        self.used().next().expect("it is loaded")
+    }
+
+    /// A place that is given in the coordinates of the first object's file.
+    pub fn place(&self, at: [f64; 3]) -> Vec3 {
+        let (_, first) = self.first();
+        (DVec3::from_array(at) - first.cloud.origin).as_vec3()
+    }
+
+    /// Takes a saved bake for the method that is set.
+    pub fn use_bake(&mut self, saved: &Path, summary: &mut Summary) -> Result<()> {
+        inspect_bake(saved)?
+            .of_method(self.project.scene.transfer.method)
+            .with_context(|| saved.display().to_string())?;
+        let (_, first) = self.first();
+        if self.project.is_composed() || first.part.is_some() {
+            bail!(
+                "{}: a bake is of one object, not of a scene, and of a whole splat, not of what is cut out of one",
+                saved.display()
+            );
+        }
+        self.project.states[0].saved_bake = Some(saved.to_owned());
+        summary.skip("bake", "the saved one is used");
+        Ok(())
+    }
+
+    /// Reads source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
+    pub fn light(&mut self, args: &LightArgs, summary: &mut Summary) -> Result<Vec<Target>> {
+        if let Some(saved) = &args.capture.bake {
+            self.use_bake(saved, summary)?;
+        }
+        let mut sources = Vec::new();
+        for (object, asset) in self.used() {
+            let file = object.source.file.clone();
+            let name = || name_of(object, &asset.path);
+            sources.push(
+                file.with_context(|| format!("{}: the light of its capture is missing", name()))?,
+            );
+        }
+        for path in &sources {
+            self.read_light(path, summary)?;
+        }
+        let (mut targets, mut failed) = (Vec::new(), Vec::new());
+        for (name, path) in targets_of(args, &self.project.scene)? {
+            match self.read_light(&path, summary) {
+                Ok(()) => targets.push(Target { name, path }),
+                // One of a folder is not to keep the others from being made.
+                Err(why) if is_of_folder(args, &path) => failed.push(format!("{why:#}")),
+                Err(why) => return Err(why),
+            }
+        }
+        if let (true, Some(why)) = (targets.is_empty(), failed.first()) {
+            bail!("no light in the folder can be read; the first: {why}");
+        }
+        self.project.scene.environment.file = targets.first().map(|t| t.path.clone());
+        self.estimate(summary)?;
+        for target in targets.iter().filter(|t| is_estimate(&t.path)) {
+            self.turn_to(target, summary)?;
+        }
+        if let Some(target) = targets.first() {
+            self.turn_to(target, summary)?;
+        }
+        for why in failed {
+            summary.fail(format!("a light is skipped: {why}"));
+        }
+        for folder in args.target.iter().filter(|t| t.is_dir()) {
+            if let Some(skipped) = not_environments(folder) {
+                summary.note(skipped);
+            }
+        }
+        Ok(targets)
+    }
+
+    /// Lights the scene by a target.
+    fn turn_to(&mut self, target: &Target, summary: &mut Summary) -> Result<()> {
+        self.project.scene.environment.file = Some(target.path.clone());
+        self.settle(summary)?;
+        self.tell_of_estimates(summary);
+        Ok(())
+    }
+
+    /// Reads a light's file, where it is one that was not read yet.
+    pub fn read_light(&mut self, path: &Path, summary: &mut Summary) -> Result<()> {
+        if is_even(path) {
+            summary.skip("projection of an environment", "even light");
+        }
+        if !is_file(path) || self.project.environments.get(path).is_some() {
+            return Ok(());
+        }
+        let reading = self.reading_of(path);
+        let map = read_map(path, &reading, summary)?;
+        // Which suns there are, beams tell.
+        let method = match self.project.scene.environment.without_suns {
+            true => Method::Directional,
+            false => self.project.scene.transfer.method,
+        };
+        let made = summary.time("project", || {
+            Environment::of_map(&self.device, path, &map, reading, method)
+        })?;
+        self.project.environments.has_read(path, Some(made));
+        Ok(())
+    }
+
+    /// How a light's file is read, where that is set.
+    pub fn reading_of(&self, path: &Path) -> ImageReading {
+        let scene = &self.project.scene;
+        let mut lights = scene.environment_lights();
+        // One of several targets is named by the command line alone.
+        match lights.any(|l| l.file.as_deref() == Some(path)) {
+            true => scene.reading_of(path),
+            false => scene.environment.reading(),
+        }
+    }
+
+    /// Has the objects tell of the light that they were captured under, where nobody else does.
+    fn estimate(&mut self, summary: &mut Summary) -> Result<()> {
+        self.project.requested.lights = true;
+        self.settle(summary)?;
+        self.tell_of_estimates(summary);
+        Ok(())
+    }
+
+    /// Has the first object tell of its light, whatever is known of that; `saved` is a bake for the method that is set.
+    pub fn estimate_first(
+        &mut self,
+        saved: Option<&Path>,
+        summary: &mut Summary,
+    ) -> Result<Estimate> {
+        if let Some(saved) = saved {
+            self.use_bake(saved, summary)?;
+        }
+        self.project.scene.objects[0].source = EnvironmentLight::of(ESTIMATE);
+        self.project.requested.lights = true;
+        self.settle(summary)?;
+        let estimate = self.project.states[0].estimate.get().cloned();
+        let estimate = estimate.context("the light is estimated")?;
+        summary.set("source_estimate", estimate_as_json(&estimate));
+        Ok(estimate)
+    }
+
+    /// The light of the first object's capture, as its map holds it.
+    pub fn source_light(&mut self, summary: &mut Summary) -> Result<Illumination> {
+        if let Some(path) = self.project.scene.objects[0].source.file.clone() {
+            self.read_light(&path, summary)?;
+        }
+        self.estimate(summary)?;
+        Ok(self.project.states[0].source.light.illumination.clone())
+    }
+
+    fn tell_of_estimates(&self, summary: &mut Summary) {
+        let scene = &self.project.scene;
+        for (at, state) in self.project.states.iter().enumerate() {
+            let is_asked = scene.objects[at].source.is_estimate()
+                || (at == 0 && scene.environment.is_estimate());
+            let Some(estimate) = state.estimate.get().filter(|_| is_asked) else {
+                continue;
+            };
+            tell_of_estimate(estimate, scene, self.project.up_of(at), summary);
+            if estimate.obstacle.is_some() {
+                summary.skip("projection of an environment", "even light");
+            }
+        }
+    }
+
+    /// Bakes what the method needs, and tells what that found.
+    pub fn bake(&mut self, summary: &mut Summary) -> Result<Arc<Bake>> {
+        self.project.requested.bakes = true;
+        self.settle(summary)?;
+        let bake = self.project.shown_bake().context("the objects are baked")?;
+        summary.skipped(bake.left_out());
+        summary.set("preset", bake.method().preset());
+        summary.set("directions", bake.directions());
+        summary.set("bake_bytes_per_surfel", bake.bytes() / bake.len().max(1));
+        summary.set("normals_flipped", bake.flipped());
+        summary.set("normals_two_sided", two_sided(&bake));
+        summary.set("buried", bake.buried());
+        if let Some(share) = bake.ambiguous_share() {
+            summary.set("normals_ambiguous_share", share);
+            if share > AMBIGUOUS_SHARE {
+                summary.warn(ambiguous_warning(share));
+            }
+        }
+        if let Some(degrees) = bake.normal_noise() {
+            summary.set("normals_noise_degrees", degrees);
+            if degrees >= DOUBTFUL_NORMAL_NOISE {
+                summary.warn(noise_warning(degrees));
+            }
+        }
+        let scene = &self.project.scene;
+        let needs_few = bake.method() == Method::Harmonic && !scene.transfer.terms.shadow;
+        if needs_few && bake.directions() < scene.directions {
+            summary.skip(
+                "most directions of the bake",
+                "without shadows only the normals need it",
+            );
+        }
+        Ok(bake)
+    }
+
+    /// Bakes the ground that catches the objects' shadow, where the scene has one.
+    pub fn bake_ground(&mut self, summary: &mut Summary) -> Result<()> {
+        self.project.requested.ground = true;
+        self.settle(summary)
+    }
+
+    /// Bakes and prepares the transfer from the source light, which no target changes.
+    pub fn prepare(&mut self, summary: &mut Summary) -> Result<(PreparedTransfer, Arc<Bake>)> {
+        let bake = self.bake(summary)?;
+        self.project.requested.transfers = true;
+        self.settle(summary)?;
+        let prepared = self.project.shown_transfer();
+        let prepared = prepared.context("the objects are prepared")?;
+        if prepared.source_was_black() {
+            summary.warn("the source light is black and explains nothing; even light is assumed");
+        }
+        if prepared.dark_share() > 0.05 {
+            summary.warn(format!(
+                "{:.0} % of the surfels lie in a source light darker than epsilon; their relit colour follows epsilon more than the light",
+                100.0 * prepared.dark_share()
+            ));
+        }
+        summary.set("dark_share", prepared.dark_share());
+        self.tell_what_is_ignored(summary);
+        summary.skipped(prepared.left_out(&self.cloud));
+        Ok((prepared, bake))
+    }
+
+    /// Settings that the method does not know, and that were asked for all the same.
+    fn tell_what_is_ignored(&self, summary: &mut Summary) {
+        let (scene, plain) = (&self.project.scene, Scene::default());
+        let mut lights = scene.environment_lights();
+        let has_no_picture = |l: &EnvironmentLight| l.file.as_deref().is_some_and(|f| !is_file(f));
+        if lights.any(|l| l.layout.is_some() && has_no_picture(l)) {
+            summary.skip("the light's layout", "it has no picture");
+        }
+        match scene.transfer.method {
+            Method::Harmonic => {
+                let mut shown = self.shown();
+                if shown.any(|(_, asset)| !asset.cloud.outside_from.is_empty()) {
+                    let why = "preset paper takes the open side for the front";
+                    summary.skip("what is outside", why);
+                }
+            }
+            Method::Directional => {
+                let why = "preset best sums over directions of its own";
+                let degrees = [scene, &plain].map(|s| s.transfer.sh_degree);
+                if degrees[0] != degrees[1] && scene.transfer.terms.sums {
+                    summary.skip("the light's SH degree", why);
+                }
+                // The shadow on the ground is baked with them.
+                if scene.directions != plain.directions && !scene.shadow_catcher {
+                    summary.skip("the number of directions", why);
+                }
+            }
+        }
+    }
+
+    /// Has a transfer ready on the device.
+    pub fn transfer(&self, prepared: &PreparedTransfer, summary: &mut Summary) -> Result<Transfer> {
+        let (transfer, warning) = self.device.transfer(prepared)?;
+        if let Some(warning) = warning {
+            summary.warn(warning);
+        }
+        Ok(transfer)
+    }
+
+    /// A target as the scene sees it.
+    pub fn light_by(&mut self, target: &Target, summary: &mut Summary) -> Result<Illumination> {
+        self.turn_to(target, summary)?;
+        Ok(self.project.target_light())
+    }
+
+    /// Relights by one target, or what a view shows of that. For JSON, the change of light is timed as the median of three.
+    pub fn relight(
+        &self,
+        prepared: &PreparedTransfer,
+        transfer: &mut Transfer,
+        name: &str,
+        (light, part, unseen): (&Illumination, Part, &[bool]),
+        summary: &mut Summary,
+    ) -> Result<Relit> {
+        let on_gpu = matches!(transfer, Transfer::Gpu(_));
+        self.tell_of_light((prepared, on_gpu), name, light, summary);
+        timed(summary, || transfer.change_light(light, part, unseen))?;
+        transfer.result()
+    }
+
+    /// The same of several objects, each in its own coordinates.
+    pub fn relight_objects(
+        &self,
+        prepared: &PreparedTransfer,
+        name: &str,
+        light: &Illumination,
+        summary: &mut Summary,
+    ) -> Result<Vec<Relit>> {
+        self.tell_of_light((prepared, false), name, light, summary);
+        timed(summary, || {
+            Ok(prepared.relight_objects(light, Part::Whole, &[])?)
+        })
+    }
+
+    /// Tells what a light leaves out, and how strong it is: lights that are near as they are seen from the middle.
+    fn tell_of_light(
+        &self,
+        (prepared, on_gpu): (&PreparedTransfer, bool),
+        name: &str,
+        light: &Illumination,
+        summary: &mut Summary,
+    ) {
+        summary.skipped(prepared.left_out_for(light, on_gpu));
+        if light.is_black() {
+            summary.warn(format!(
+                "{name}: the target light is black, and so is the result"
+            ));
+            return;
+        }
+        let mean = light
+            .at_one_place(self.cloud.bounds().center)
+            .mean_irradiance();
+        summary.target(name, (mean * prepared.light_gain()).log2());
+    }
+}
+
+/// How far the work is that goes on, if that is shown.
+#[derive(Clone, Default)]
+struct Bar(Arc<Mutex<Option<(Kind, ProgressBar)>>>);
+
+impl Bar {
+    fn watch(&self, quiet: bool) -> Watch {
+        let bar = self.clone();
+        Arc::new(move |kind, done| {
+            if let Some(what) = label_of(kind) {
+                bar.show(kind, done, || progress_bar(quiet, what));
+            }
+            ControlFlow::Continue(())
+        })
+    }
+
+    fn show(&self, kind: Kind, done: f64, begin: impl FnOnce() -> ProgressBar) {
+        let mut shown = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let last = shown.take().filter(|(of, _)| *of == kind);
+        let (_, bar) = shown.insert(last.unwrap_or_else(|| (kind, begin())));
+        bar.set_position((done * 1000.0) as u64);
+    }
+
+    fn end(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
+
+fn settle(project: &mut Project, bar: &Bar, summary: &mut Summary) -> Result<()> {
+    let settled = project.settle();
+    bar.end();
+    for (kind, ms) in project.jobs.take_times() {
+        summary.add_ms(stage_of(kind), ms);
+    }
+    settled
+}
+
+/// What a kind of work is called while it goes on.
+fn label_of(kind: Kind) -> Option<&'static str> {
+    Some(match kind {
+        Kind::Of(_, Work::Bake(_)) => "baking visibility",
+        Kind::Surroundings | Kind::Insertion => "tracing between objects",
+        Kind::Ground => "baking the ground",
+        _ => return None,
+    })
+}
+
+/// The stage that a kind of work is, by its name in the JSON object.
+fn stage_of(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Of(_, Work::Load) => "load",
+        Kind::Of(_, Work::Bake(_)) => "bake",
+        Kind::Of(_, Work::Estimate) => "estimate",
+        Kind::Surroundings | Kind::Insertion => "surroundings",
+        Kind::Ground => "ground",
+        _ => "prepare",
+    }
+}
+
+/// Tells what is odd about a splat.
+fn tell_of_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
+    for warning in &asset.warnings {
+        summary.warn(warning.clone());
+    }
+    let (path, file, cloud) = (&asset.path, &asset.file, asset.whole_cloud());
+    if object.up.is_none() && file.report.up.is_none() {
+        // As its trainer's cameras were held, or else as it stands.
+        let cameras = cameras_of_training(path).and_then(|path| load_cameras(&path).ok());
+        let warning = match &cameras {
+            Some(cameras) => up_warning_by_cameras(path, cloud.up, cameras),
+            None => up_warning(path, cloud, file),
+        };
+        warning
+            .into_iter()
+            .for_each(|warning| summary.warn(warning));
+    }
+    if !cloud.is_empty() && cloud.opacities.iter().all(|o| is_faint(*o)) {
+        summary.warn(format!(
+            "{}: all surfels are too faint to be seen (opacity below 1/255); pictures of it are empty",
+            path.display()
+        ));
+    }
+}
+
+/// That a splat lies on its side by cameras, where nobody said which way is up.
+pub fn up_warning_of(object: &Object, asset: &Asset, cameras: &CameraFile) -> Option<String> {
+    let is_told = asset.file.report.up.is_some() || object.up.is_some();
+    let warning = || up_warning_by_cameras(&asset.path, asset.file_up, cameras);
+    (!is_told).then(warning).flatten()
+}
+
+/// Tells what a splat tells of its light.
+pub fn tell_of_estimate(estimate: &Estimate, scene: &Scene, up: UpAxis, summary: &mut Summary) {
+    summary.set("source_estimate", estimate_as_json(estimate));
+    let Some(obstacle) = estimate.obstacle else {
+        summary.note(estimate_in_words(estimate, up));
+        return;
+    };
+    let why = why_not(scene.transfer.method, obstacle);
+    let hint = if scene.match_strength {
+        ""
+    } else {
+        "; nor how strong it was (--match-strength leaves the asset about as bright)"
+    };
+    summary.warn(format!("the light of the capture {why}{hint}"));
+}
+
+/// Reads a light's map, and tells what is odd about it.
+pub fn read_map(
+    path: &Path,
+    reading: &ImageReading,
+    summary: &mut Summary,
+) -> Result<EnvironmentMap> {
+    let map = summary.time("load", || load_environment_as(path, reading))?;
+    for warning in map_warnings(path, &map, reading) {
+        summary.warn(warning);
+    }
+    Ok(map)
+}
+
+/// Whether a target is one of a folder that was named.
+fn is_of_folder(args: &LightArgs, path: &Path) -> bool {
+    let mut folders = args.target.iter().filter(|t| t.is_dir());
+    folders.any(|folder| path.starts_with(folder))
+}
+
+/// Changes the light: three times where that is to be timed.
+fn timed<T>(summary: &mut Summary, mut change: impl FnMut() -> Result<T>) -> Result<T> {
+    let mut times = Vec::new();
+    let mut time = || {
+        let start = Instant::now();
+        let changed = change();
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+        changed
+    };
+    let mut changed = time()?;
+    for _ in 1..if summary.json { 3 } else { 1 } {
+        drop(changed);
+        changed = time()?;
+    }
+    times.sort_by(f64::total_cmp);
+    if summary.ms("transfer").is_none() {
+        summary.add_ms("transfer", times[times.len() / 2]);
+    }
+    Ok(changed)
+}
+
+/// How many surfels are about equally open on both sides.
+pub fn two_sided(bake: &Bake) -> usize {
+    (0..bake.len()).filter(|i| bake.is_two_sided(*i)).count()
+}
