@@ -1,4 +1,4 @@
-//! A project without a window, as commands work on it, and what is told of it.
+//! Headless projects: what commands ask of the engine, and what they report of it.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -38,13 +38,13 @@ use crate::summary::{Summary, progress_bar};
 
 /// One light to relight by.
 pub struct Target {
-    /// Of its output.
+    /// Name of its output.
     pub name: String,
     /// A file, or the name of a light that needs none.
     pub path: PathBuf,
 }
 
-/// A project without a window.
+/// A headless project on the device that the user chose.
 pub struct Headless {
     pub project: Project,
     pub device: Device,
@@ -54,7 +54,7 @@ pub struct Headless {
 }
 
 impl Headless {
-    /// Loads the objects of a scene, and tells what is odd about them; what the command line says of the splat is the first one's.
+    /// Opens the device and loads the objects of a scene. The splat on the command line is the first object's.
     pub fn load(args: &AssetArgs, mut scene: Scene, summary: &mut Summary) -> Result<Self> {
         let assets = assets_of(args, &scene)?;
         scene.objects[0].asset = Some(asset_of(args, &scene, 0)?);
@@ -67,17 +67,17 @@ impl Headless {
         Ok(headless)
     }
 
-    /// The same on a device that is open.
+    /// Loads the objects of a scene on a device that is open, and reports what is odd about them.
     pub fn of(mut scene: Scene, device: Device, summary: &mut Summary) -> Result<Self> {
-        let told = scene.objects.iter().filter(|o| o.shown);
-        let mut told = told.filter(|o| o.source.file.is_some());
-        if let (None, Some(source)) = (&scene.objects[0].source.file, told.next()) {
+        let shown = scene.objects.iter().filter(|o| o.shown);
+        let mut known = shown.filter(|o| o.source.file.is_some());
+        if let (None, Some(first)) = (&scene.objects[0].source.file, known.next()) {
             // What is shown is what strengths are matched to.
-            scene.objects[0].source = source.source.clone();
+            scene.objects[0].source = first.source.clone();
         }
         let bar = Bar::default();
         let watch = bar.watch(summary.quiet);
-        let mut project = Project::unseen(device.clone(), watch, scene);
+        let mut project = Project::headless(device.clone(), watch, scene);
         settle(&mut project, &bar, summary)?;
         let cloud = project.whole().cloud().context("no object is shown")?;
         let headless = Self {
@@ -87,7 +87,7 @@ impl Headless {
             bar,
         };
         for (object, asset) in headless.used() {
-            tell_of_asset(object, asset, summary);
+            report_asset(object, asset, summary);
         }
         Ok(headless)
     }
@@ -138,7 +138,7 @@ impl Headless {
         Ok(())
     }
 
-    /// Reads source and targets. That comes before the bake, so that a wrong file is told before minutes of work.
+    /// Reads source and targets, before the bake: a wrong file is reported before minutes of work.
     pub fn light(&mut self, args: &LightArgs, summary: &mut Summary) -> Result<Vec<Target>> {
         if let Some(saved) = &args.capture.bake {
             self.use_bake(saved, summary)?;
@@ -166,13 +166,11 @@ impl Headless {
         if let (true, Some(why)) = (targets.is_empty(), failed.first()) {
             bail!("no light in the folder can be read; the first: {why}");
         }
-        self.project.scene.environment.file = targets.first().map(|t| t.path.clone());
-        self.estimate(summary)?;
-        for target in targets.iter().filter(|t| is_estimate(&t.path)) {
-            self.turn_to(target, summary)?;
-        }
-        if let Some(target) = targets.first() {
-            self.turn_to(target, summary)?;
+        // The first one last: it is what the scene is lit by then.
+        let estimates = targets.iter().skip(1).filter(|t| is_estimate(&t.path));
+        for target in estimates.chain(targets.first()) {
+            self.project.scene.environment.file = Some(target.path.clone());
+            self.estimate(summary)?;
         }
         for why in failed {
             summary.fail(format!("a light is skipped: {why}"));
@@ -183,14 +181,6 @@ impl Headless {
             }
         }
         Ok(targets)
-    }
-
-    /// Lights the scene by a target.
-    fn turn_to(&mut self, target: &Target, summary: &mut Summary) -> Result<()> {
-        self.project.scene.environment.file = Some(target.path.clone());
-        self.settle(summary)?;
-        self.tell_of_estimates(summary);
-        Ok(())
     }
 
     /// Reads a light's file, where it is one that was not read yet.
@@ -215,7 +205,7 @@ impl Headless {
         Ok(())
     }
 
-    /// How a light's file is read, where that is set.
+    /// Layout and layer by which a light's file is read.
     pub fn reading_of(&self, path: &Path) -> ImageReading {
         let scene = &self.project.scene;
         let mut lights = scene.environment_lights();
@@ -226,15 +216,25 @@ impl Headless {
         }
     }
 
-    /// Has the objects tell of the light that they were captured under, where nobody else does.
+    /// Estimates the light of the capture where the scene asks for it, and reports that.
     fn estimate(&mut self, summary: &mut Summary) -> Result<()> {
         self.project.requested.lights = true;
         self.settle(summary)?;
-        self.tell_of_estimates(summary);
+        for (at, state) in self.project.states.iter().enumerate() {
+            let estimate = state.estimate.get();
+            let Some(estimate) = estimate.filter(|_| self.project.asks_for_estimate(at)) else {
+                continue;
+            };
+            let up = self.project.up_of(at);
+            report_estimate(estimate, &self.project.scene, up, summary);
+            if estimate.obstacle.is_some() {
+                summary.skip("projection of an environment", "even light");
+            }
+        }
         Ok(())
     }
 
-    /// Has the first object tell of its light, whatever is known of that; `saved` is a bake for the method that is set.
+    /// Estimates the light of the first object's capture, whatever is known of that. `saved` is a bake for the method that is set.
     pub fn estimate_first(
         &mut self,
         saved: Option<&Path>,
@@ -259,21 +259,6 @@ impl Headless {
         }
         self.estimate(summary)?;
         Ok(self.project.states[0].source.light.illumination.clone())
-    }
-
-    fn tell_of_estimates(&self, summary: &mut Summary) {
-        let scene = &self.project.scene;
-        for (at, state) in self.project.states.iter().enumerate() {
-            let is_asked = scene.objects[at].source.is_estimate()
-                || (at == 0 && scene.environment.is_estimate());
-            let Some(estimate) = state.estimate.get().filter(|_| is_asked) else {
-                continue;
-            };
-            tell_of_estimate(estimate, scene, self.project.up_of(at), summary);
-            if estimate.obstacle.is_some() {
-                summary.skip("projection of an environment", "even light");
-            }
-        }
     }
 
     /// Bakes what the method needs, and tells what that found.
@@ -334,13 +319,13 @@ impl Headless {
             ));
         }
         summary.set("dark_share", prepared.dark_share());
-        self.tell_what_is_ignored(summary);
+        self.report_ignored(summary);
         summary.skipped(prepared.left_out(&self.cloud));
         Ok((prepared, bake))
     }
 
     /// Settings that the method does not know, and that were asked for all the same.
-    fn tell_what_is_ignored(&self, summary: &mut Summary) {
+    fn report_ignored(&self, summary: &mut Summary) {
         let (scene, plain) = (&self.project.scene, Scene::default());
         let mut lights = scene.environment_lights();
         let has_no_picture = |l: &EnvironmentLight| l.file.as_deref().is_some_and(|f| !is_file(f));
@@ -378,9 +363,10 @@ impl Headless {
         Ok(transfer)
     }
 
-    /// A target as the scene sees it.
+    /// Lights the scene by a target, and yields that as the scene sees it.
     pub fn light_by(&mut self, target: &Target, summary: &mut Summary) -> Result<Illumination> {
-        self.turn_to(target, summary)?;
+        self.project.scene.environment.file = Some(target.path.clone());
+        self.settle(summary)?;
         Ok(self.project.target_light())
     }
 
@@ -394,12 +380,12 @@ impl Headless {
         summary: &mut Summary,
     ) -> Result<Relit> {
         let on_gpu = matches!(transfer, Transfer::Gpu(_));
-        self.tell_of_light((prepared, on_gpu), name, light, summary);
+        self.report_light((prepared, on_gpu), name, light, summary);
         timed(summary, || transfer.change_light(light, part, unseen))?;
         transfer.result()
     }
 
-    /// The same of several objects, each in its own coordinates.
+    /// Relights several objects by one target, each in its own coordinates.
     pub fn relight_objects(
         &self,
         prepared: &PreparedTransfer,
@@ -407,14 +393,14 @@ impl Headless {
         light: &Illumination,
         summary: &mut Summary,
     ) -> Result<Vec<Relit>> {
-        self.tell_of_light((prepared, false), name, light, summary);
+        self.report_light((prepared, false), name, light, summary);
         timed(summary, || {
             Ok(prepared.relight_objects(light, Part::Whole, &[])?)
         })
     }
 
     /// Tells what a light leaves out, and how strong it is: lights that are near as they are seen from the middle.
-    fn tell_of_light(
+    fn report_light(
         &self,
         (prepared, on_gpu): (&PreparedTransfer, bool),
         name: &str,
@@ -435,7 +421,7 @@ impl Headless {
     }
 }
 
-/// How far the work is that goes on, if that is shown.
+/// Progress bar of the stage that runs, where one is shown.
 #[derive(Clone, Default)]
 struct Bar(Arc<Mutex<Option<(Kind, ProgressBar)>>>);
 
@@ -471,7 +457,7 @@ fn settle(project: &mut Project, bar: &Bar, summary: &mut Summary) -> Result<()>
     settled
 }
 
-/// What a kind of work is called while it goes on.
+/// Label of the progress bar of a kind of work.
 fn label_of(kind: Kind) -> Option<&'static str> {
     Some(match kind {
         Kind::Of(_, Work::Bake(_)) => "baking visibility",
@@ -493,8 +479,8 @@ fn stage_of(kind: Kind) -> &'static str {
     }
 }
 
-/// Tells what is odd about a splat.
-fn tell_of_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
+/// Warns of what is odd about a splat.
+fn report_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
     for warning in &asset.warnings {
         summary.warn(warning.clone());
     }
@@ -518,15 +504,15 @@ fn tell_of_asset(object: &Object, asset: &Asset, summary: &mut Summary) {
     }
 }
 
-/// That a splat lies on its side by cameras, where nobody said which way is up.
+/// Warns of a splat that lies on its side by its cameras, unless its up axis is explicit.
 pub fn up_warning_of(object: &Object, asset: &Asset, cameras: &CameraFile) -> Option<String> {
-    let is_told = asset.file.report.up.is_some() || object.up.is_some();
+    let is_explicit = asset.file.report.up.is_some() || object.up.is_some();
     let warning = || up_warning_by_cameras(&asset.path, asset.file_up, cameras);
-    (!is_told).then(warning).flatten()
+    (!is_explicit).then(warning).flatten()
 }
 
-/// Tells what a splat tells of its light.
-pub fn tell_of_estimate(estimate: &Estimate, scene: &Scene, up: UpAxis, summary: &mut Summary) {
+/// Reports an estimate of the light of a capture.
+pub fn report_estimate(estimate: &Estimate, scene: &Scene, up: UpAxis, summary: &mut Summary) {
     summary.set("source_estimate", estimate_as_json(estimate));
     let Some(obstacle) = estimate.obstacle else {
         summary.note(estimate_in_words(estimate, up));
@@ -554,7 +540,7 @@ pub fn read_map(
     Ok(map)
 }
 
-/// Whether a target is one of a folder that was named.
+/// Whether a target lies in a folder on the command line.
 fn is_of_folder(args: &LightArgs, path: &Path) -> bool {
     let mut folders = args.target.iter().filter(|t| t.is_dir());
     folders.any(|folder| path.starts_with(folder))

@@ -15,14 +15,14 @@ use transplat_core::progress::no_progress;
 use transplat_core::scene::{EnvironmentLight, is_estimate, is_even, is_sky};
 use transplat_core::settings::Method;
 
-use super::headless::{Headless, read_map, tell_of_estimate};
+use super::headless::{Headless, read_map, report_estimate};
 use super::settings::{assets_of, look_of, with_scene_as_look};
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::engine::bake::{self, Wanted};
 use crate::engine::device::Painter;
 use crate::engine::environments::SKY_COLUMNS;
-use crate::engine::names::{as_file_name, name_of, told_apart};
+use crate::engine::names::{as_file_name, distinct_names, name_of};
 use crate::engine::picture::light_at;
 use crate::engine::words::percent;
 use crate::summary::Summary;
@@ -69,7 +69,7 @@ pub fn run(args: &ProbeArgs) -> Result<()> {
             Some(object) => as_file_name(&called[object]),
             None => format!("{i:03}"),
         };
-        let names = told_apart(places.iter().enumerate().map(called));
+        let names = distinct_names(places.iter().enumerate().map(called));
         let file = |name| args.output.join(format!("{name}.exr"));
         names.into_iter().map(file).collect()
     };
@@ -154,7 +154,7 @@ fn place(headless: &Headless, at: &str) -> Result<Place> {
 
 fn object_named(headless: &Headless, name: &str) -> Result<usize> {
     let shown = headless.shown();
-    let names = told_apart(shown.map(|(o, asset)| name_of(o, &asset.path)));
+    let names = distinct_names(shown.map(|(o, asset)| name_of(o, &asset.path)));
     let found = names.iter().position(|n| n == name);
     found.with_context(|| {
         format!(
@@ -246,7 +246,7 @@ fn estimated_near(
     let estimate = || estimate_light(&wanted.cloud, &bake, &no_progress);
     let estimate = summary.time("estimate", estimate)?;
     let up = headless.project.scene_up();
-    tell_of_estimate(&estimate, scene, up, summary);
+    report_estimate(&estimate, scene, up, summary);
     Ok(match estimate.obstacle {
         Some(_) => EnvironmentMap::even(),
         None => estimate.light.map(up),

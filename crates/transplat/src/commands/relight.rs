@@ -17,7 +17,7 @@ use crate::cli::{RelightArgs, usage};
 use crate::commands::{make_folder, refuse_overwriting};
 use crate::engine::asset::Asset;
 use crate::engine::device::Transfer;
-use crate::engine::names::{as_file_name, name_of, told_apart};
+use crate::engine::names::{as_file_name, distinct_names, name_of};
 use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
@@ -115,7 +115,7 @@ fn write(
 /// A name for each object's file: its own, or its splat's; no two are the same.
 fn object_names(scene: &Scene, assets: &[PathBuf]) -> Vec<String> {
     let shown = scene.objects.iter().filter(|o| o.shown).zip(assets);
-    told_apart(shown.map(|(object, asset)| as_file_name(&name_of(object, asset))))
+    distinct_names(shown.map(|(object, asset)| as_file_name(&name_of(object, asset))))
 }
 
 /// The ending of each asset's files: that of the format that it came in.

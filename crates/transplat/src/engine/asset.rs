@@ -113,12 +113,12 @@ impl Asset {
         })
     }
 
-    /// The same with what only somebody who looks at it needs: what is proposed to them, and what they are told of formats.
+    /// Adds what only a window shows: proposals for up axis and crop, cameras, and what each format would lose.
     pub fn with_hints(self) -> Self {
         let cloud = &self.cloud;
         let whole = self.part.is_none().then_some(cloud);
-        let (told, habit) = (self.file.report.up, self.file.usual_up());
-        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, told, habit));
+        let (explicit, habit) = (self.file.report.up, self.file.usual_up());
+        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, explicit, habit));
         let losses = SplatFormat::WRITTEN.map(|(_, format)| (format, format.losses(cloud)));
         Self {
             proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &self.bounds)),

@@ -39,18 +39,6 @@ pub struct Baked {
     pub complaint: Option<String>,
 }
 
-impl Baked {
-    fn whole(bake: Bake, start: Instant, file: Option<PathBuf>) -> Self {
-        Self {
-            bake: Arc::new(bake),
-            share: 1.0,
-            ms: start.elapsed().as_secs_f64() * 1e3,
-            file,
-            complaint: None,
-        }
-    }
-}
-
 /// What is to be baked.
 pub struct Wanted {
     pub cloud: Arc<SurfelCloud>,
@@ -147,23 +135,34 @@ pub fn bake(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<
     in_stages(device, wanted, &[1], progress, &|_, _| ())
 }
 
-/// Bakes from start to end, and takes the time.
-pub fn whole(device: &Device, wanted: &Wanted, progress: Progress<'_>) -> Result<Baked> {
-    let start = Instant::now();
-    let bake = bake(device, wanted, progress)?;
-    Ok(Baked::whole(bake, start, None))
-}
-
-/// Reads a bake from a file.
+/// Bakes from start to end, or reads a saved bake.
 ///
 /// # Errors
-/// It is of another asset, or for another method.
-pub fn saved(file: &Path, wanted: &Wanted) -> Result<Baked> {
+/// The saved one is of another asset, or for another method.
+pub fn whole(
+    device: &Device,
+    wanted: &Wanted,
+    saved: Option<&Path>,
+    progress: Progress<'_>,
+) -> Result<Baked> {
     let start = Instant::now();
-    let bake = load_bake(file, &wanted.cloud)?;
-    let of_method = bake.of_method(wanted.method);
-    of_method.with_context(|| file.display().to_string())?;
-    Ok(Baked::whole(bake, start, Some(file.to_owned())))
+    let bake = match saved {
+        None => bake(device, wanted, progress)?,
+        Some(file) => {
+            let read = load_bake(file, &wanted.cloud)?;
+            let of_method = read.of_method(wanted.method);
+            of_method
+                .with_context(|| file.display().to_string())?
+                .clone()
+        }
+    };
+    Ok(Baked {
+        bake: Arc::new(bake),
+        share: 1.0,
+        ms: start.elapsed().as_secs_f64() * 1e3,
+        file: saved.map(Path::to_owned),
+        complaint: None,
+    })
 }
 
 /// Bakes so that what there is can be used before it is whole, or reads what was baked before: `saved` first of all, of as many directions

@@ -14,7 +14,7 @@ use transplat_core::rasterize::{ColorSpace, Raster, shade};
 use transplat_core::transfer::Relit;
 
 use crate::engine::device::Paint;
-use crate::engine::names::told_apart;
+use crate::engine::names::distinct_names;
 use crate::engine::picture::{Lit, Studio};
 
 /// Layers that every picture has; objects are not called so.
@@ -53,7 +53,7 @@ impl Layers {
         let inserted = &objects[usize::from(scene_alone.is_some())..];
         let called = inserted.iter().map(|(name, _)| layer_name(name));
         let taken = OWN.iter().map(|name| (*name).to_owned());
-        let names = told_apart(taken.chain(called)).split_off(OWN.len());
+        let names = distinct_names(taken.chain(called)).split_off(OWN.len());
         Self {
             objects: ranges.collect(),
             names,

@@ -34,8 +34,8 @@ pub fn as_file_name(name: &str) -> String {
     }
 }
 
-/// Names, those that were there before with a number.
-pub fn told_apart(names: impl Iterator<Item = String>) -> Vec<String> {
+/// Makes names distinct: one that is taken gets a number.
+pub fn distinct_names(names: impl Iterator<Item = String>) -> Vec<String> {
     let mut taken = HashSet::new();
     let free = |name: String| {
         let numbered = (2..).map(|n| format!("{name}-{n}"));

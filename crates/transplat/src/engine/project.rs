@@ -207,7 +207,7 @@ pub struct Project {
 
 impl Project {
     /// A scene that is shown in a window, of which nothing is made yet.
-    pub fn shown_on(canvas: Canvas, wake: Wake, scene: Scene) -> Self {
+    pub fn on_canvas(canvas: Canvas, wake: Wake, scene: Scene) -> Self {
         let device = StageDevice::beside(&canvas.context);
         Self {
             canvas: Some(canvas),
@@ -222,8 +222,8 @@ impl Project {
         }
     }
 
-    /// A scene that nobody looks at, of which nothing is made yet; jobs are done where they are started, followed by `watch`.
-    pub fn unseen(device: Device, watch: Watch, scene: Scene) -> Self {
+    /// A scene without a window, of which nothing is made yet. Jobs run where they are started, followed by `watch`.
+    pub fn headless(device: Device, watch: Watch, scene: Scene) -> Self {
         Self::new(StageDevice::Chosen(device), Jobs::at_once(watch), scene)
     }
 

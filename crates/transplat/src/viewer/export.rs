@@ -479,17 +479,11 @@ fn composed(session: &Session, task: &Task) -> Result<Option<Composed>> {
             "the objects are still being prepared; try again when that is done"
         ));
     }
-    let skips = &session.project.scene.transfer.skips;
-    let hidden = session.project.shown().flat_map(|(_, object, asset)| {
-        let mut hidden = object.hide.unseen(&asset.cloud, &asset.bounds, skips);
-        hidden.resize(asset.cloud.len(), false);
-        hidden
-    });
     let captures = session.project.shown().map(|(.., a)| a.path.clone());
     let objects = session.project.shown();
     let objects = objects.map(|(_, o, a)| (name_of(o, &a.path), a.cloud.len()));
     Ok(Some(Composed {
-        hidden: hidden.collect(),
+        hidden: session.project.unseen_surfels(),
         captures: captures.collect(),
         objects: objects.collect(),
         whole: session.project.whole(),

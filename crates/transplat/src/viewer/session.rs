@@ -161,7 +161,7 @@ impl Session {
         let canvas = Canvas::new(context, live);
         Self {
             jobs: Jobs::new(wake.clone()),
-            project: Project::shown_on(canvas.clone(), wake, scene),
+            project: Project::on_canvas(canvas.clone(), wake, scene),
             canvas,
             selected: 0,
             selected_light: 0,

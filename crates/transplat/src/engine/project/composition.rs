@@ -11,7 +11,7 @@ use transplat_core::scene::{
 
 use transplat_core::surfels::{Bounds, Hide};
 
-use crate::engine::names::{name_of, told_apart};
+use crate::engine::names::{distinct_names, name_of};
 use crate::engine::project::{Notice, Project};
 use crate::language::{tr, tr_format};
 
@@ -189,7 +189,7 @@ impl Project {
         copy.locked = false;
         let called = |o: &Object| o.called().unwrap_or_default();
         let all = self.scene.objects.iter().map(called);
-        copy.name = told_apart(all.chain([called(&copy)])).pop();
+        copy.name = distinct_names(all.chain([called(&copy)])).pop();
         self.add(copy);
     }
 

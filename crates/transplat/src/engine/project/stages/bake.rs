@@ -134,15 +134,12 @@ impl Project {
             };
             let (device, progress) = (device.fastest(), |done: f64| handle.progress(done));
             let saved = saved.as_deref();
-            if let (false, Some(saved)) = (is_seen, saved) {
-                return bake::saved(saved, &wanted);
-            }
             if let Some(part) = &part {
                 let of_whole = part.of_whole(&device, wanted.skips, &progress);
                 wanted.part_of = Some(of_whole.context(tr("the bake failed"))?);
             }
             if !is_seen {
-                return bake::whole(&device, &wanted, &progress);
+                return bake::whole(&device, &wanted, saved, &progress);
             }
             bake::refined(&device, &wanted, saved, &progress, preview)
                 .context(tr("the bake failed"))

@@ -18,7 +18,7 @@ pub const DROP_IT: &str =
 
 impl Project {
     /// Whether the settings ask for the light that the asset tells of.
-    fn asks_for_estimate(&self, at: usize) -> bool {
+    pub fn asks_for_estimate(&self, at: usize) -> bool {
         if !self.requested.lights || !(self.is_used(at) || at == 0) {
             return false;
         }
