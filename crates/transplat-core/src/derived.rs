@@ -82,6 +82,11 @@ impl<Key: Clone + PartialEq, Value> Derived<Key, Value> {
         self.asked = None;
     }
 
+    /// Asks for what is there, or for nothing: what was asked for is made by another.
+    pub fn ask_for_made(&mut self) {
+        self.asked = self.made_from().cloned();
+    }
+
     /// Drops value and question.
     pub fn clear(&mut self) {
         self.asked = None;

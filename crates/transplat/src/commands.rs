@@ -51,20 +51,3 @@ pub fn called_as_a_splat(path: &Path) -> Result<SplatFormat> {
         )
     })
 }
-
-/// Refuses a file where a folder is to be made.
-pub fn refuse_file(path: &Path) -> Result<()> {
-    if path.is_file() {
-        bail!(
-            "{}: is a file; the output is a folder of files here",
-            path.display()
-        );
-    }
-    Ok(())
-}
-
-/// Makes the folder that outputs go into.
-pub fn make_folder(path: &Path) -> Result<()> {
-    refuse_file(path)?;
-    std::fs::create_dir_all(path).with_context(|| path.display().to_string())
-}

@@ -15,6 +15,7 @@ pub mod layers;
 pub mod memory;
 pub mod names;
 pub mod object;
+pub mod output;
 pub mod picture;
 pub mod project;
 pub mod shot;

@@ -42,8 +42,9 @@ use anyhow::{Result, anyhow};
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
+pub use crate::engine::output::ImageFormat;
 pub use app::{Startup, Viewer};
-pub use export::{Format, Task};
+pub use export::task::Task;
 
 /// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
 pub fn wgpu_setup(software_only: bool) -> WgpuSetup {

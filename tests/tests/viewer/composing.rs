@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::{Quat, Vec3};
-use transplat::viewer::{Format, Startup, Task};
+use transplat::viewer::{ImageFormat, Startup, Task};
 use transplat_core::color::{Encoding, decode_sh, encode_sh};
 use transplat_core::files::{
     load_asset, load_environment, load_look, load_picture, save_look, write_splat,
@@ -80,7 +80,7 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let [a, b] = [&ours, &theirs].map(|p| picture(p.as_ref()));
     assert!(psnr(&a, &b) > 45.0, "{}", psnr(&a, &b));
     // In layers, the same again, with the look that makes it.
-    d.viewer().export_settings().format = Format::ExrLayers;
+    d.viewer().export_settings().format = ImageFormat::ExrLayers;
     let [layers, theirs] = ["layers.exr", "layers_theirs.exr"].map(|n| d.folder.path(n));
     let path = layers.clone();
     d.after(|v| v.export(Task::Screenshot(Some(path))));
@@ -91,13 +91,23 @@ fn a_scene_is_shown_and_saved_as_the_command_line_draws_it() {
     let [a, b] = [&layers, &theirs].map(|p| load_picture(p).expect("a picture").pixels);
     let opaque = |p: &Vec<[f32; 4]>| p.iter().map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
     assert!(psnr(&opaque(&a), &opaque(&b)) > 45.0);
-    d.viewer().export_settings().format = Format::Png8;
+    d.viewer().export_settings().format = ImageFormat::Png8;
     // All of it as one splat.
     let merged = d.folder.path("merged.ply");
     let path = merged.clone();
     d.after(|v| v.export(Task::Splat(path)));
     let (cloud, _) = load_asset(&merged).expect("a splat");
     assert_eq!(cloud.len(), 900 + 800);
+    // What is hidden is not saved, selected or not.
+    d.after(|v| {
+        v.session.selected = 1;
+        v.session.object_mut().shown = false;
+    });
+    let plate = d.folder.path("plate_relit.ply");
+    let path = plate.clone();
+    d.after(|v| v.export(Task::Splat(path)));
+    let (cloud, _) = load_asset(&plate).expect("a splat");
+    assert_eq!(cloud.len(), 900);
 }
 
 /// By preset paper, too: lit by a probe, with a shadow on what is near, also where an object was moved.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Event, Modifiers, PointerButton, Pos2, Rect, accesskit::Role};
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
-use transplat::viewer::{Format, Startup, Task};
+use transplat::viewer::{ImageFormat, Startup, Task};
 use transplat_core::camera::Camera;
 use transplat_core::environment::{Sky, Sun};
 use transplat_core::files::{load_look, load_rig, save_look};
@@ -283,7 +283,7 @@ fn what_lights_of_ones_own_show_the_commands_show() {
     let settings = d.viewer().export_settings();
     settings.size = [200, 160];
     settings.supersample = 1;
-    settings.format = Format::Png8;
+    settings.format = ImageFormat::Png8;
     let sunset = d.folder.path("sunset.hdr");
     let mut drawn: Vec<Vec<[f32; 3]>> = Vec::new();
     for case in 0..3 {

@@ -23,10 +23,10 @@ use crate::cli::{
     VIEWS,
 };
 use crate::commands::bake::bake;
-use crate::commands::make_folder;
 use crate::commands::render::{Wanted, draw, pictures_in_words, settings};
 use crate::commands::settings::{is_look, look_of};
 use crate::engine::environments::environments_in;
+use crate::engine::output::make_folder;
 use crate::summary::Summary;
 
 /// Bytes of a batch, at most.

@@ -14,10 +14,11 @@ use transplat_core::transfer::{Part, PreparedTransfer};
 use super::headless::Headless;
 use super::settings::{assets_of, check_objects, look_of, targets_of, with_scene_as_look};
 use crate::cli::{RelightArgs, usage};
-use crate::commands::{make_folder, refuse_overwriting};
+use crate::commands::refuse_overwriting;
 use crate::engine::asset::Asset;
 use crate::engine::device::Transfer;
 use crate::engine::names::{as_file_name, distinct_names, name_of};
+use crate::engine::output::make_folder;
 use crate::summary::Summary;
 
 pub fn run(args: &RelightArgs) -> Result<()> {

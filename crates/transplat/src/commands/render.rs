@@ -6,30 +6,27 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, bail};
 use clap::ValueEnum;
 use transplat_core::bake::Bake;
 use transplat_core::camera::CameraPose;
-use transplat_core::files::{
-    ExrFloats, PngBits, check_folder, check_output, load_lut, load_plate, look_text, save_look,
-    write_exr, write_layers, write_png,
-};
-use transplat_core::present::{self, Background, View};
+use transplat_core::files::{check_folder, check_output, load_lut, load_plate};
+use transplat_core::present::{Background, View};
 use transplat_core::progress::no_progress;
 use transplat_core::scene::{EVEN, MOST_FRAMES, Scene};
 use transplat_core::settings::skips::{Skip, Skipped};
-use transplat_core::transfer::{Part, PreparedTransfer, Relit};
+use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::headless::{Headless, Target};
 use super::settings::{assets_of, check_objects, look_of, put, targets_of, with_scene_as_look};
 use crate::cli::{PictureFormat, RenderArgs, usage};
-use crate::commands::{make_folder, refuse_overwriting};
+use crate::commands::refuse_overwriting;
 use crate::engine::device::Transfer;
-use crate::engine::film::{Film, FilmFormat};
+use crate::engine::film::FilmFormat;
 use crate::engine::layers::Layers;
-use crate::engine::names::name_of;
+use crate::engine::output::{ImageFormat, Sink, make_folder};
 use crate::engine::picture::{Lit, Studio};
-use crate::engine::shot::{self, Backdrops};
+use crate::engine::shot::{self, Backdrops, LayerFiles};
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
 
@@ -173,7 +170,7 @@ pub fn draw(args: &RenderArgs, wanted: Option<&Wanted>, summary: &mut Summary) -
         summary.warn(warning);
     }
     studio.lut = lut;
-    let mut shots = Shots {
+    let mut shots = RenderRun {
         args,
         wanted,
         frames: &frames,
@@ -255,8 +252,6 @@ struct Output<'a> {
     path: &'a Path,
     format: PictureFormat,
     is_file: bool,
-    /// The file holds all pictures.
-    is_film: bool,
     folder_per_target: bool,
 }
 
@@ -311,7 +306,6 @@ impl<'a> Output<'a> {
             path,
             format: asked.or(layered).unwrap_or(PictureFormat::Png),
             is_file,
-            is_film,
             folder_per_target: !is_file && (targets > 1 || in_folder),
         })
     }
@@ -349,7 +343,7 @@ fn look_beside(picture: &Path) -> PathBuf {
     picture.with_extension("look.json")
 }
 
-struct Shots<'a> {
+struct RenderRun<'a> {
     args: &'a RenderArgs,
     wanted: Option<&'a Wanted>,
     frames: &'a [Frame],
@@ -361,19 +355,18 @@ struct Shots<'a> {
     headless: Headless,
 }
 
-impl Shots<'_> {
+impl RenderRun<'_> {
     /// One set of pictures a target, with the bake and the source's part done once.
     fn relit(&mut self, targets: &[Target], summary: &mut Summary) -> Result<usize> {
         let by = self.headless.prepare(summary)?;
         let (prepared, bake) = &by;
         let mut transfer = self.headless.transfer(prepared, summary)?;
         let mut written = 0;
-        let is_of_place = self.args.layers && self.headless.project.scene.first_is_a_place();
-        let scene_alone = if is_of_place {
-            summary.time("surroundings", || prepared.first_alone(&no_progress))?
-        } else {
-            None
-        };
+        let scene = &self.headless.project.scene;
+        let is_of_place = self.args.layers && scene.first_is_a_place();
+        let alone = is_of_place
+            .then(|| summary.time("surroundings", || shot::place_alone(scene, prepared)));
+        let place = alone.transpose()?.flatten();
         for target in targets {
             let light = self.headless.light_by(target, summary)?;
             let skips = &self.headless.project.scene.transfer.skips;
@@ -393,15 +386,17 @@ impl Shots<'_> {
             let relit = self
                 .headless
                 .relight(by.0, by.1, &target.name, wanted, summary)?;
-            let layers = if self.args.layers {
-                let alone = scene_alone.as_ref();
-                let alone = alone.map(|scene| scene.relight(&light, Part::Whole));
-                let shown = self.headless.shown();
-                let shown = shown.map(|(o, a)| (name_of(o, &a.path), a.cloud.len()));
-                let objects: Vec<_> = shown.collect();
-                Some(Layers::new(&objects, relit.clone(), alone.transpose()?))
-            } else {
-                None
+            let layers = match self.args.layers {
+                true => {
+                    let project = &self.headless.project;
+                    Some(shot::layers(
+                        project,
+                        relit.clone(),
+                        place.as_ref(),
+                        &light,
+                    )?)
+                }
+                false => None,
             };
             let lit = self.lit(relit, (prepared, bake))?;
             written += match &layers {
@@ -430,7 +425,7 @@ impl Shots<'_> {
         summary: &mut Summary,
     ) -> Result<usize> {
         let scene = self.headless.project.scene.clone();
-        let mut sink = Sink::default();
+        let mut sink = self.sink();
         let bar = summary.progress_bar("drawing");
         let name = Some(&*target.name);
         if !self.output.is_file {
@@ -452,7 +447,9 @@ impl Shots<'_> {
             self.take_frame((name, frame), &lit, &mut sink, summary)?;
         }
         self.headless.project.scene = scene;
-        sink.finish(summary)
+        let count = sink.count;
+        summary.time("export", || sink.finish())?;
+        Ok(count)
     }
 
     /// The same picture for each target, but for its background and ground.
@@ -491,13 +488,15 @@ impl Shots<'_> {
             self.set_plate(frame, summary)?;
             look.camera = Some(CameraPose::of(&frame.camera, cloud.up, middle));
             look.plate = frame.plate.clone().or(look.plate);
-            let made_by = look_text(&look).map_err(|why| anyhow!(why))?;
             let path = self.output.picture(name, frame.number);
             let taken = || layers.take(&self.studio, &frame.camera, factor, lit);
             let channels = summary.time("rasterize", taken)?;
-            let size = [frame.camera.width, frame.camera.height];
-            summary.time("export", || write_layers(&path, size, channels, &made_by))?;
-            save_look(&look_beside(&path), &look)?;
+            let files = LayerFiles {
+                look_path: look_beside(&path),
+                look: look.clone(),
+                path,
+            };
+            summary.time("export", || files.write(&frame.camera, channels))?;
         }
         Ok(self.frames.len())
     }
@@ -517,6 +516,14 @@ impl Shots<'_> {
         Ok(())
     }
 
+    fn sink(&self) -> Sink {
+        let format = match self.output.format {
+            PictureFormat::Png => ImageFormat::Png8,
+            PictureFormat::Exr => ImageFormat::ExrFloat,
+        };
+        Sink::new(format, self.args.frame_rate)
+    }
+
     fn wants(&self, target: Option<&str>, frame: &Frame) -> bool {
         let light = target.filter(|_| self.output.folder_per_target);
         let picture = (light.unwrap_or_default().to_owned(), frame.number);
@@ -528,7 +535,7 @@ impl Shots<'_> {
             make_folder(&self.output.folder(target))?;
         }
         let bar = summary.progress_bar("drawing");
-        let mut sink = Sink::default();
+        let mut sink = self.sink();
         for (done, frame) in self.frames.iter().enumerate() {
             bar.set_position((1000 * done / self.frames.len()) as u64);
             if !self.wants(target, frame) {
@@ -536,7 +543,9 @@ impl Shots<'_> {
             }
             self.take_frame((target, frame), lit, &mut sink, summary)?;
         }
-        sink.finish(summary)
+        let count = sink.count;
+        summary.time("export", || sink.finish())?;
+        Ok(count)
     }
 
     /// Draws a frame, into a file of its own or the film.
@@ -553,41 +562,6 @@ impl Shots<'_> {
         let raster = summary.time("rasterize", || {
             self.studio.take(&frame.camera, factor, lit, &no_progress)
         })?;
-        sink.written += 1;
-        if self.output.is_film {
-            let size = [raster.width, raster.height];
-            let film = match &mut sink.film {
-                Some(film) => film,
-                none => none.insert(Film::new(&path, size, self.args.frame_rate)?),
-            };
-            return summary.time("export", || film.add(&raster));
-        }
-        summary.time("export", || match self.output.format {
-            PictureFormat::Png => write_png(
-                &path,
-                raster.width,
-                raster.height,
-                &present::straight(&raster),
-                PngBits::Eight,
-            ),
-            PictureFormat::Exr => write_exr(&path, &raster, ExrFloats::Full),
-        })?;
-        Ok(())
-    }
-}
-
-/// What of a set of pictures was written, and the film that they go into.
-#[derive(Default)]
-struct Sink {
-    written: usize,
-    film: Option<Film>,
-}
-
-impl Sink {
-    fn finish(self, summary: &mut Summary) -> Result<usize> {
-        if let Some(film) = self.film {
-            summary.time("export", || film.finish())?;
-        }
-        Ok(self.written)
+        summary.time("export", || sink.add(&path, &raster))
     }
 }

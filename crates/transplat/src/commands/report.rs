@@ -21,11 +21,12 @@ use transplat_core::settings::Method;
 
 use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
 use crate::commands::headless::Headless;
+use crate::commands::refuse_overwriting;
 use crate::commands::settings::look_of;
-use crate::commands::{make_folder, refuse_file, refuse_overwriting};
 use crate::engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
 use crate::engine::device::Device;
 use crate::engine::device::DeviceChoice;
+use crate::engine::output::{make_folder, refuse_file};
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::insertion::TruthScene;
 use crate::ground_truth::views::{Views, light};

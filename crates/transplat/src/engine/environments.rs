@@ -31,6 +31,7 @@ const READ_AT_ONCE: usize = 2;
 const MAPS: usize = 3;
 
 /// All that were read, and those that are to be.
+#[derive(Clone)]
 pub struct Environments {
     read: HashMap<PathBuf, Arc<Environment>>,
     reading: Vec<PathBuf>,

@@ -69,6 +69,19 @@ struct Signals {
 }
 
 impl Signals {
+    /// Notes how far it is, and says whether to go on.
+    fn report(&self, done: f64, wake: &Wake) -> ControlFlow<()> {
+        let per_mille = (done * 1e3) as u32;
+        if self.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
+            // Without a graphics card a picture of the window costs what the job would get.
+            wake(PROGRESS_INTERVAL);
+        }
+        match self.cancelled.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    }
+
     /// How long ago its turn came, if it did.
     fn worked(&self) -> Option<Duration> {
         self.begun.get().map(Instant::elapsed)
@@ -177,19 +190,16 @@ pub struct Handle<E> {
 impl<E> Handle<E> {
     /// Tells how far it is, and learns whether to go on.
     pub fn progress(&self, done: f64) -> ControlFlow<()> {
-        if let Some((kind, watch)) = &self.watch {
-            return watch(*kind, done);
+        match &self.watch {
+            Some((kind, watch)) => watch(*kind, done),
+            None => self.signals.report(done, &self.wake),
         }
-        let per_mille = (done * 1e3) as u32;
-        if self.signals.per_mille.swap(per_mille, Ordering::Relaxed) != per_mille {
-            // Without a graphics card a picture of the window costs what the job would get.
-            (self.wake)(PROGRESS_INTERVAL);
-        }
-        if self.is_cancelled() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+    }
+
+    /// Follows jobs that are done within this one as if they were it.
+    pub fn watch(&self) -> Watch {
+        let (signals, wake) = (self.signals.clone(), self.wake.clone());
+        Arc::new(move |_, done| signals.report(done, &wake))
     }
 
     pub fn is_cancelled(&self) -> bool {
@@ -223,6 +233,11 @@ pub type Wake = Arc<dyn Fn(Duration) + Send + Sync>;
 
 /// Follows the work of who waits for it: what is done and how far it is, 0 to 1. It may be broken off.
 pub type Watch = Arc<dyn Fn(Kind, f64) -> ControlFlow<()> + Send + Sync>;
+
+/// Follows nothing.
+pub fn unwatched() -> Watch {
+    Arc::new(|_, _| ControlFlow::Continue(()))
+}
 
 /// Of threads whose work is long, out of 99; in Linux a niceness of 10, a tenth of a core where a picture is being drawn.
 const PRIORITY_OF_LONG: u8 = 25;

@@ -89,6 +89,27 @@ impl ObjectState {
         }
     }
 
+    /// A copy with what is made of the object before it is relit. What is still under way is to be made anew.
+    pub fn copy(&self) -> Self {
+        let mut copy = Self {
+            id: self.id,
+            asset: self.asset.clone(),
+            tried: self.tried.clone(),
+            source: self.source.clone(),
+            lights: self.lights.clone(),
+            bakes: self.bakes.clone(),
+            estimate: self.estimate.clone(),
+            estimated: self.estimated.clone(),
+            prepared: self.prepared.clone(),
+            ..Self::default()
+        };
+        copy.prepared.ask_for_made();
+        for bake in copy.bakes.values_mut() {
+            bake.ask_for_made();
+        }
+        copy
+    }
+
     /// The file that it is, or is to be.
     pub fn path(&self) -> Option<&Path> {
         let asset = self.asset.as_ref().map(|a| &a.path);
@@ -173,9 +194,16 @@ pub type SurroundingsKey = Vec<(u64, u64, Affine3A)>;
 /// What the objects that are shown see of each other, and how finely.
 pub type Surroundings = Derived<(SurroundingsKey, Detail), Arc<SceneBake>>;
 
-/// All that is needed to know what objects put into a scene as preset paper does it see: which, by state and version of its bake, and where
-/// each stands; and whether they throw shadows.
-pub type InsertionKey = (Vec<(u64, u64, Transform)>, bool);
+/// Inputs of the visibility of objects that preset paper puts into a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InsertionKey {
+    /// Each by its state, the version of its own bake or 0 where that does not serve, and its place.
+    pub each: Vec<(u64, u64, Transform)>,
+    /// Directions of a bake.
+    pub directions: usize,
+    /// True where they throw shadows.
+    pub shadows: bool,
+}
 
 /// All that their transfers depend on: what they see, by its version, which they are and what each was captured under, and the settings.
 pub type InsertedKey = (u64, Vec<(u64, OrientedLight)>, TransferSettings);
@@ -196,6 +224,7 @@ pub struct PrepareKey {
 }
 
 /// A prepared transfer.
+#[derive(Clone)]
 pub struct Prepared {
     pub prepared: PreparedTransfer,
     /// Whether it relights on the GPU.

@@ -78,6 +78,7 @@ pub fn lit_ground(
 }
 
 /// A look that another is compared with.
+#[derive(Clone)]
 pub struct Before {
     pub relit: Relit,
     pub display: Display,

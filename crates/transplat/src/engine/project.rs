@@ -3,6 +3,7 @@
 mod cameras;
 pub mod canvas;
 mod composition;
+mod copy;
 mod follow;
 mod open;
 pub mod pinned;
@@ -74,6 +75,8 @@ pub struct Requested {
     pub transfers: bool,
     /// The ground that catches shadows, if the scene has one.
     pub ground: bool,
+    /// Bakes serve terms that are off now, too.
+    pub all_terms: bool,
     /// Low-confidence surfels are marked.
     pub doubts: bool,
     /// A surfel is inspected, and nothing is being dragged.
@@ -216,6 +219,7 @@ impl Project {
                 lights: true,
                 transfers: true,
                 ground: true,
+                all_terms: true,
                 ..Requested::default()
             },
             ..Self::new(device, Jobs::new(wake), scene)

@@ -5,7 +5,7 @@ use transplat_core::present::Background;
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
-use super::export::Task;
+use super::export::task::Task;
 use super::files::ask;
 use super::menus::COMPARE;
 use super::navigation;

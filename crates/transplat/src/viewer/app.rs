@@ -12,7 +12,8 @@ use transplat_core::scene::{ESTIMATE, EVEN, Scene, is_file};
 use transplat_core::settings::skips::{Skip, Skipped, Stage};
 use transplat_gpu::Context;
 
-use super::export::{self, Task};
+use super::export;
+use super::export::task::{ExportSettings, Task};
 use super::files::{PathField, ask};
 use super::history::History;
 use super::kept::Pictures;
@@ -530,7 +531,7 @@ impl Viewer {
     }
 
     /// The settings of exports.
-    pub fn export_settings(&mut self) -> &mut export::ExportSettings {
+    pub fn export_settings(&mut self) -> &mut ExportSettings {
         &mut self.preferences.export
     }
 

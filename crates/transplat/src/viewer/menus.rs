@@ -9,7 +9,7 @@ use transplat_core::scene::{EnvironmentLight, Object, Scene};
 use transplat_core::surfels::Hide;
 
 use super::app::Viewer;
-use super::export::Task;
+use super::export::task::Task;
 use super::files::{PathField, ask};
 use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};

@@ -12,7 +12,7 @@ use transplat_core::settings::skips::Skipped;
 use transplat_core::surfels::UpAxis;
 
 use super::app::{Quitting, Viewer};
-use super::export::Task;
+use super::export::task::Task;
 use super::files::path_as_typed;
 use super::navigation;
 use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};

@@ -9,7 +9,7 @@ use transplat_core::present::Background;
 use transplat_core::scene::Scene;
 use transplat_core::settings::TransferSettings;
 
-use super::export::ExportSettings;
+use super::export::task::ExportSettings;
 use super::tabs::Tab;
 
 /// Files that are remembered as recent.

@@ -8,11 +8,11 @@ use transplat_core::environment::EnvironmentMap;
 use transplat_core::files::write_environment;
 use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
 
-use super::export::free_name;
 use super::session::{Event, Session};
 use crate::engine::environments::load_map;
 use crate::engine::jobs::Kind;
 use crate::engine::names::{as_file_name, name_of};
+use crate::engine::output::free_name;
 use crate::engine::picture::light_at;
 use crate::engine::words::percent;
 use crate::language::{tr, tr_format};

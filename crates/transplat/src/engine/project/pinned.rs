@@ -111,11 +111,7 @@ impl Project {
 
     /// Keeps all objects as they are relit together, all parts of them.
     fn pin_together(&mut self, canvas: &Canvas, display: Display) -> bool {
-        let scene = self.scene_transfer();
-        let is_of_now = |(members, _): &(Vec<usize>, _)| {
-            self.is_traced() && members.iter().all(|at| self.is_prepared(*at))
-        };
-        let Some((members, scene)) = scene.filter(is_of_now) else {
+        let Some((members, scene)) = self.scene_transfer_of_now() else {
             self.error(tr(
                 "the objects are still being prepared; try again when that is done",
             ));

@@ -1,11 +1,14 @@
 //! How far the picture is what the settings ask for.
 
+use anyhow::{Result, bail};
 use transplat_core::present::View;
+use transplat_core::transfer::PreparedTransfer;
 
+use crate::engine::asset::reading_of;
 use crate::engine::jobs::{Kind, Work};
 use crate::engine::object::ObjectState;
 use crate::engine::project::Project;
-use crate::language::tr;
+use crate::language::{tr, tr_format};
 
 impl Project {
     /// What a view lacks that shows what is relit, in words.
@@ -38,6 +41,35 @@ impl Project {
         }
         let is_traced = !self.is_composed() || self.is_traced();
         (!is_traced).then_some(tr("coarse: light between the objects is being traced"))
+    }
+
+    /// Checks that what is shown is loaded as its settings say.
+    ///
+    /// # Errors
+    /// A splat is still being read.
+    pub fn check_loaded(&self) -> Result<()> {
+        let listed = self.scene.objects.iter().zip(&self.states).enumerate();
+        let mut awaited = listed.filter(|(at, (object, state))| {
+            let is_listed = object.shown && object.asset.is_some();
+            // One that is to be read in another way is still what it was.
+            let asset = state.asset.as_ref();
+            let is_there = asset.is_some_and(|a| a.reading() == reading_of(object));
+            is_listed && !is_there && !self.is_missing(*at)
+        });
+        let Some(name) = awaited.next().map(|(at, _)| self.called(at)) else {
+            return Ok(());
+        };
+        bail!(tr_format!(
+            "{name} is still being loaded; try again when that is done",
+            name = name
+        ))
+    }
+
+    /// What relights several objects as they stand now, and not as they stood before the last move. See [`Project::scene_transfer`].
+    pub fn scene_transfer_of_now(&self) -> Option<(Vec<usize>, PreparedTransfer)> {
+        self.scene_transfer().filter(|(members, _)| {
+            self.is_traced() && members.iter().all(|at| self.is_prepared(*at))
+        })
     }
 
     /// Whether nothing is being computed that the picture waits for.

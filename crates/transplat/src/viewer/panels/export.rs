@@ -6,9 +6,10 @@ use transplat_core::transfer::materials::WHITEST_ALBEDO;
 
 use crate::engine::delight::{ALBEDOS, DelitAs};
 use crate::engine::film::FilmFormat;
+use crate::engine::output::ImageFormat;
 use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
-use crate::viewer::export::{ExportSides, Format, Task, Turn};
+use crate::viewer::export::task::{ExportSides, Task, Turn};
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::style::small;
@@ -118,7 +119,7 @@ fn picture(ui: &mut Ui, viewer: &mut Viewer) {
             "PNG is for screens, with exposure and tone mapping; EXR is linear light with premultiplied alpha.",
         ),
         &mut settings.format,
-        &Format::ALL.map(|(name, format)| (tr(name), format)),
+        &ImageFormat::ALL.map(|(name, format)| (tr(name), format)),
     );
     choice(
         ui,

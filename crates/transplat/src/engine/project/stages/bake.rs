@@ -26,8 +26,8 @@ impl Project {
     /// Directions of a method's bake.
     pub fn bake_key(&self, method: Method) -> BakeKey {
         match method {
-            // Without shadows only the normals need it, and nobody will ask for them next.
-            Method::Harmonic if self.canvas.is_none() && !self.scene.transfer.terms.shadow => {
+            // Without shadows only the normals need it.
+            Method::Harmonic if !self.requested.all_terms && !self.scene.transfer.terms.shadow => {
                 self.scene.directions.min(ORIENTATION_DIRECTIONS)
             }
             Method::Harmonic => self.scene.directions,

@@ -17,18 +17,21 @@ use crate::engine::project::{Change, Project};
 use crate::language::tr;
 
 impl Project {
-    /// Whether an object's bake as it was captured is used: that of preset paper does not turn with it, and is shown in a window alone.
+    /// True where an object's bake as it was captured is used: that of preset paper does not turn with it, and only a window shows it then.
     pub fn needs_own_bake(&self, at: usize) -> bool {
-        let is_turned = self.scene.objects[at].transform.rotation != Quat::IDENTITY;
         let is_inserted = self.scene.transfer.method == Method::Harmonic && self.is_composed();
-        self.canvas.is_some() || !(is_turned && is_inserted)
+        self.canvas.is_some() || !(self.is_turned(at) && is_inserted)
+    }
+
+    fn is_turned(&self, at: usize) -> bool {
+        self.scene.objects[at].transform.rotation != Quat::IDENTITY
     }
 
     /// All that is to be known of what the objects see as they stand now, once they are baked.
     fn insertion_key(&self) -> Option<InsertionKey> {
         let each = self.members().into_iter().map(|at| {
             let (state, transform) = (&self.states[at], self.scene.objects[at].transform);
-            if !self.needs_own_bake(at) {
+            if self.is_turned(at) {
                 return Some((state.id, 0, transform));
             }
             let made = state.bakes.get(&Method::Harmonic)?;
@@ -36,7 +39,11 @@ impl Project {
             Some((state.id, made.version(), transform))
         });
         let each = each.collect::<Option<Vec<_>>>()?;
-        (!each.is_empty()).then_some((each, self.scene.transfer.terms.shadow))
+        (!each.is_empty()).then_some(InsertionKey {
+            each,
+            directions: self.bake_key(Method::Harmonic),
+            shadows: self.scene.transfer.terms.shadow,
+        })
     }
 
     /// Traces the objects where they stand now; the last answer serves until then.
@@ -58,8 +65,9 @@ impl Project {
         self.jobs.cancel(kind);
         self.insertion.ask(&key);
         let known = self.insertion.made_from().zip(self.insertion.get());
-        let known = known.map(|((of, _), bake)| (of.clone(), bake.clone()));
-        let each = key.0.iter().filter_map(|object| {
+        let known = known.filter(|(of, _)| of.directions == key.directions);
+        let known = known.map(|(of, bake)| (of.each.clone(), bake.clone()));
+        let each = key.each.iter().filter_map(|object| {
             let state = &self.states[self.at(object.0)?];
             let own = state.bakes.get(&Method::Harmonic).and_then(|b| b.get());
             let own = own.and_then(|baked| match &*baked.bake {
@@ -70,9 +78,13 @@ impl Project {
         });
         let each: Vec<_> = each.collect();
         let count = each.len() as f64 + 1.0;
-        let directions = self.bake_key(Method::Harmonic);
+        let InsertionKey {
+            directions,
+            shadows,
+            ..
+        } = key;
         let skips = self.scene.transfer.skips;
-        let (device, shadows) = (self.device.clone(), key.1);
+        let device = self.device.clone();
         let work = move |handle: &Handle<Change>| {
             let mut standing = Vec::new();
             for (i, (object, cloud, own)) in each.iter().enumerate() {
@@ -127,7 +139,7 @@ impl Project {
 
     /// All that the objects' transfers depend on now, once it is known what they see.
     fn inserted_key(&self) -> Option<InsertedKey> {
-        let (of, _) = self.insertion.made_from()?;
+        let of = &self.insertion.made_from()?.each;
         let sources = of.iter().map(|(id, ..)| {
             let [source, _] = self.oriented_of(self.at(*id)?);
             Some((*id, source))

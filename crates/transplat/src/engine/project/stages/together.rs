@@ -11,6 +11,7 @@ use transplat_core::environment::Illumination;
 use transplat_core::present;
 use transplat_core::scene::{Object, Transform};
 use transplat_core::settings::Method;
+use transplat_core::settings::skips::Skip;
 use transplat_core::transfer::scene::SceneTransfer;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit, RelitRows};
 use transplat_gpu::live::{Drawing, LiveSh};
@@ -223,6 +224,14 @@ impl Project {
             unseen
         };
         each.into_iter().flat_map(whole).collect()
+    }
+
+    /// Those of them that a picture need not relight.
+    pub fn spared_surfels(&self) -> Vec<bool> {
+        match self.scene.transfer.skips.has(Skip::Unseen) {
+            true => self.unseen_surfels(),
+            false => Vec::new(),
+        }
     }
 
     /// Relights all objects that are known to each other as one scene. The others are relit alone until it is known what they see.

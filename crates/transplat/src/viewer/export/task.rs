@@ -1,0 +1,153 @@
+//! Exports as the user asks for them: what is saved, and how.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use serde::{Deserialize, Serialize};
+use transplat_core::files::SplatFormat;
+
+use crate::engine::delight::DelitAs;
+use crate::engine::film::{FRAME_RATE, FilmFormat};
+use crate::engine::output::ImageFormat;
+use crate::language::{tr, tr_format};
+
+/// Which sides are saved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ExportSides {
+    /// What is shown.
+    #[default]
+    Shown,
+    /// Before and after, a picture each.
+    Each,
+}
+
+/// What turns on a turntable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Turn {
+    #[default]
+    Camera,
+    Light,
+}
+
+/// How pictures are saved; kept from start to start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ExportSettings {
+    pub size: [usize; 2],
+    pub format: ImageFormat,
+    pub supersample: usize,
+    pub transparent: bool,
+    pub sides: ExportSides,
+    pub pattern: String,
+    pub folder: String,
+    pub frames: usize,
+    pub turn: Turn,
+    /// A turntable as a film, or as numbered pictures.
+    pub film: Option<FilmFormat>,
+    /// Of the film, a second.
+    pub frame_rate: u32,
+    /// What a relit splat is written as; nothing is as it came.
+    pub splat: Option<SplatFormat>,
+    /// What the colour of a splat without its light is.
+    pub delit_as: DelitAs,
+    /// The albedo of its whitest surface, if that is known.
+    pub whitest: Option<f32>,
+    /// Whether it comes with what its surfels are made of.
+    pub materials: bool,
+}
+
+impl Default for ExportSettings {
+    fn default() -> Self {
+        let folders = directories::UserDirs::new();
+        let folder = folders.map(|d| d.picture_dir().unwrap_or(d.home_dir()).to_owned());
+        Self {
+            size: [1920, 1080],
+            format: ImageFormat::default(),
+            supersample: 2,
+            transparent: false,
+            sides: ExportSides::default(),
+            pattern: "{asset}_{light}_{view}".into(),
+            folder: folder.map_or(".".into(), |f| f.display().to_string()),
+            frames: 36,
+            turn: Turn::default(),
+            film: None,
+            frame_rate: FRAME_RATE,
+            splat: None,
+            delit_as: DelitAs::default(),
+            whitest: None,
+            materials: false,
+        }
+    }
+}
+
+/// Pixels along the longer edge of a preview.
+const PREVIEW_EDGE: usize = 640;
+
+/// What is saved.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Task {
+    /// One picture (or one a side); into a named file, or by folder and pattern.
+    Screenshot(Option<PathBuf>),
+    /// The same to the clipboard.
+    Clipboard,
+    /// The same in the window, as small as it can be looked at.
+    Preview,
+    /// One file a light of the shelf.
+    EachLight,
+    /// One file with a picture a light of the shelf.
+    ContactSheet,
+    /// Numbered frames, or a film.
+    Turntable,
+    /// The same of the light as its keys have it over time.
+    Animation,
+    /// The relit splat.
+    Splat(PathBuf),
+    /// The selected object's splat without its light.
+    Delit(PathBuf),
+}
+
+impl Task {
+    /// The settings that it is done with: a file's extension decides on its format, and a clipboard holds display values.
+    pub fn settings(&self, settings: &ExportSettings) -> Result<ExportSettings> {
+        let mut settings = settings.clone();
+        match self {
+            Self::Clipboard => settings.format = ImageFormat::Png8,
+            Self::Preview => {
+                settings.format = ImageFormat::Png8;
+                let longer = settings.size[0].max(settings.size[1]).max(PREVIEW_EDGE);
+                let scaled = |edge: usize| (edge * PREVIEW_EDGE / longer).max(1);
+                settings.size = settings.size.map(scaled);
+            }
+            // A film holds display values too.
+            Self::Turntable | Self::Animation if settings.film.is_some() => {
+                settings.format = ImageFormat::Png8;
+            }
+            Self::Screenshot(Some(path)) => {
+                let extension = path.extension().unwrap_or_default().to_string_lossy();
+                let format = match &*extension.to_lowercase() {
+                    "png" => ImageFormat::Png8,
+                    "exr" => ImageFormat::ExrHalf,
+                    _ => bail!(tr_format!("{}: a picture is .png or .exr", path.display())),
+                };
+                if settings.format.is_linear() != format.is_linear() {
+                    settings.format = format;
+                }
+            }
+            Self::ContactSheet if settings.format == ImageFormat::ExrLayers => {
+                bail!(tr("a contact sheet has no layers: choose another format"))
+            }
+            _ => {}
+        }
+        Ok(settings)
+    }
+}
+
+/// What an export made.
+pub enum Made {
+    Files(Vec<PathBuf>),
+    /// A splat without its light, and what is to be known of it.
+    Delit(PathBuf, Vec<String>),
+    /// Width, height, straight RGBA bytes: for the clipboard, or to be looked at.
+    Picture([usize; 2], Vec<u8>),
+    Preview([usize; 2], Vec<u8>),
+}
