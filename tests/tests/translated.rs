@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{Event, Key, Shape};
 use egui_kittest::kittest::Queryable as _;
 use proc_macro2::{TokenStream, TokenTree};
-use transplat::language;
 use transplat_core::present::View;
 use transplat_core::scene::{LightKind, SKY};
+use transplat_engine::language;
 use transplat_tests::driver::Driver;
 use transplat_tests::{Folder, root, small_lut};
 
@@ -49,9 +49,9 @@ fn marked(code: TokenStream, found: &mut Vec<String>) {
 
 /// All texts of the window, and the files that say them.
 fn texts() -> BTreeMap<String, BTreeSet<String>> {
-    let sources = root().join("crates/transplat/src");
+    let sources = root().join("crates");
     let mut all = Vec::new();
-    for folder in ["engine", "viewer"] {
+    for folder in ["transplat-engine/src", "transplat/src/viewer"] {
         files(&sources.join(folder), &mut all);
     }
     let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();

@@ -14,9 +14,9 @@ use transplat_core::scene::{Light, Scene};
 use transplat_core::settings::{Method, Terms};
 use transplat_core::surfels::UpAxis;
 
-use crate::engine::delight::DelitAs;
-use crate::engine::device::DeviceChoice;
-use crate::engine::film::FRAME_RATE;
+use transplat_engine::delight::DelitAs;
+use transplat_engine::device::DeviceChoice;
+use transplat_engine::film::FRAME_RATE;
 pub use values::VIEWS;
 use values::*;
 
@@ -131,7 +131,7 @@ pub struct AssetOptions {
     #[arg(long, value_parser = parse_directions)]
     pub directions: Option<usize>,
     /// Where to compute
-    #[arg(long, value_enum, default_value_t = DeviceChoice::Auto)]
+    #[arg(long, value_parser = device_choice(), default_value = "auto")]
     pub device: DeviceChoice,
 }
 
@@ -360,7 +360,7 @@ pub struct DelightArgs {
     #[command(flatten)]
     pub capture: CaptureArgs,
     /// What the splat's colour becomes: its albedo, or what it looks like under light from everywhere, hollows darker
-    #[arg(long = "as", value_enum, default_value_t = DelitAs::Albedo)]
+    #[arg(long = "as", value_parser = delit_as(), default_value = "albedo")]
     pub delit_as: DelitAs,
     /// Albedo of the whitest surface [default: as light and pictures tell it, or 0.65 where that is not plausible]
     #[arg(long, value_name = "0.02..1", value_parser = parse_albedo)]

@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use transplat_core::files::load_json;
 
-use crate::engine::bundled::{BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT};
+use transplat_engine::bundled::{BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT};
 
 /// One object with its truth.
 #[derive(Clone, Debug)]

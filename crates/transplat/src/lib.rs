@@ -2,9 +2,7 @@
 
 mod cli;
 mod commands;
-mod engine;
 mod ground_truth;
-pub mod language;
 mod metrics;
 mod savings;
 mod summary;
@@ -17,12 +15,13 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use cli::{Cli, Command, Usage};
-use engine::device::DeviceChoice;
+use transplat_engine::device::{Device, DeviceChoice};
+use transplat_engine::words;
 
 /// The version, the commit that it was built from where that is known, and the adapter that `--device gpu` would take.
 fn version() -> String {
     let commit = option_env!("TRANSPLAT_COMMIT").map(|c| format!(" ({c})"));
-    let adapter = match engine::device::Device::open(DeviceChoice::Gpu) {
+    let adapter = match Device::open(DeviceChoice::Gpu) {
         Ok(device) => device.name(),
         Err(why) => format!("none ({why:#})"),
     };
@@ -63,7 +62,7 @@ pub fn main() -> ExitCode {
             if let Some(usage) = error.downcast_ref::<Usage>() {
                 usage.exit();
             }
-            eprintln!("transplat: {}", engine::words::of_error(&error));
+            eprintln!("transplat: {}", words::of_error(&error));
             ExitCode::FAILURE
         }
     }

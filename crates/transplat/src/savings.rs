@@ -15,8 +15,8 @@ use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::surfels::Hide;
 use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
-use crate::engine::words::milliseconds;
 use crate::sweep::Subject;
+use transplat_engine::words::milliseconds;
 
 /// Per cent of a stage's time that repeats differ by.
 const NOISE: f64 = 3.0;

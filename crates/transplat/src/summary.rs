@@ -10,8 +10,8 @@ use serde_json::{Map, Value, json};
 use transplat_core::settings::skips::{Skipped, Stage};
 
 use crate::cli::OutputArgs;
-use crate::engine::words::milliseconds;
 use crate::savings::Saved;
+use transplat_engine::words::milliseconds;
 
 /// Gathers what is told at the end.
 #[derive(Default)]

@@ -21,10 +21,10 @@ use transplat_core::sh::MAX_DEGREE;
 use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{Part, PreparedTransfer};
 
-use crate::engine::device::Device;
 use reference::Reference;
 pub use settings::{MapBake, Setting};
 pub use subject::{Effort, Numeric, Subject};
+use transplat_engine::device::Device;
 
 /// One setting of one stage on one device.
 #[derive(Clone, Debug)]

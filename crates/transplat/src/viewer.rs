@@ -42,9 +42,9 @@ use anyhow::{Result, anyhow};
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew};
 
-pub use crate::engine::output::ImageFormat;
 pub use app::{Startup, Viewer};
 pub use export::task::Task;
+pub use transplat_engine::output::ImageFormat;
 
 /// How a window's device is made: the best adapter with all its limits, software drivers last or alone.
 pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
@@ -67,7 +67,7 @@ pub fn wgpu_setup(software_only: bool) -> WgpuSetup {
 /// # Errors
 /// There is no display, or no adapter that can draw.
 pub fn open(startup: Startup, software_only: bool) -> Result<()> {
-    crate::engine::memory::keep_few_arenas();
+    transplat_engine::memory::keep_few_arenas();
     let mut options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("transplat")

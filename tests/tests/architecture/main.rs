@@ -10,7 +10,7 @@ use std::process::Command;
 use syn::visit::Visit;
 use transplat_tests::root;
 
-use sources::{Imports, Module, Paths, imports, modules, sources};
+use sources::{Imports, Module, Paths, imports, modules};
 
 /// What is left when modules that take nothing from what is left are taken away: the rings, and what stands on them.
 fn left_in_rings(mut imports: Imports) -> Imports {
@@ -26,7 +26,12 @@ fn left_in_rings(mut imports: Imports) -> Imports {
 
 #[test]
 fn no_module_is_explained_by_itself() {
-    for name in ["transplat-core", "transplat-gpu", "transplat"] {
+    for name in [
+        "transplat-core",
+        "transplat-gpu",
+        "transplat-engine",
+        "transplat",
+    ] {
         let found = imports(&root().join("crates").join(name).join("src"));
         assert!(found.len() > 10, "{name}: {found:?}");
         let edges: usize = found.values().map(BTreeSet::len).sum();
@@ -56,7 +61,12 @@ fn decoders_are_called_through_their_guard_alone() {
         is_json || DECODERS.into_iter().any(has) || path.first().is_some_and(|p| p == "ruzstd")
     };
     let mut callers = BTreeSet::new();
-    for folder in ["transplat-core/src/files", "transplat/src"] {
+    let folders = [
+        "transplat-core/src/files",
+        "transplat-engine/src",
+        "transplat/src",
+    ];
+    for folder in folders {
         let mut files = BTreeMap::new();
         modules(&root().join("crates").join(folder), &Vec::new(), &mut files);
         for (module, file) in &files {
@@ -82,33 +92,6 @@ fn decoders_are_called_through_their_guard_alone() {
     assert_eq!(callers, known);
 }
 
-/// The window and the commands are clients of the engine.
-#[test]
-fn the_engine_knows_no_client() {
-    let source = root().join("crates/transplat/src");
-    let mut found = BTreeSet::new();
-    let mut count = 0;
-    for (module, file) in sources(&source) {
-        if module.first().is_none_or(|m| m != "engine") {
-            continue;
-        }
-        count += 1;
-        let mut paths = Paths::default();
-        paths.visit_file(&file);
-        let is_client = |path: &Vec<String>| {
-            let at = usize::from(path[0] == "crate");
-            let first = path.get(at).map_or("", String::as_str);
-            let foreign = ["eframe", "egui", "clap", "rfd"];
-            let clients = ["viewer", "commands", "cli"];
-            foreign.contains(&first) || at == 1 && clients.contains(&first)
-        };
-        let of = module.join("::");
-        let named = |path: Vec<String>| format!("{of} uses {}", path.join("::"));
-        found.extend(paths.0.into_iter().filter(is_client).map(named));
-    }
-    assert!(count > 10 && found.is_empty(), "{count}: {found:#?}");
-}
-
 #[test]
 fn a_ring_is_found() {
     let of = |name: &str, taken: &[&str]| {
@@ -132,7 +115,7 @@ fn metadata() -> serde_json::Value {
     serde_json::from_slice(&told.stdout).expect("JSON")
 }
 
-/// Mathematics and files need no GPU, the GPU no window.
+/// Mathematics and files need no GPU, the GPU no window, the engine neither a window nor a command line.
 #[test]
 fn crates_use_what_is_listed() {
     let told = metadata();
@@ -150,14 +133,15 @@ fn crates_use_what_is_listed() {
     };
     assert_eq!(own("transplat-core"), [""; 0]);
     assert_eq!(own("transplat-gpu"), ["transplat-core"]);
-    assert_eq!(own("transplat"), ["transplat-core", "transplat-gpu"]);
+    assert_eq!(own("transplat-engine"), ["transplat-core", "transplat-gpu"]);
+    let all = ["transplat-core", "transplat-engine", "transplat-gpu"];
+    assert_eq!(own("transplat"), all);
     for windowed in ["wgpu", "eframe", "egui", "winit", "rfd", "clap"] {
-        assert!(!uses("transplat-core").contains(windowed), "{windowed}");
-        let is_adapter = windowed == "wgpu";
-        assert!(
-            is_adapter || !uses("transplat-gpu").contains(windowed),
-            "{windowed}"
-        );
+        for name in all {
+            let is_adapter = windowed == "wgpu" && name == "transplat-gpu";
+            let is_used = uses(name).contains(windowed) && !is_adapter;
+            assert!(!is_used, "{name} uses {windowed}");
+        }
     }
 }
 

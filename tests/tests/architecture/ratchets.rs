@@ -8,7 +8,12 @@ use transplat_tests::root;
 use crate::sources::{Imports, Module, imports, is_for_tests, sources};
 
 /// Crates that are counted.
-const CRATES: [&str; 3] = ["transplat-core", "transplat-gpu", "transplat"];
+const CRATES: [&str; 4] = [
+    "transplat-core",
+    "transplat-gpu",
+    "transplat-engine",
+    "transplat",
+];
 
 /// Inherent impls that lie neither in the type's module nor in a folder below it, by type and module.
 const SPREAD_IMPLS: usize = 22;
@@ -20,10 +25,10 @@ const TUPLE_PARAMETERS: usize = 59;
 const SHARED_NAMES: usize = 51;
 
 /// Doc comments whose first line does not stand alone.
-const DEPENDENT_DOCS: usize = 1281;
+const DEPENDENT_DOCS: usize = 1124;
 
 /// Modules that reach themselves, where the call of a method counts as a use of the type's module.
-const MODULES_IN_RINGS: usize = 26;
+const MODULES_IN_RINGS: usize = 25;
 
 /// First words that make a doc comment's first line depend on the name below it.
 const DEPENDENT_WORDS: [&str; 9] = [

@@ -3,8 +3,7 @@
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use transplat_core::bake::harmonic::DIRECTIONS;
 use transplat_core::camera::APERTURE;
@@ -14,8 +13,8 @@ use transplat_core::scene::Light;
 use transplat_core::settings::{EPSILON, GLOW_RANGE};
 use transplat_core::surfels::UpAxis;
 
-use crate::engine::delight::{ALBEDOS, DelitAs};
-use crate::engine::device::DeviceChoice;
+use transplat_engine::delight::{ALBEDOS, DelitAs};
+use transplat_engine::device::DeviceChoice;
 
 pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     let is = |name: &str| name.eq_ignore_ascii_case(text);
@@ -171,35 +170,38 @@ pub(super) fn parse_background(text: &str) -> Result<Background, String> {
     })
 }
 
-impl ValueEnum for DelitAs {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Albedo, Self::Even]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(match self {
-            Self::Albedo => PossibleValue::new("albedo").help("Its albedo"),
-            Self::Even => {
-                PossibleValue::new("even").help("What it looks like under light from everywhere")
-            }
-        })
-    }
+/// Parses one of some words, each with its value and its help.
+fn one_of<T: Clone + Send + Sync + 'static>(
+    words: &[(&'static str, T, &'static str)],
+) -> impl TypedValueParser<Value = T> + use<T> {
+    let words = words.to_vec();
+    let known = words.iter();
+    let known = known.map(|(word, _, help)| PossibleValue::new(*word).help(*help));
+    PossibleValuesParser::new(known).try_map(move |word| {
+        let found = words.iter().find(|(known, ..)| *known == word);
+        found.map(|(_, value, _)| value.clone()).ok_or("not known")
+    })
 }
 
-impl ValueEnum for DeviceChoice {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[Self::Auto, Self::Gpu, Self::Cpu]
-    }
+pub(super) fn delit_as() -> impl TypedValueParser<Value = DelitAs> {
+    let even = "What it looks like under light from everywhere";
+    one_of(&[
+        ("albedo", DelitAs::Albedo, "Its albedo"),
+        ("even", DelitAs::Even, even),
+    ])
+}
 
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        Some(match self {
-            Self::Auto => {
-                PossibleValue::new("auto").help("The GPU where there is one, else the CPU")
-            }
-            Self::Gpu => PossibleValue::new("gpu").help("A GPU; a software Vulkan driver counts"),
-            Self::Cpu => PossibleValue::new("cpu").help("The CPU, without any graphics driver"),
-        })
-    }
+pub(super) fn device_choice() -> impl TypedValueParser<Value = DeviceChoice> {
+    let [auto, gpu, cpu] = [
+        "The GPU where there is one, else the CPU",
+        "A GPU; a software Vulkan driver counts",
+        "The CPU, without any graphics driver",
+    ];
+    one_of(&[
+        ("auto", DeviceChoice::Auto, auto),
+        ("gpu", DeviceChoice::Gpu, gpu),
+        ("cpu", DeviceChoice::Cpu, cpu),
+    ])
 }
 
 #[cfg(test)]

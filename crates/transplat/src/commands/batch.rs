@@ -25,9 +25,9 @@ use crate::cli::{
 use crate::commands::bake::bake;
 use crate::commands::render::{Wanted, draw, pictures_in_words, settings};
 use crate::commands::settings::{is_look, look_of};
-use crate::engine::environments::environments_in;
-use crate::engine::output::make_folder;
 use crate::summary::Summary;
+use transplat_engine::environments::environments_in;
+use transplat_engine::output::make_folder;
 
 /// Bytes of a batch, at most.
 const MOST_BYTES: u64 = 1 << 24;

@@ -5,8 +5,8 @@ use transplat_core::files::{check_output, load_asset, losses, write_relit};
 
 use crate::cli::ConvertArgs;
 use crate::commands::{called_as_a_splat, refuse_overwriting};
-use crate::engine::warnings::asset_warnings;
 use crate::summary::Summary;
+use transplat_engine::warnings::asset_warnings;
 
 pub fn run(args: &ConvertArgs) -> Result<()> {
     let mut summary = Summary::new("convert", &args.out);

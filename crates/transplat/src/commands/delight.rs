@@ -10,8 +10,8 @@ use super::headless::Headless;
 use super::settings::{assets_of, check_objects, look_of, with_scene_as_look};
 use crate::cli::{DelightArgs, LightArgs, usage};
 use crate::commands::{called_as_a_splat, refuse_overwriting};
-use crate::engine::delight::Delit;
 use crate::summary::Summary;
+use transplat_engine::delight::Delit;
 
 pub fn run(args: &DelightArgs) -> Result<()> {
     let mut summary = Summary::new("delight", &args.out);

@@ -7,8 +7,8 @@ use super::headless::Headless;
 use super::settings::{assets_of, look_of};
 use crate::cli::EstimateArgs;
 use crate::commands::refuse_overwriting;
-use crate::engine::estimate::estimate_in_words;
 use crate::summary::Summary;
+use transplat_engine::estimate::estimate_in_words;
 
 pub fn run(args: &EstimateArgs) -> Result<()> {
     let mut summary = Summary::new("estimate", &args.out);

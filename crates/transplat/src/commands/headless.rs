@@ -23,18 +23,18 @@ use transplat_core::transfer::{Part, PreparedTransfer, Relit};
 
 use super::settings::{asset_of, assets_of, targets_of};
 use crate::cli::{AssetArgs, LightArgs};
-use crate::engine::asset::Asset;
-use crate::engine::device::{Device, Transfer};
-use crate::engine::environments::{Environment, not_environments};
-use crate::engine::estimate::{estimate_as_json, estimate_in_words, why_not};
-use crate::engine::jobs::{Kind, Watch, Work};
-use crate::engine::names::name_of;
-use crate::engine::project::Project;
-use crate::engine::warnings::{
+use crate::summary::{Summary, progress_bar};
+use transplat_engine::asset::Asset;
+use transplat_engine::device::{Device, Transfer};
+use transplat_engine::environments::{Environment, not_environments};
+use transplat_engine::estimate::{estimate_as_json, estimate_in_words, why_not};
+use transplat_engine::jobs::{Kind, Watch, Work};
+use transplat_engine::names::name_of;
+use transplat_engine::project::Project;
+use transplat_engine::warnings::{
     AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE, ambiguous_warning, map_warnings, noise_warning,
     up_warning, up_warning_by_cameras,
 };
-use crate::summary::{Summary, progress_bar};
 
 /// One light to relight by.
 pub struct Target {

@@ -18,11 +18,11 @@ use transplat_core::surfels::SurfelCloud;
 
 use super::headless::Headless;
 use crate::cli::InfoArgs;
-use crate::engine::device::Device;
-use crate::engine::device::DeviceChoice;
-use crate::engine::estimate::estimate_in_words;
-use crate::engine::warnings::{asset_warnings, map_warnings, up_warning};
 use crate::summary::Summary;
+use transplat_engine::device::Device;
+use transplat_engine::device::DeviceChoice;
+use transplat_engine::estimate::estimate_in_words;
+use transplat_engine::warnings::{asset_warnings, map_warnings, up_warning};
 
 pub fn run(args: &InfoArgs) -> Result<()> {
     let mut summary = Summary::new("info", &args.out);

@@ -16,8 +16,8 @@ use super::headless::{Headless, read_map};
 use crate::cli::{AssetArgs, LightArgs, PanoramaArgs};
 use crate::commands::refuse_overwriting;
 use crate::commands::settings::{take_rig, with_scene_as_look};
-use crate::engine::device::Device;
 use crate::summary::Summary;
+use transplat_engine::device::Device;
 
 pub fn run(args: &PanoramaArgs) -> Result<()> {
     let mut summary = Summary::new("light", &args.out);

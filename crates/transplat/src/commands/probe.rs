@@ -19,14 +19,14 @@ use super::headless::{Headless, read_map, report_estimate};
 use super::settings::{assets_of, look_of, with_scene_as_look};
 use crate::cli::{LightArgs, ProbeArgs, usage};
 use crate::commands::refuse_overwriting;
-use crate::engine::bake::{self, Wanted};
-use crate::engine::device::Painter;
-use crate::engine::environments::SKY_COLUMNS;
-use crate::engine::names::{as_file_name, distinct_names, name_of};
-use crate::engine::output::make_folder;
-use crate::engine::picture::light_at;
-use crate::engine::words::percent;
 use crate::summary::Summary;
+use transplat_engine::bake::{self, Wanted};
+use transplat_engine::device::Painter;
+use transplat_engine::environments::SKY_COLUMNS;
+use transplat_engine::names::{as_file_name, distinct_names, name_of};
+use transplat_engine::output::make_folder;
+use transplat_engine::picture::light_at;
+use transplat_engine::words::percent;
 
 /// Share of the sphere that may be open before it is worth a warning that nothing is known of it.
 const OPEN: f64 = 0.01;

@@ -15,11 +15,11 @@ use super::headless::Headless;
 use super::settings::{assets_of, check_objects, look_of, targets_of, with_scene_as_look};
 use crate::cli::{RelightArgs, usage};
 use crate::commands::refuse_overwriting;
-use crate::engine::asset::Asset;
-use crate::engine::device::Transfer;
-use crate::engine::names::{as_file_name, distinct_names, name_of};
-use crate::engine::output::make_folder;
 use crate::summary::Summary;
+use transplat_engine::asset::Asset;
+use transplat_engine::device::Transfer;
+use transplat_engine::names::{as_file_name, distinct_names, name_of};
+use transplat_engine::output::make_folder;
 
 pub fn run(args: &RelightArgs) -> Result<()> {
     let mut summary = Summary::new("relight", &args.out);

@@ -21,14 +21,14 @@ use super::headless::{Headless, Target};
 use super::settings::{assets_of, check_objects, look_of, put, targets_of, with_scene_as_look};
 use crate::cli::{PictureFormat, RenderArgs, usage};
 use crate::commands::refuse_overwriting;
-use crate::engine::device::Transfer;
-use crate::engine::film::FilmFormat;
-use crate::engine::layers::Layers;
-use crate::engine::output::{ImageFormat, Sink, make_folder};
-use crate::engine::picture::{Lit, Studio};
-use crate::engine::shot::{self, Backdrops, LayerFiles};
 use crate::summary::Summary;
 use frames::{Frame, frames, photographs};
+use transplat_engine::device::Transfer;
+use transplat_engine::film::FilmFormat;
+use transplat_engine::layers::Layers;
+use transplat_engine::output::{ImageFormat, Sink, make_folder};
+use transplat_engine::picture::{Lit, Studio};
+use transplat_engine::shot::{self, Backdrops, LayerFiles};
 
 pub fn run(args: &RenderArgs) -> Result<()> {
     if args.part.is_some() {

@@ -23,15 +23,15 @@ use crate::cli::{AssetArgs, ReportArgs, ReportPart, usage};
 use crate::commands::headless::Headless;
 use crate::commands::refuse_overwriting;
 use crate::commands::settings::look_of;
-use crate::engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
-use crate::engine::device::Device;
-use crate::engine::device::DeviceChoice;
-use crate::engine::output::{make_folder, refuse_file};
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::insertion::TruthScene;
 use crate::ground_truth::views::{Views, light};
 use crate::summary::Summary;
 use crate::sweep::{self, Effort, Subject, Sweep};
+use transplat_engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use transplat_engine::device::Device;
+use transplat_engine::device::DeviceChoice;
+use transplat_engine::output::{make_folder, refuse_file};
 
 use page::{Page, write};
 

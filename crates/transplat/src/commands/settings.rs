@@ -10,8 +10,8 @@ use transplat_core::scene::{EVEN, EnvironmentLight, Scene, moved_lights};
 use transplat_core::settings::skips::Skips;
 
 use crate::cli::{AssetArgs, AssetOptions, LightArgs, usage};
-use crate::engine::environments::environments_in;
-use crate::engine::names::{beside, name_of};
+use transplat_engine::environments::environments_in;
+use transplat_engine::names::{beside, name_of};
 
 /// The splats of the objects that are shown: the first one's by the command line or else by the look.
 pub fn assets_of(args: &AssetArgs, scene: &Scene) -> Result<Vec<PathBuf>> {

@@ -6,9 +6,9 @@ use transplat_core::settings::TransferSettings;
 
 use crate::cli::{ViewArgs, usage};
 use crate::commands::settings::{look_of, look_over};
-use crate::engine::device::DeviceChoice;
-use crate::engine::device::pipelines_folder;
 use crate::viewer::{self, Startup};
+use transplat_engine::device::DeviceChoice;
+use transplat_engine::device::pipelines_folder;
 
 pub fn run(args: &ViewArgs) -> Result<()> {
     // What is wrong with the command line is told before a window opens.

@@ -14,8 +14,8 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::Relit;
 
 use super::{TruthLight, TruthObject};
-use crate::engine::device::{Device, Paint, Painter};
 use crate::metrics::Picture;
+use transplat_engine::device::{Device, Paint, Painter};
 
 /// The truth under one light.
 pub struct TruthTarget {

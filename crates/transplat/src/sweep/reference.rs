@@ -19,8 +19,8 @@ use transplat_core::surfels::SurfelCloud;
 use transplat_core::transfer::{PreparedTransfer, Relit};
 
 use super::subject::{Numeric, Subject};
-use crate::engine::device::{Device, Paint, Painter};
 use crate::metrics::Picture;
+use transplat_engine::device::{Device, Paint, Painter};
 
 /// Surfels of the thinned asset.
 const SURFELS: usize = 800;

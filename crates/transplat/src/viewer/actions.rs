@@ -11,8 +11,8 @@ use super::menus::COMPARE;
 use super::navigation;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{ARROWS, Action, SHORTCUTS};
-use crate::engine::jobs::Kind;
-use crate::engine::project::TARGET;
+use transplat_engine::jobs::Kind;
+use transplat_engine::project::TARGET;
 
 impl Viewer {
     pub(super) fn keys(&mut self, context: &egui::Context) {

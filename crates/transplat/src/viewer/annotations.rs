@@ -6,7 +6,7 @@ use transplat_core::camera::Camera;
 use transplat_core::present::{Doubt, FALSE_COLORS, NO_DOUBT, View, glow_color, tau_colors};
 
 use super::session::Session;
-use crate::language::{tr, tr_format};
+use transplat_engine::language::{tr, tr_format};
 
 /// Height of a legend's line in points.
 const LEGEND_LINE: f32 = 18.0;

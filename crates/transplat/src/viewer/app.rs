@@ -27,14 +27,14 @@ use super::tabs::LightPage;
 use super::timeline::Timeline;
 use super::viewport::Viewport;
 use super::widgets::Grab;
-use crate::engine::asset::OpenedWith;
-use crate::engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
-use crate::engine::delight::DelitAs;
-use crate::engine::environments::{environments_in, not_environments};
-use crate::engine::project::{SOURCE, TARGET};
-use crate::engine::words::of_error;
-use crate::language::{tr, tr_format};
 use crate::savings::Saved;
+use transplat_engine::asset::OpenedWith;
+use transplat_engine::bundled::{BUNDLED_FIRST_LIGHT, BUNDLED_LIGHTS, BUNDLED_SPLAT, bundled};
+use transplat_engine::delight::DelitAs;
+use transplat_engine::environments::{environments_in, not_environments};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::{SOURCE, TARGET};
+use transplat_engine::words::of_error;
 
 /// Where the preferences are kept.
 pub(super) const STORAGE_KEY: &str = "preferences";

@@ -8,11 +8,11 @@ pub mod task;
 use std::path::PathBuf;
 
 use super::session::{Event, Outcome, Session};
-use crate::engine::jobs::{Handle, Kind};
-use crate::language::{tr, tr_format};
 use run::{Export, ExportRun};
 use sheet::contact_sheet;
 use task::{ExportSettings, Made, Task};
+use transplat_engine::jobs::{Handle, Kind};
+use transplat_engine::language::{tr, tr_format};
 
 /// Starts an export; reports why one cannot be started.
 pub fn start(session: &mut Session, shelf: &[PathBuf], settings: &ExportSettings, task: Task) {

@@ -6,8 +6,8 @@ use std::time::Instant;
 use transplat_core::files::percent_decoded;
 
 use super::session::{Dialog, Event, SaveKind, Session};
-use crate::engine::jobs::Kind;
-use crate::language::tr;
+use transplat_engine::jobs::Kind;
+use transplat_engine::language::tr;
 
 /// What the window "By path" asks for.
 pub struct PathField {

@@ -7,9 +7,9 @@ use transplat_gpu::live::{Frame, Placement};
 use transplat_gpu::present::{BackdropLight, GroundPlane, Presentation};
 
 use super::session::Session;
-use crate::engine::object::ObjectState;
-use crate::engine::picture::half;
-use crate::engine::project::{SOURCE, TARGET};
+use transplat_engine::object::ObjectState;
+use transplat_engine::picture::half;
+use transplat_engine::project::{SOURCE, TARGET};
 
 impl Session {
     /// What a viewport of a size shows with the settings as they are.

@@ -4,7 +4,7 @@ use transplat_core::files::look_text;
 use transplat_core::scene::{FixedTo, Light, Object, Scene};
 
 use super::rigging::called;
-use crate::language::{tr, tr_format, tr_later};
+use transplat_engine::language::{tr, tr_format, tr_later};
 
 /// Once settings have stayed so long they are a step to come back to, in seconds.
 pub const STEP_S: f64 = 1.0;

@@ -5,7 +5,7 @@ use transplat_core::sh::with_degree;
 use transplat_core::transfer::PreparedTransfer;
 
 use super::session::Session;
-use crate::engine::project::TARGET;
+use transplat_engine::project::TARGET;
 
 impl Session {
     /// Tau of surfel `i`, and its relit colour in linear light `[K]`.

@@ -11,8 +11,8 @@ use transplat_core::scene::{Bookmark, MOST_KEPT, Scene, Transform};
 use super::session::Session;
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named};
-use crate::engine::project::pinned::free;
-use crate::language::{tr, tr_format};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::pinned::free;
 
 /// Pixels of a picture.
 const PIXELS: [usize; 2] = [224, 112];

@@ -13,9 +13,9 @@ use super::navigation;
 use super::probes::{color, image};
 use super::session::Session;
 use super::widgets::{Grab, named};
-use crate::engine::environments::Environment;
-use crate::engine::project::TARGET;
-use crate::language::tr;
+use transplat_engine::environments::Environment;
+use transplat_engine::language::tr;
+use transplat_engine::project::TARGET;
 
 /// Pixels across.
 const WIDTH: usize = 256;

@@ -15,9 +15,9 @@ use super::preferences::Preferences;
 use super::session::{Dialog, SaveKind};
 use super::shortcuts::{self, Action};
 use super::widgets::{button, entry};
-use crate::engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
-use crate::engine::words::of_error;
-use crate::language::{self, tr, tr_format, tr_later};
+use transplat_engine::bundled::{BUNDLED_LIGHTS, BUNDLED_SPLAT, BUNDLED_TRAINED_SPLAT, bundled};
+use transplat_engine::language::{self, tr, tr_format, tr_later};
+use transplat_engine::words::of_error;
 
 impl Viewer {
     pub(super) fn menus(&mut self, ui: &mut Ui) {

@@ -1,11 +1,11 @@
 //! The camera's moves, as artists know them: orbit, pan, zoom to the pointer, fly, frame.
 
-use crate::language::tr_later;
 use glam::{DVec3, Vec2, Vec3};
 use transplat_core::camera::{Camera, CameraPose, FOV};
 use transplat_core::scene::EnvironmentLight;
 pub use transplat_core::scene::wrap;
 use transplat_core::surfels::UpAxis;
+use transplat_engine::language::tr_later;
 
 /// Degrees of turn for a point of drag: of the camera, and of a light.
 const DEGREES_A_POINT: f64 = 0.4;

@@ -8,9 +8,9 @@ use transplat_core::scene::{ESTIMATE, EnvironmentLight, Object, Scene, is_estima
 use transplat_core::settings::Method;
 
 use super::session::Session;
-use crate::engine::asset::OpenedWith;
-use crate::engine::project::{SOURCE, TARGET};
-use crate::language::tr_format;
+use transplat_engine::asset::OpenedWith;
+use transplat_engine::language::tr_format;
+use transplat_engine::project::{SOURCE, TARGET};
 
 impl Session {
     /// Opens any file, by what is in it: a splat replaces the asset, an environment becomes the target, a look is applied.

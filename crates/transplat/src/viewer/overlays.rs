@@ -19,10 +19,10 @@ use super::probes::{Around, Key as ProbeKey, MAP_WIDTH, Probe};
 use super::session::{Dialog, SIDES, SaveKind, Session};
 use super::shortcuts::{self, GESTURES, SHORTCUTS};
 use super::widgets::{named, thousands, waiting};
-use crate::engine::jobs::{Job, Kind, PROGRESS_INTERVAL, Work};
-use crate::engine::project::{SOURCE, TARGET};
-use crate::engine::words::milliseconds;
-use crate::language::{tr, tr_format};
+use transplat_engine::jobs::{Job, Kind, PROGRESS_INTERVAL, Work};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::{SOURCE, TARGET};
+use transplat_engine::words::milliseconds;
 
 /// Points across a ball in the corner.
 const BALL_SIZE: f32 = 46.0;

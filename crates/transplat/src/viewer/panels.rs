@@ -15,7 +15,7 @@ use eframe::egui::{self, Align2, Sense, Ui};
 use super::app::Viewer;
 use super::style;
 use super::tabs::{TABS, Tab};
-use crate::language::tr;
+use transplat_engine::language::tr;
 
 /// The tabs, and what the chosen one has.
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {

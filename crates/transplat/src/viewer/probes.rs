@@ -11,8 +11,8 @@ use transplat_core::environment::{
 use transplat_core::settings::{Method, TransferSettings};
 use transplat_core::sh::{band_of, cosine_kernel, evaluate_sh};
 
-use crate::engine::environments::Environment;
-use crate::engine::object::OrientedLight;
+use transplat_engine::environments::Environment;
+use transplat_engine::object::OrientedLight;
 
 /// Pixels across a ball.
 const BALL: usize = 64;

@@ -9,13 +9,13 @@ use transplat_core::files::write_environment;
 use transplat_core::probe::{Beyond, DEFAULT_ROWS, RadianceToward};
 
 use super::session::{Event, Session};
-use crate::engine::environments::load_map;
-use crate::engine::jobs::Kind;
-use crate::engine::names::{as_file_name, name_of};
-use crate::engine::output::free_name;
-use crate::engine::picture::light_at;
-use crate::engine::words::percent;
-use crate::language::{tr, tr_format};
+use transplat_engine::environments::load_map;
+use transplat_engine::jobs::Kind;
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::names::{as_file_name, name_of};
+use transplat_engine::output::free_name;
+use transplat_engine::picture::light_at;
+use transplat_engine::words::percent;
 
 /// Share of the light that may come from where the capture is clipped before it is worth a word.
 const CLIPPED: f64 = 0.05;

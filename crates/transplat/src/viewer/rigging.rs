@@ -12,12 +12,12 @@ use transplat_core::scene::{
 };
 
 use super::session::{Event, Session};
-use crate::engine::environments::SKY_COLUMNS;
-use crate::engine::environments::load_map;
-use crate::engine::jobs::Kind;
-use crate::engine::names::beside;
-use crate::engine::project::pinned::free;
-use crate::language::{tr, tr_format, tr_later};
+use transplat_engine::environments::SKY_COLUMNS;
+use transplat_engine::environments::load_map;
+use transplat_engine::jobs::Kind;
+use transplat_engine::language::{tr, tr_format, tr_later};
+use transplat_engine::names::beside;
+use transplat_engine::project::pinned::free;
 
 /// How the kinds of lights are called.
 pub fn kind_name(kind: LightKind) -> &'static str {

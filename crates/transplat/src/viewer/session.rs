@@ -14,17 +14,17 @@ use transplat_core::transfer::PreparedTransfer;
 use transplat_gpu::Context;
 use transplat_gpu::live::{Drawing, Live};
 
-use crate::engine::asset::Asset;
-use crate::engine::bake::Baked;
-use crate::engine::environments::Environment;
-use crate::engine::jobs::{Handle, Job, Jobs, Kind, Wake};
-use crate::engine::object::{ObjectState, OrientedLight};
-use crate::engine::project::canvas::Canvas;
-use crate::engine::project::{Notice, Project, SOURCE};
-use crate::engine::words::of_error;
-use crate::language::tr_later;
 use crate::savings::Saved;
 use crate::sweep::Point;
+use transplat_engine::asset::Asset;
+use transplat_engine::bake::Baked;
+use transplat_engine::environments::Environment;
+use transplat_engine::jobs::{Handle, Job, Jobs, Kind, Wake};
+use transplat_engine::language::tr_later;
+use transplat_engine::object::{ObjectState, OrientedLight};
+use transplat_engine::project::canvas::Canvas;
+use transplat_engine::project::{Notice, Project, SOURCE};
+use transplat_engine::words::of_error;
 
 /// How the two sides of the light are called.
 pub const SIDES: [&str; 2] = [tr_later("captured under"), tr_later("relit by")];

@@ -11,9 +11,9 @@ use super::probes::thumbnail;
 use super::session::{SIDES, Session};
 use super::thumbnail::{NAME_HEIGHT, THUMBNAIL, add_button, paint_thumbnail};
 use super::widgets::{entry, named, waiting};
-use crate::engine::environments::{Environment, light_name};
-use crate::engine::project::{SOURCE, TARGET};
-use crate::language::{tr, tr_format};
+use transplat_engine::environments::{Environment, light_name};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::{SOURCE, TARGET};
 
 /// Pixels across a thumbnail.
 const THUMBNAIL_PIXELS: usize = 224;

@@ -3,7 +3,7 @@
 use eframe::egui::{Key, Modifiers};
 
 use super::tabs::Tab;
-use crate::language::{tr, tr_later};
+use transplat_engine::language::{tr, tr_later};
 
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

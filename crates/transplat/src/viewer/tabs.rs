@@ -1,8 +1,8 @@
 //! The tabs of the panel, and how they are named.
 
-use crate::language::tr_later;
 use lucide_icons::Icon;
 use serde::{Deserialize, Serialize};
+use transplat_engine::language::tr_later;
 
 /// What the panel is about.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use transplat_core::scene::{Ease, LONGEST, LightKey, MOST_KEYS};
 use super::session::Session;
 use super::style;
 use super::widgets::{named, number};
-use crate::language::{tr, tr_format};
+use transplat_engine::language::{tr, tr_format};
 
 /// Height of the panel.
 pub const HEIGHT: f32 = 48.0;

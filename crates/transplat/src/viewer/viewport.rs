@@ -17,9 +17,9 @@ use super::rigging::mirrored;
 use super::screen::Screen;
 use super::session::Session;
 use super::widgets::named;
-use crate::engine::project::TARGET;
-use crate::engine::project::canvas::Canvas;
-use crate::language::tr;
+use transplat_engine::language::tr;
+use transplat_engine::project::TARGET;
+use transplat_engine::project::canvas::Canvas;
 
 /// Cosine to where a highlight is wanted from which it is there.
 const NEAR_ENOUGH: f64 = 0.999;
@@ -252,7 +252,7 @@ impl Viewport {
         );
         let at = at - self.rect.min;
         if session.project.scene.view == View::SideBySide {
-            let half = crate::engine::picture::half(&whole);
+            let half = transplat_engine::picture::half(&whole);
             let x = at.x as usize % half.width.max(1);
             return Some((half, x, at.y as usize));
         }

@@ -6,8 +6,8 @@ use eframe::egui::{self, PointerButton, Pos2, Rect, Response, Ui, Vec2};
 use eframe::emath::Numeric;
 
 use super::style::NAME_WIDTH;
-use crate::engine::jobs::PROGRESS_INTERVAL;
-use crate::language::{tr, tr_format};
+use transplat_engine::jobs::PROGRESS_INTERVAL;
+use transplat_engine::language::{tr, tr_format};
 
 /// Says that something is awaited: a dot goes round in the middle of a rectangle, as often as it is told how far jobs are; a picture of the window
 /// for each frame would take from them.

@@ -12,7 +12,7 @@ use super::session::Dialog;
 use super::shelf;
 use super::tabs::{LightPage, Tab};
 use super::timeline;
-use crate::language::tr_format;
+use transplat_engine::language::tr_format;
 
 /// How often work and settings are kept.
 const KEEPS_AFTER: Duration = Duration::from_secs(5);

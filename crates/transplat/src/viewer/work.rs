@@ -6,8 +6,8 @@ use transplat_core::files::{is_same_file, load_look, save_look};
 use transplat_core::scene::Scene;
 
 use super::app::Viewer;
-use crate::engine::bundled::{BUNDLED_SPLAT, bundled};
-use crate::language::{tr, tr_format};
+use transplat_engine::bundled::{BUNDLED_SPLAT, bundled};
+use transplat_engine::language::{tr, tr_format};
 
 impl Viewer {
     /// Opens the work of last time; whether there is any.

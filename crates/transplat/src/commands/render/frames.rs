@@ -11,8 +11,8 @@ use transplat_core::present::Background;
 
 use crate::cli::RenderArgs;
 use crate::commands::headless::{Headless, up_warning_of};
-use crate::engine::picture::{MAX_SAMPLES, photographs_named};
 use crate::summary::Summary;
+use transplat_engine::picture::{MAX_SAMPLES, photographs_named};
 
 /// A picture to be taken.
 pub struct Frame {

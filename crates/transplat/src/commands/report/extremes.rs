@@ -14,9 +14,9 @@ use transplat_core::transfer::{Part, PreparedTransfer};
 use super::page::{Dot, Page, Plot, write};
 use super::tables::quoted;
 use crate::cli::ReportArgs;
-use crate::engine::device::Device;
 use crate::summary::Summary;
 use crate::sweep::Subject;
+use transplat_engine::device::Device;
 
 /// The tables' names.
 const CSV: &str = "extremes.csv";

@@ -20,12 +20,12 @@ use super::page::write;
 use crate::cli::{LightArgs, ReportArgs};
 use crate::commands::headless::Headless;
 use crate::commands::probe::{Around, Lights, seen};
-use crate::engine::asset::Asset;
-use crate::engine::device::{Device, Paint};
-use crate::engine::output::make_folder;
 use crate::ground_truth::insertion::{TruthScene, TruthView};
 use crate::metrics::Picture;
 use crate::summary::Summary;
+use transplat_engine::asset::Asset;
+use transplat_engine::device::{Device, Paint};
+use transplat_engine::output::make_folder;
 
 /// What [`run`] writes, beside the pictures.
 pub const INSERTION_CSV: &str = "insertion.csv";

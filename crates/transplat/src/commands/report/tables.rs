@@ -1,7 +1,7 @@
 //! The report's tables.
 
 use super::variants::Variant;
-use crate::engine::words::milliseconds;
+use transplat_engine::words::milliseconds;
 
 /// One pair of source and target, relit by one variant.
 #[derive(Clone, Debug)]

@@ -4,8 +4,8 @@ use anyhow::Result;
 
 use super::page::{Dot, Page, Plot};
 use super::tables::quoted;
-use crate::engine::words::milliseconds;
 use crate::sweep::{Point, STAGES, Stage};
+use transplat_engine::words::milliseconds;
 
 /// The table's name.
 pub const CSV: &str = "error_vs_time.csv";

@@ -20,12 +20,12 @@ use super::tables::{LightEstimate, RoundTrip, Row, csv, markdown};
 use super::unknown::Unknown;
 use super::variants::Variant;
 use crate::cli::ReportArgs;
-use crate::engine::device::Device;
-use crate::engine::output::make_folder;
 use crate::ground_truth::TruthObject;
 use crate::ground_truth::views::{TruthTarget, Views, light};
 use crate::metrics::Picture;
 use crate::summary::Summary;
+use transplat_engine::device::Device;
+use transplat_engine::output::make_folder;
 
 /// Changes of light whose median time is told.
 const REPEATS: usize = 3;

@@ -14,7 +14,7 @@ use transplat_core::transfer::directional::DirectionalTransfer;
 
 use super::tables::LightEstimate;
 use super::variants::Source;
-use crate::engine::device::Device;
+use transplat_engine::device::Device;
 
 /// What is taken for the light of the capture where nobody tells it, and how that compares with what it was.
 pub struct Unknown {

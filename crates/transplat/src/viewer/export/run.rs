@@ -15,17 +15,17 @@ use transplat_core::scene::{MOST_FRAMES, Scene};
 use transplat_core::transfer::Part;
 
 use super::task::{ExportSettings, ExportSides, Made, Task, Turn};
-use crate::engine::asset::Asset;
-use crate::engine::delight::Delit;
-use crate::engine::environments::Environment;
-use crate::engine::jobs::{Handle, Kind};
-use crate::engine::output::{ImageFormat, Sink, free_name, make_folder};
-use crate::engine::picture::{Lit, MAX_SAMPLES, Studio};
-use crate::engine::project::Project;
-use crate::engine::shot::{LayerFiles, Shots};
-use crate::language::{tr, tr_format};
 use crate::viewer::navigation::wrap;
 use crate::viewer::session::{Outcome, Session};
+use transplat_engine::asset::Asset;
+use transplat_engine::delight::Delit;
+use transplat_engine::environments::Environment;
+use transplat_engine::jobs::{Handle, Kind};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::output::{ImageFormat, Sink, free_name, make_folder};
+use transplat_engine::picture::{Lit, MAX_SAMPLES, Studio};
+use transplat_engine::project::Project;
+use transplat_engine::shot::{LayerFiles, Shots};
 
 /// An export that was asked for: a copy of the project as it was then, and how it is saved.
 pub struct Export {

@@ -10,10 +10,10 @@ use transplat_core::rasterize::Raster;
 use super::label::Labels;
 use super::run::ExportRun;
 use super::task::Made;
-use crate::engine::environments::Environment;
-use crate::engine::output::make_folder;
-use crate::engine::picture::MAX_SAMPLES;
-use crate::language::tr_format;
+use transplat_engine::environments::Environment;
+use transplat_engine::language::tr_format;
+use transplat_engine::output::make_folder;
+use transplat_engine::picture::MAX_SAMPLES;
 
 /// Height of a caption, one over that of the picture above it.
 const CAPTION: usize = 14;

@@ -6,10 +6,10 @@ use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
 use transplat_core::files::SplatFormat;
 
-use crate::engine::delight::DelitAs;
-use crate::engine::film::{FRAME_RATE, FilmFormat};
-use crate::engine::output::ImageFormat;
-use crate::language::{tr, tr_format};
+use transplat_engine::delight::DelitAs;
+use transplat_engine::film::{FRAME_RATE, FilmFormat};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::output::ImageFormat;
 
 /// Which sides are saved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -9,13 +9,13 @@ use transplat_core::scene::MOST_PLACES;
 use transplat_core::settings::Method;
 use transplat_core::surfels::{Hide, UpAxis};
 
-use crate::engine::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
-use crate::language::{tr, tr_format};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, fact, file, named, number, thousands};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::warnings::{AMBIGUOUS_SHARE, DOUBTFUL_NORMAL_NOISE};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let session = &mut viewer.session;

@@ -3,11 +3,11 @@
 use eframe::egui::{self, Ui};
 use transplat_core::camera::{APERTURE, FIELD_OF_VIEW, FOV};
 
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::navigation;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{Control, button, name, named, number};
+use transplat_engine::language::{tr, tr_format};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {

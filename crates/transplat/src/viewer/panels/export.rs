@@ -4,16 +4,16 @@ use eframe::egui::{self, RichText, Ui};
 use transplat_core::files::SplatFormat;
 use transplat_core::transfer::materials::WHITEST_ALBEDO;
 
-use crate::engine::delight::{ALBEDOS, DelitAs};
-use crate::engine::film::FilmFormat;
-use crate::engine::output::ImageFormat;
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::export::task::{ExportSides, Task, Turn};
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::style::small;
 use crate::viewer::widgets::{button, choice, named, number};
+use transplat_engine::delight::{ALBEDOS, DelitAs};
+use transplat_engine::film::FilmFormat;
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::output::ImageFormat;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     picture(ui, viewer);

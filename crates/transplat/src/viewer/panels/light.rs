@@ -5,17 +5,17 @@ use transplat_core::environment::{ImageReading, Layout, PlaceAndTime, Sun, TURBI
 use transplat_core::scene::{EVEN, SKY, is_even};
 use transplat_core::surfels::UpAxis;
 
-use crate::engine::environments::Environment;
-use crate::engine::estimate::instead;
-use crate::engine::project::stages::DROP_IT;
-use crate::engine::project::{SOURCE, TARGET};
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::session::{SIDES, Session};
 use crate::viewer::tabs::LightPage;
 use crate::viewer::widgets::{
     Control, advanced, angle, button, choice, fact, file, name, named, number,
 };
+use transplat_engine::environments::Environment;
+use transplat_engine::estimate::instead;
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::project::stages::DROP_IT;
+use transplat_engine::project::{SOURCE, TARGET};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     ui.horizontal_wrapped(|ui| {

@@ -4,7 +4,6 @@ use eframe::egui::{self, Role, Ui};
 use glam::DVec3;
 use transplat_core::scene::{FixedTo, Light, LightKind, LightSource, Lit, SUN_DEG};
 
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::light_handles::color_of;
@@ -12,6 +11,7 @@ use crate::viewer::rigging::{RIGS, called, kind_name};
 use crate::viewer::session::{Dialog, SaveKind, Session};
 use crate::viewer::viewport::Placing;
 use crate::viewer::widgets::{Control, angle, choice, entry, name, named, number};
+use transplat_engine::language::{tr, tr_format};
 
 /// Characters of a name.
 const LONGEST_NAME: usize = 64;

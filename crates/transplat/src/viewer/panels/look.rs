@@ -8,11 +8,11 @@ use transplat_core::present::{Background, View};
 use transplat_core::scene::{BLUR, DIFFERENCE_SCALE};
 
 use super::transfer;
-use crate::language::tr;
 use crate::viewer::app::Viewer;
 use crate::viewer::files::ask;
 use crate::viewer::session::{Dialog, SaveKind};
 use crate::viewer::widgets::{Control, button, choice, named};
+use transplat_engine::language::tr;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     display(ui, viewer);

@@ -6,10 +6,10 @@ use eframe::egui::{self, Ui};
 use glam::{EulerRot, Quat};
 use transplat_core::scene::{FARTHEST, SCALES, Transform};
 
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{button, name, named, number};
+use transplat_engine::language::{tr, tr_format};
 
 /// Characters of a name.
 const LONGEST_NAME: usize = 64;

@@ -3,14 +3,14 @@
 use eframe::egui::{self, Align, Button, Ui};
 use transplat_core::present::Doubt;
 
-use crate::engine::jobs::{Kind, Work};
-use crate::engine::words::milliseconds;
-use crate::language::{tr, tr_format};
 use crate::sweep::{Point, Stage};
 use crate::viewer::annotations::doubt_name;
 use crate::viewer::app::Viewer;
 use crate::viewer::session::Session;
 use crate::viewer::widgets::{fact, thousands};
+use transplat_engine::jobs::{Kind, Work};
+use transplat_engine::language::{tr, tr_format};
+use transplat_engine::words::milliseconds;
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     doubts(ui, &mut viewer.session);

@@ -5,9 +5,9 @@ use transplat_core::bake::harmonic::{DEFAULT_DIRECTIONS, DIRECTIONS};
 use transplat_core::settings::{EPSILON, GLOW_ABOVE, GLOW_RANGE, Method, Terms, TransferSettings};
 use transplat_core::sh::MAX_DEGREE;
 
-use crate::language::{tr, tr_format};
 use crate::viewer::app::Viewer;
 use crate::viewer::widgets::{Control, advanced, name};
+use transplat_engine::language::{tr, tr_format};
 
 pub fn show(ui: &mut Ui, viewer: &mut Viewer) {
     let transfer = &mut viewer.session.project.scene.transfer;

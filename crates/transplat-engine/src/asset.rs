@@ -1,0 +1,247 @@
+//! An asset as it is open, and with which settings it is opened.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Result;
+use glam::{DVec3, Vec3};
+use transplat_core::camera::CameraPose;
+use transplat_core::color::Encoding;
+use transplat_core::crop::proposed_crop;
+use transplat_core::files::{
+    AssetFile, CameraFile, SplatFormat, cameras_of_training, load_asset, load_cameras,
+};
+use transplat_core::ground::ground_plane;
+use transplat_core::scene::{Cut, Object, Scene, splat_name};
+use transplat_core::surfels::{Bounds, SurfelCloud, UpAxis};
+use transplat_core::upright::{UpEvidence, proposed_up};
+
+use crate::capture::{Capture, Part, part_of};
+use crate::warnings::asset_warnings;
+
+/// An asset as it is open.
+#[derive(Clone)]
+pub struct Asset {
+    /// File of the splat.
+    pub path: PathBuf,
+    /// Part that the object is, where it is cut out of a splat.
+    pub cut: Vec<Cut>,
+    /// Cuts that it is made by.
+    pub part: Option<Part>,
+    /// Gaussians of the object: all of the splat, or the part that is cut out.
+    pub cloud: Arc<SurfelCloud>,
+    /// Properties of the file, to be written again.
+    pub file: Arc<AssetFile>,
+    /// Bounding sphere of the Gaussians.
+    pub bounds: Bounds,
+    /// Oddities of the file, in words.
+    pub warnings: Vec<String>,
+    /// Losses of each format that it may be written in.
+    pub losses: Vec<(SplatFormat, Vec<String>)>,
+    /// Milliseconds that loading took.
+    pub load_ms: f64,
+    /// Up axis as the file says it.
+    pub file_up: UpAxis,
+    /// Up axis that it seems to stand by, where the file has none.
+    pub proposed_up: Option<(UpAxis, UpEvidence)>,
+    /// Cameras that its trainer wrote beside it.
+    pub cameras: Option<CameraFile>,
+    /// Corners of a box around the object, as its settings have them, where it seems to lie in surroundings.
+    pub proposed_crop: Option<[Vec3; 2]>,
+    /// Up axis that the ground is made for.
+    pub up: UpAxis,
+    /// Middle and axes of the ground below the object.
+    pub ground: (Vec3, [Vec3; 2]),
+    /// Reading that was requested last.
+    pub reading_asked: Option<Reading>,
+}
+
+/// Settings that a splat is read with: linear colour, positions that see its outside, and cuts.
+pub type Reading = (bool, Vec<Vec3>, Vec<Cut>);
+
+/// Settings that an object's splat is to be read with.
+pub fn reading_of(object: &Object) -> Reading {
+    let outside_from = object.outside_from.clone();
+    (object.linear, outside_from, object.cut.clone())
+}
+
+impl Asset {
+    /// Reads a splat as an object's settings say; `open` is the whole, if it was read so already and the object is cut out of it.
+    pub fn load(path: PathBuf, object: &Object, open: Option<Arc<Capture>>) -> Result<Self> {
+        let start = Instant::now();
+        let (capture, warnings) = match open {
+            Some(capture) => (capture, Vec::new()),
+            None => {
+                let (mut cloud, file) = load_asset(&path)?;
+                let mut object = object.clone();
+                object.take_origin(cloud.origin, DVec3::ZERO);
+                object.apply_to(&mut cloud);
+                let warnings = asset_warnings(&path, &file);
+                let capture = Capture::new(path.clone(), Arc::new(cloud), Arc::new(file), None);
+                (Arc::new(capture), warnings)
+            }
+        };
+        let part = if object.cut.is_empty() {
+            None
+        } else {
+            let mut object = object.clone();
+            object.take_origin(capture.cloud.origin, DVec3::ZERO);
+            let surfels = part_of(&path, &object, &capture.cloud)?;
+            let capture = capture.clone();
+            Some(Part { capture, surfels })
+        };
+        let (cloud, file) = match &part {
+            None => (capture.cloud.clone(), capture.file.clone()),
+            Some(Part { surfels, .. }) => (
+                Arc::new(capture.cloud.selected(surfels)),
+                Arc::new(capture.file.part(surfels)),
+            ),
+        };
+        let file_up = cloud.up;
+        Ok(Self {
+            proposed_crop: None,
+            proposed_up: None,
+            cut: object.cut.clone(),
+            cameras: None,
+            part,
+            bounds: cloud.bounds(),
+            ground: ground_plane(&cloud, file_up),
+            up: file_up,
+            losses: Vec::new(),
+            warnings,
+            load_ms: start.elapsed().as_secs_f64() * 1e3,
+            file_up,
+            file,
+            cloud,
+            path,
+            reading_asked: None,
+        })
+    }
+
+    /// Adds what only a window shows: proposals for up axis and crop, cameras, and what each format would lose.
+    pub fn with_hints(self) -> Self {
+        let cloud = &self.cloud;
+        let whole = self.part.is_none().then_some(cloud);
+        let (explicit, habit) = (self.file.report.up, self.file.usual_up());
+        let proposed_up = whole.and_then(|cloud| proposed_up(cloud, explicit, habit));
+        let losses = SplatFormat::WRITTEN.map(|(_, format)| (format, format.losses(cloud)));
+        Self {
+            proposed_crop: whole.and_then(|cloud| proposed_crop(cloud, &self.bounds)),
+            proposed_up: proposed_up.filter(|(up, _)| *up != self.file_up),
+            cameras: cameras_of_training(&self.path).and_then(|path| load_cameras(&path).ok()),
+            losses: losses.to_vec(),
+            ..self
+        }
+    }
+
+    /// All of the splat that it is of.
+    pub fn whole_cloud(&self) -> &Arc<SurfelCloud> {
+        self.part.as_ref().map_or(&self.cloud, |p| &p.capture.cloud)
+    }
+
+    /// The splat as it stands with an up axis, which may be another than its file's.
+    pub fn upright(&self, up: UpAxis) -> Arc<SurfelCloud> {
+        if up == self.cloud.up {
+            return self.cloud.clone();
+        }
+        Arc::new(SurfelCloud {
+            up,
+            ..(*self.cloud).clone()
+        })
+    }
+
+    /// For the user.
+    pub fn name(&self) -> String {
+        name_of(&self.path)
+    }
+
+    /// Sets how it is read to how it was.
+    pub fn give_back(&self, object: &mut Object) {
+        (object.linear, object.outside_from, object.cut) = self.reading();
+    }
+
+    /// Settings that it was read with.
+    pub fn reading(&self) -> Reading {
+        let outside_from = self.cloud.outside_from.clone();
+        (self.is_linear(), outside_from, self.cut.clone())
+    }
+
+    /// True where its colour was read as linear.
+    pub fn is_linear(&self) -> bool {
+        self.cloud.encoding == Encoding::StoredLinear
+    }
+}
+
+/// Origin of a splat that is opened, and what is set along with it.
+#[derive(Clone, Debug)]
+pub enum OpenedWith {
+    /// Properties of the file, and the camera that it is looked at from. What the user changed meanwhile stays.
+    Object(Box<Object>, Option<CameraPose>),
+    /// The open splat again, its colour taken otherwise: as an object.
+    Again,
+    /// As the scene lists it.
+    Listed,
+    /// All settings, of a scene of this one object.
+    Scene(Box<Scene>),
+}
+
+/// Settings of an object whose splat was opened, from the file's, those when it was asked for and those of now: what the user changed meanwhile wins.
+pub fn told(opened: Object, asked: &Object, now: Object) -> Object {
+    fn kept<T: PartialEq>(new: T, asked: &T, now: T) -> T {
+        if *asked == now { new } else { now }
+    }
+    let outside_from = kept(opened.outside_from, &asked.outside_from, now.outside_from);
+    Object {
+        source: kept(opened.source, &asked.source, now.source),
+        up: kept(opened.up, &asked.up, now.up),
+        linear: kept(opened.linear, &asked.linear, now.linear),
+        outside_from,
+        hide: kept(opened.hide, &asked.hide, now.hide),
+        cut: kept(opened.cut, &asked.cut, now.cut),
+        ..now
+    }
+}
+
+/// Names that trainers give to every splat, so that only the folder distinguishes them.
+const CALLED_ALIKE: [&str; 4] = ["point_cloud", "source", "splat", "output"];
+
+/// Name of a splat for the user: of its file, or of the nearest folder with a name where trainers call all files alike.
+pub fn name_of(path: &Path) -> String {
+    let stem = Cow::from(splat_name(path));
+    let folders = path.iter().rev().skip(1).map(|f| f.to_string_lossy());
+    let is_own = |name: &str| {
+        let name = name.to_lowercase();
+        let is_name = name.chars().any(char::is_alphanumeric);
+        is_name && !CALLED_ALIKE.contains(&&*name) && !name.starts_with("iteration_")
+    };
+    let mut names = std::iter::once(stem.clone()).chain(folders);
+    names.find(|name| is_own(name)).unwrap_or(stem).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::name_of;
+
+    #[test]
+    fn a_splat_is_called_as_only_it_is() {
+        for (path, name) in [
+            ("/captures/teapot.ply", "teapot"),
+            ("guitar.compressed.ply", "guitar"),
+            ("playbot_sog/meta.json", "playbot_sog"),
+            (
+                "/captures/garden/point_cloud/iteration_30000/point_cloud.ply",
+                "garden",
+            ),
+            ("plant/source.ply", "plant"),
+            ("/point_cloud.ply", "point_cloud"),
+            ("splat.ply", "splat"),
+            ("../output/splat.ply", "splat"),
+        ] {
+            assert_eq!(name_of(Path::new(path)), name);
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! The engine: what the window and the commands ask for work. It knows neither a window nor a command line.
+
+pub mod adapter;
+pub mod asset;
+pub mod bake;
+pub mod bundled;
+pub mod capture;
+pub mod delight;
+pub mod device;
+pub mod environments;
+pub mod estimate;
+pub mod film;
+pub mod jobs;
+pub mod language;
+pub mod layers;
+pub mod memory;
+pub mod names;
+pub mod object;
+pub mod output;
+pub mod picture;
+pub mod project;
+pub mod shot;
+pub mod warnings;
+pub mod words;

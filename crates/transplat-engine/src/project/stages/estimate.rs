@@ -1,0 +1,151 @@
+//! The light of the capture as the object tells it: estimated once an asset, and again when its outside is told.
+
+use std::sync::Arc;
+
+use transplat_core::estimate::estimate_light;
+
+use crate::environments::Environment;
+use crate::estimate::{make_and_keep, why_not};
+use crate::jobs::{Handle, Kind, Work};
+use crate::language::{tr, tr_format, tr_later};
+use crate::object::ObjectState;
+use crate::project::Project;
+use crate::words::of_error;
+
+/// For the user, where nobody told the light.
+pub const DROP_IT: &str =
+    tr_later("Drop the environment of the capture on “captured under”, if there is one");
+
+impl Project {
+    /// True where the settings request the estimated capture light.
+    pub fn asks_for_estimate(&self, at: usize) -> bool {
+        if !self.requested.lights || !(self.is_used(at) || at == 0) {
+            return false;
+        }
+        // That of the scene: its first object.
+        let is_asked_as_target = at == 0 && self.scene.environment.is_estimate();
+        self.scene.objects[at].source.is_estimate() || is_asked_as_target
+    }
+
+    /// True where a headless project makes nothing under an object's light yet, since it is being estimated.
+    pub(crate) fn waits_for_estimate(&self, at: usize) -> bool {
+        let is_asked = self.canvas.is_none() && self.asks_for_estimate(at);
+        is_asked && self.states[at].estimated.get().is_none()
+    }
+
+    /// True where the estimate needs a bake.
+    pub(crate) fn estimate_needs_bake(&self, at: usize) -> bool {
+        self.states[at].estimate.get().is_none() && self.asks_for_estimate(at)
+    }
+
+    /// True while an estimate runs whose result is wanted.
+    pub fn is_estimate_awaited(&self, at: usize) -> bool {
+        let id = self.states[at].id;
+        self.jobs.is_awaited(Kind::Of(id, Work::Estimate))
+    }
+
+    /// True while the estimate or its bake is under way.
+    pub fn is_estimating(&self, at: usize) -> bool {
+        self.is_estimate_awaited(at) || self.is_baking_for_estimate(at)
+    }
+
+    /// Estimates the light of the capture where the settings ask for it, once there is a bake.
+    pub(crate) fn update_estimate(&mut self, at: usize) {
+        if !self.asks_for_estimate(at) {
+            return;
+        }
+        self.show_estimate(at);
+        if self.states[at].estimate.is_asked(&()) {
+            self.tell_if_broken_off(at);
+            return;
+        }
+        let state = &mut self.states[at];
+        let own = state.whole_directional_bake();
+        let part = state.asset.as_ref().and_then(|a| a.part.as_ref());
+        // All of the splat tells of the light.
+        let bake = match part {
+            Some(part) => own.and_then(|_| part.capture.known_bake()),
+            None => own,
+        };
+        let (Some(asset), Some(bake)) = (&state.asset, bake) else {
+            self.tell_if_broken_off(at);
+            return;
+        };
+        state.estimate.ask(&());
+        let (path, cloud, id) = (asset.path.clone(), asset.whole_cloud().clone(), state.id);
+        let label = tr_format!("estimating the light of {}", asset.name());
+        let kind = Kind::Of(id, Work::Estimate);
+        let is_kept = self.canvas.is_some();
+        let work = move |handle: &Handle<_>| {
+            let report = |done| handle.progress(done);
+            Ok(match is_kept {
+                true => make_and_keep(&path, &cloud, &bake, &report)?,
+                false => estimate_light(&cloud, &bake, &report)?,
+            })
+        };
+        self.start(kind, label, work, move |project, estimate| {
+            if let Some(at) = project.at(id) {
+                project.states[at].estimate.accept((), estimate);
+            }
+        });
+    }
+
+    /// Tells once that what was on its way to an estimate was cancelled, or failed.
+    fn tell_if_broken_off(&mut self, at: usize) {
+        let is_on_its_way = self.is_estimating(at);
+        let state = &mut self.states[at];
+        let was_awaited = std::mem::replace(&mut state.estimate_awaited, is_on_its_way);
+        if was_awaited && !is_on_its_way && state.estimate.get().is_none() {
+            self.info(tr("the light of the capture was not estimated, and is not known. The panel Light (captured under) has it estimated again"));
+        }
+    }
+
+    /// Makes a light of the estimate where it is good, upright as the asset is.
+    fn show_estimate(&mut self, at: usize) {
+        let up = self.up_of(at);
+        let path = self.states[at].asset.as_ref().map(|a| &a.path);
+        let is_twin = |(other, state): (usize, &ObjectState)| {
+            let of_it = state.asset.as_ref().map(|a| &a.path) == path;
+            other != at && of_it && state.estimate.get().is_some()
+        };
+        // What one tells, its double tells again.
+        let is_known = self.states.iter().enumerate().any(is_twin);
+        let state = &mut self.states[at];
+        let Some(estimate) = state.estimate.get() else {
+            return;
+        };
+        let key = (state.estimate.version(), up);
+        let last = state.estimated.made_from();
+        let is_new = last.is_none_or(|(version, _)| *version != key.0);
+        if !state.estimated.ask(&key) {
+            return;
+        }
+        let light = if estimate.is_good() {
+            Environment::estimated(estimate.light.map(up))
+        } else {
+            Ok(Environment::standing_in(estimate.stand_in()))
+        };
+        if is_new && !is_known && self.scene.objects[at].source.is_estimate() {
+            let message = match estimate.obstacle {
+                None => tr_format!(
+                    "the light of the capture is estimated from the object (confidence {percent:.0} %); its strength and tint are assumed. {drop_it}",
+                    percent = estimate.percent(),
+                    drop_it = tr(DROP_IT)
+                ),
+                Some(obstacle) => tr_format!(
+                    "what it was captured under {obstacle}. {drop_it}",
+                    obstacle = why_not(self.scene.transfer.method, obstacle),
+                    drop_it = tr(DROP_IT)
+                ),
+            };
+            let of = (self.scene.objects.len() > 1).then(|| self.called(at));
+            self.info(of.map_or(message.clone(), |name| format!("{name}: {message}")));
+        }
+        match light {
+            Ok(light) => {
+                self.states[at].estimated.accept(key, Arc::new(light));
+            }
+            Err(error) => self.error(of_error(&error)),
+        }
+    }
+}

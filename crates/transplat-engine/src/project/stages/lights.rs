@@ -1,0 +1,96 @@
+//! The lights: those that the settings name, where they are read, and as an asset sees them, turned, tinted and scaled.
+
+use std::sync::Arc;
+
+use transplat_core::scene::{EnvironmentLight, Transform};
+
+use crate::environments::Resolved;
+use crate::object::{LightsKey, OrientedLight};
+use crate::project::Project;
+
+impl Project {
+    /// Lights the sides by what the settings name, where it is there.
+    pub(crate) fn resolve_lights(&mut self) {
+        if let Some(sky) = self.scene.environment.sky() {
+            self.environments.make_sky(sky);
+        }
+        for at in 0..self.scene.objects.len() {
+            let [source, _] = self.sides_of(at);
+            if let Some(resolved) = self.resolve(at, source) {
+                self.states[at].source = resolved;
+            }
+        }
+        let [_, environment] = self.sides_of(0);
+        if let Some(resolved) = self.resolve(0, environment) {
+            self.environment = resolved;
+        }
+    }
+
+    /// Light of a side, where it is another than before.
+    fn resolve(
+        &self,
+        at: usize,
+        (settings, last): (&EnvironmentLight, &Resolved),
+    ) -> Option<Resolved> {
+        let file = settings.file.as_ref()?;
+        let light = self.light_of(at, file)?;
+        if light.is_file() && light.reading != self.scene.reading_of(file) {
+            // It is being read otherwise.
+            return None;
+        }
+        let is_new = light.id != last.light.id || *settings != last.settings;
+        is_new.then(|| Resolved {
+            light,
+            settings: settings.clone(),
+        })
+    }
+
+    /// Turns an object's lights as they are set.
+    pub(crate) fn orient_lights(&mut self, at: usize) {
+        let (object, up) = (&self.scene.objects[at], self.up_of(at));
+        let [(_, captured_under), _] = self.sides_of(0);
+        let first = &self.scene.objects[0];
+        let sides = self.sides_of(at);
+        let key: LightsKey = (
+            sides.map(|(_, there)| there.light.id),
+            sides.map(|(settings, _)| settings.clone()),
+            self.scene.match_strength,
+            self.scene.lights.clone(),
+            [up, self.scene_up()],
+            (captured_under.light.id, first.source.clone()),
+            object.transform,
+        );
+        if self.states[at].lights.is_asked(&key) {
+            return;
+        }
+        let [source, environment] = sides.map(|(_, there)| &there.light.illumination);
+        let source = object.source.orient(source, up);
+        // All objects are in one light, which they see as they are turned.
+        let maps = [&captured_under.light.illumination, environment];
+        let [_, mut target] = self.scene.lights_on(first, maps, self.scene_up());
+        if object.transform != Transform::default() {
+            target = target.seen_by(object.transform.scene_from_object());
+        }
+        let made = [source, target].map(Arc::new);
+        let before = self.states[at].lights.get();
+        let lights = std::array::from_fn(|side| match before {
+            Some(before) if before[side].light == made[side] => before[side].clone(),
+            _ => OrientedLight {
+                light: made[side].clone(),
+            },
+        });
+        self.states[at].lights.set(key, lights);
+    }
+
+    /// Source and target as an asset sees them.
+    pub fn oriented_of(&self, at: usize) -> [OrientedLight; 2] {
+        // Before the first frame they lie as in their files.
+        let unturned = |there: &Resolved| OrientedLight {
+            light: Arc::new(there.light.illumination.clone()),
+        };
+        let lights = self.states[at].lights.get();
+        lights
+            .cloned()
+            .unwrap_or_else(|| self.sides_of(at).map(|(_, there)| unturned(there)))
+    }
+}
